@@ -19,7 +19,7 @@ from isi.models.stack import Embedding
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
 TIE = 1e-5
-#: Numbers in one score matrix, at most: more queries are ranked in pieces.
+#: Maximal numbers in the scores of heads and of tails together; more queries are ranked in pieces.
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
@@ -32,15 +32,15 @@ class Competitors:
 
     candidates: Tensor  #: shape: (M, C), float32 of 0 and 1
     answer: Tensor  #: ids; shape: (M, Q)
-    known: Tensor  #: ids of the answers that the graph's triples give to each query, padded to X; shape: (M, Q, X)
-    excluded: Tensor  #: which of these are candidates left out of the plain rank; shape: (M, Q, X), float32 of 0 and 1
-    excluded_or_equal: Tensor  #: the same for R_P, which leaves out equal counts, too; shape: (M, Q, X)
+    known: Tensor  #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
+    excluded: Tensor  #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
+    excluded_or_equal: Tensor  #: the same for R_P, without candidates of equal count, too; shape: (M, Q, X)
     true_rank: Tensor  #: R_G; shape: (M, Q)
 
 
 @dataclass(frozen=True)
 class QueryRows:
-    """Queried triples with what does not depend on scores; each slot is hidden in turn; weight zero is padding."""
+    """Queried triples and all that ranking needs beside scores; each slot is hidden in turn; padding has weight 0."""
 
     slots: tuple[Competitors, Competitors, Competitors]  #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
     entity_weight: Tensor  #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
@@ -61,7 +61,7 @@ class Queries:
     queried: Tensor  #: triples that are queried; shape: (M, T), bool
     filtered: Tensor  #: triples of the filter; shape: (M, T), bool
     candidates: Tensor  #: entities that may answer; shape: (M, E), bool
-    rows: QueryRows | None = None  #: made once where they fit into ``BUDGET``, else piece by piece in each ranking
+    rows: QueryRows | None = None  #: computed once if they fit into ``BUDGET``, else by piece in each ranking
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def _rows(queries: Queries, triples: Tensor) -> QueryRows:
 
 
 def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor) -> Competitors:
-    """Competitors of the queries that hide one slot of triples, (M, Q)."""
+    """Competitors of the queries that hide one slot of triples, ids (M, Q)."""
     graph = queries.session.graph
     alike = graph.same_but(slot, triple)  # (M, Q, X)
     ids = alike.clamp(min=0)
@@ -167,11 +167,11 @@ def compare(scores: Tensor, answer: Tensor) -> Tensor:
     """
     ahead = scores - scores.gather(-1, answer[..., None])
     tie = TIE * scores.abs().amax(-1, keepdim=True)
-    return ((ahead > tie).float() + ~(ahead < -tie)) / 2  # NaN is tied with everything: a diverged model is at chance
+    return ((ahead > tie).float() + ~(ahead < -tie)) / 2  # NaN is tied with all: a diverged model is at chance
 
 
 def evaluate(embedding: Embedding, query_sets: Mapping[str, Queries]) -> dict[str, Result]:
-    """Measures over query sets that share their rows (``Queries.triples`` are the same)."""
+    """Measures over query sets with the same ``Queries.triples``."""
     sums = [{name: _measure(ranked) for name, ranked in piece.items()} for piece in rank_queries(embedding, query_sets)]
     results = {}
     for name, queries in query_sets.items():
@@ -182,7 +182,7 @@ def evaluate(embedding: Embedding, query_sets: Mapping[str, Queries]) -> dict[st
 
 
 def rank_queries(embedding: Embedding, query_sets: Mapping[K, Queries]) -> Iterator[dict[K, RankedQueries]]:
-    """Ranks of each query of query sets that share their rows, piece by piece."""
+    """Ranks of each query of query sets with the same ``Queries.triples``, piece by piece."""
     for piece in _pieces(next(iter(query_sets.values()))):
         rows = {name: queries.rows or _rows(queries, piece) for name, queries in query_sets.items()}
         head, relation, tail = ids = next(iter(rows.values())).ids
@@ -206,7 +206,7 @@ def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
 
 
 def _measure(ranked: RankedQueries) -> tuple[Tensor, Tensor]:
-    """What a piece adds to the measures, (M, 4), and ties, (M,); summed in order, so padding changes no bit."""
+    """Contribution of a piece to measures, (M, 4), and ties, (M,); summed in order, so padding changes no bit."""
     (head, relation, tail), star, plain = ranked.slots, [], []
     ties = torch.zeros(len(head.rank))
     for weight, slots in ((ranked.rows.entity_weight, (head, tail)), (ranked.rows.relation_weight, (relation,))):

@@ -20,7 +20,7 @@ from isi.tables import paths
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, in_blocks, refuse
 from isi.tables.table import Table, as_text
 
-#: Row numbers are ids, here and of triples; rows of one source stand together, first those that others extend.
+#: Row numbers are ids, here and in ``TRIPLES``. Rows are grouped by source; the extended source is first.
 ENTITIES = Table(
     "data/graph/{experiment}/entities.parquet",
     {"entity": TEXT, "kind": NAME, "source": NAME, "phrase": TEXT},
@@ -31,7 +31,7 @@ TRIPLES = Table(
     {"head": NAME, "relation": NAME, "tail": NAME, "count": COUNT, "source": NAME},
     key=["head", "relation", "tail"], checks=[in_blocks("source", "head", "relation", "tail")],
 )  # fmt: skip
-#: The same of a graph of the second pipeline.
+#: ``ENTITIES`` and ``TRIPLES`` of a graph of the second pipeline.
 GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")
 GRAPH_TRIPLES = replace(TRIPLES, template="data/beyond/graphs/{graph}/triples.parquet")
 HEAD, RELATION, TAIL = range(3)  #: Columns of ``Graph.triples``.
@@ -45,14 +45,14 @@ class Graph:
     relations: list[str]
     triples: Tensor  #: head, relation, tail ids; shape: (T, 3), int64
     counts: Tensor  #: observations of each unique triple; shape: (T,), int64
-    kinds: Tensor  #: of each entity, numbered by the alphabet; shape: (E,), int64
+    kinds: Tensor  #: id of each entity's kind; kinds are numbered alphabetically; shape: (E,), int64
 
     def part(self, triples: np.ndarray) -> Graph:
-        """The graph of some unique triples, given by id; entities and relations stay."""
+        """The graph with the unique triples of the given ids, (N,), alone; all entities and relations stay."""
         return replace(self, triples=self.triples[triples], counts=self.counts[triples])
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
-        """Ids of the triples that differ from given ones, (...), in one slot at most, padded with -1; (..., X)."""
+        """Ids, (..., X), of triples equal to those of ids ``triples``, (...), outside ``slot``; padded with -1."""
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
@@ -60,7 +60,7 @@ class Graph:
 
     @cached_property
     def _by_other_slots(self) -> dict[int, tuple[Tensor, Tensor, Tensor]]:
-        """For each slot: a key of the other two slots for each triple, the triples sorted by key, the sorted keys."""
+        """For each slot: each triple's key (its other slots), triple ids sorted by key, the sorted keys; (T,) each."""
         sorted_by_slot = {}
         for slot in (HEAD, RELATION, TAIL):
             first, second = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
@@ -71,7 +71,7 @@ class Graph:
 
 
 def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
-    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical."""
+    """The graph of both tables; entity ids are row numbers, relation ids alphabetical; InputError for unknown ends."""
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
     heads, tails = (_ids(triples, column, names, path) for column in ("head", "tail"))
@@ -88,13 +88,13 @@ def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str)
 
 
 class Extension(Section):
-    """``extension`` in params: entities of another source that join the graph."""
+    """``graph.extend`` of an experiment in params: entities of another source that join the graph."""
 
     rules = ((lambda extension: len(extension.always) <= extension.candidates,
               "expected at most as many names in always as candidates"),)  # fmt: skip
     source: Name
     min_observations: Count
-    candidates: Count  #: how many are drawn, with those that always are
+    candidates: Count  #: maximal number of entities that join, ``always`` included
     always: Annotated[list[str], EachOnce]
 
 
@@ -113,7 +113,7 @@ class MinedSource:
     source: str
     observations: pd.DataFrame
     kinds: pd.DataFrame
-    file: Path | None = None  #: that has the observations, for messages
+    file: Path | None = None  #: file of the observations, for error messages
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class GraphTables:
 
 
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """The graph of a source: unique triples with their counts, in alphabetical order, and their entities."""
+    """The graph of a source: unique triples with a count of at least ``min_count``, and their entities, both sorted."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected at most {MOST_OBSERVED:,} in all")
     key = ["head", "relation", "tail"]
@@ -156,7 +156,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
 
 
 def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFrame, minimum: int) -> pd.Series[int]:
-    """New entities with enough observations; InputError where the name of one is taken by an entity of another kind."""
+    """New entities observed ``minimum`` times or more; ``InputError`` if the graph has a name with another kind."""
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
         also = f"the graph has another entity of this name, of kind {here[name]}: rename it in its source"
@@ -165,7 +165,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """``always`` and random others, ``candidates`` in all, sorted; ``InputError`` if one of ``always`` is too rare."""
+    """``always`` and random others, ``candidates`` in all at most, sorted; InputError if one is too rare."""
     for name in set(settings.always) - set(enough.index):
         which = f"that is not in the graph, observed at least {settings.min_observations} times"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"
@@ -177,7 +177,7 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
 
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
-    """A graph with new entities appended, and the triples that these have with each other and with its own."""
+    """``home`` with the entities ``added``, and with the triples of ``seen`` from them to entities of the new graph."""
     joined, observed = {*home.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
     more = build_tables(replace(seen, observations=of_added))

@@ -21,14 +21,14 @@ from isi.tables.table import Table
 
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2  #: Split of a triple in a session; ``OUT`` where it takes no part.
 SPLIT_NAMES = ("train", "valid", "test")
-NEVER = 2**31 - 1  #: Arrival of what takes part in no session.
+NEVER = 2**31 - 1  #: Arrival of an entity that takes part in no session.
 
 SPLITS = Table(
     "data/sessions/{experiment}/splits.parquet",
     {"seed": FROM_0, "triple": FROM_0, "split": one_of(*SPLIT_NAMES)},
     key=["seed", "triple"], ordered=True,
 )  # fmt: skip
-#: ``session``: in which the entity is inserted, from 1; Θ⁰ is trained in session 0.
+#: ``session``: number of the session that inserts the entity, from 1; Θ⁰ is trained in session 0.
 NOVEL = Table(
     "data/sessions/{experiment}/novel.parquet",
     {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "session": FROM_1},
@@ -45,24 +45,24 @@ INSERT_TRIPLES = Table(
 class Session:
     """A stack of M learning sessions over one graph: which entities and triples take part."""
 
-    graph: Graph = field(metadata={"shared": True})  #: which all of them share
+    graph: Graph = field(metadata={"shared": True})  #: shared by all M sessions
     entities: Tensor  #: shape: (M, E), bool
     splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
 
     def members(self, *splits: int) -> Tensor:
-        """Which unique triples belong to one of the splits; shape: (M, T), bool."""
+        """Mask of the unique triples in one of the splits; shape: (M, T), bool."""
         return torch.isin(self.splits, torch.tensor(splits, dtype=self.splits.dtype))
 
     def trained(self) -> Tensor:
-        """Which entities of the session have a training triple; shape: (M, E), bool."""
+        """Mask of the session's entities with at least one training triple; shape: (M, E), bool."""
         return self.entities & ends(self.graph, self.members(TRAIN))
 
 
 def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Session:
-    """The graph D of a session: entities and triples that have arrived by then (section 5.2); session 0 is D⁰.
+    """The graph D of session ``number``: entities and triples that have arrived by then (section 5.2); 0 gives D⁰.
 
-    A novel entity arrives in its session, a triple with the later of its ends. An entity without a triple in a split
-    never arrives. Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
+    A novel entity arrives in its session, another one in session 0, a triple with the later of its ends. An entity
+    without triples in ``splits``, (M, T), never arrives. ``novel``: ids of the n entities of each session, (M, S, n).
     """
     arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
     for session in range(novel.shape[1]):
@@ -73,17 +73,17 @@ def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Sess
 
 
 def session_of(graph: Graph, splits: Tensor) -> Session:
-    """The session of all triples that have a split, shape (M, T), and of their entities."""
+    """The session of all triples with a split, and of their ends; ``splits``: shape (M, T), ``OUT`` for no split."""
     return Session(graph, ends(graph, splits != OUT), splits)
 
 
 def touches(graph: Graph, entities: Tensor) -> Tensor:
-    """Which unique triples have an end among the entities, (M, E); shape: (M, T), bool."""
+    """Mask, (M, T), of the unique triples with an end in ``entities``, a mask of shape (M, E)."""
     return entities[:, graph.triples[:, 0]] | entities[:, graph.triples[:, 2]]
 
 
 def ends(graph: Graph, triples: Tensor) -> Tensor:
-    """Which entities are an end of one of the triples, (M, T), bool; shape: (M, E), bool."""
+    """Mask, (M, E), of the heads and tails of ``triples``, a mask of shape (M, T)."""
     number = torch.zeros(len(triples), len(graph.entities))
     for slot in (0, 2):
         number.index_add_(1, graph.triples[:, slot], triples.float())
@@ -106,7 +106,7 @@ class Shares(Section):
 
 
 class SessionsOf(Section):
-    """``sessions`` of one experiment: which entities may be novel, the set sizes, and the number of seeds."""
+    """``sessions`` of one experiment: candidates for novel entities, set sizes, numbers of seeds and of sessions."""
 
     rules = ((lambda sessions: sessions.novel != "added" or len(sessions.sizes) == 1,
               "sizes: expected one with novel: added, since a seed's triples depend on its candidates"),)  # fmt: skip
@@ -127,7 +127,7 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
 
 
 def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
-    """InputError where a split, (T,), falls short of its shares because too many triples must stay in train."""
+    """InputError if valid or test of a split, (T,), is below its share because too many triples must stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
             expected = "expected shares that give each split a triple (every entity keeps one in train)"
@@ -135,7 +135,7 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
 
 
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:
-    """Splits for cross-validation, (number, T), int8: a fold is valid; the rest, with a triple of each name, train."""
+    """Splits for cross-validation, (number, T), int8: row i has fold i in valid, the rest (with each name) in train."""
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
     for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
         row[fold] = VALID
@@ -143,7 +143,7 @@ def folds(graph: Graph, root: int, number: int) -> np.ndarray:
 
 
 def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
-    """The triples that may leave train, in random order: each entity and relation keeps its first triple."""
+    """Ids of triples that may leave train, in random order: all but the first triple of each entity and relation."""
     triples = graph.triples.numpy()
     order = rng.permutation(len(triples))
     ends = triples[order][:, [0, 2]].ravel()
@@ -161,10 +161,10 @@ def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps:
 def sample_insert_triples(
     graph: Graph, splits: np.ndarray, novel: np.ndarray, session: int, root: int, seed: int, fraction: float
 ) -> list[tuple[int, int]]:
-    """Draw the insert triples of a session's novel entities, sessions counted from 1, as pairs (entity, triple).
+    """Draw the insert triples of a session's novel entities, as pairs of ids (entity, triple); sessions count from 1.
 
-    An entity with n unique training triples to known entities gets max(1, ⌊fraction · n⌋) of them. ``novel`` are
-    those of all sessions; shape (steps, size).
+    An entity with n > 0 unique training triples to known entities gets max(1, ⌊fraction · n⌋) of them; with n = 0,
+    none. ``novel``: ids of the novel entities of all sessions; shape (steps, size).
     """
     triples, inserted = graph.triples.numpy(), novel[session - 1]
     heads, tails = (np.isin(triples[:, slot], novel[session - 1 :]) for slot in (0, 2))
@@ -179,14 +179,14 @@ def sample_insert_triples(
 
 
 def later_key(session: int) -> tuple[int, ...]:
-    """What a session adds to the keys of its random streams: nothing for session 1, else its number."""
+    """Key that a session adds to those of its random streams: none for session 1, else its number."""
     return (session,) if session > 1 else ()
 
 
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> dict[Table, pd.DataFrame]:
-    """Draw ``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES``; triples of added entities that are not drawn have no split."""
+    """Draw the three tables; InputError for sizes too large. Triples of added entities that are not drawn: no split."""
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))

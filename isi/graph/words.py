@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 #: Tensor ``vectors``, shape (E, w), float32; zeros where an entity has no word vector.
 WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
-#: Which phrase or words of it have vectors.
+#: The phrase of each entity, and the tokens whose vectors it has (``WordVectors.served_by``).
 COVERAGE = Table(
     "data/words/{experiment}/coverage.parquet", key=["entity"],
     columns={"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
 )  # fmt: skip
 
-LARGEST = 1e6  #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
-WIDEST, LONGEST = 100_000, 1_000  #: The most numbers of a vector, and characters of a token.
-CHUNK = 2**21  #: Bytes of a line of text, and those that are read of binary vectors at once, at most.
+LARGEST = 1e6  #: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
+WIDEST, LONGEST = 100_000, 1_000  #: Maximal dimension of a vector, and length of a token in characters.
+CHUNK = 2**21  #: Maximal bytes of a line of text; binary vectors are read in chunks of this size.
 
 
 class Words(Section):
@@ -55,11 +55,11 @@ class WordVectors:
     """A word vector for each phrase."""
 
     vectors: np.ndarray  #: zero where a phrase has none; shape: (E, w), float32
-    served_by: list[str | None]  #: the tokens that served each phrase, separated by spaces; null where none did
+    served_by: list[str | None]  #: tokens whose mean vector each phrase has, separated by spaces; None if none
 
 
 def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
-    """The vector of each phrase: that of its words joined by underscores, else the mean of the words that have one."""
+    """The vector of each phrase as one token (words joined by underscores), else the mean over words with a vector."""
     vectors = np.zeros((len(phrases), words.vector_size), dtype=np.float32)
     served: list[str | None] = []
     for row, phrase in enumerate(phrases):
@@ -72,7 +72,7 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 
 
 def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: shipped ones, a file, or a gensim download."""
+    """Load the word vectors that params name: shipped, from a file, or a gensim download; InputError if that fails."""
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
@@ -86,12 +86,12 @@ def load_vectors(given: Words) -> KeyedVectors:
     if given.sha256 is not None:
         expected = "expected null, since a gensim download is not checked: to check it, name a downloaded file"
         raise InputError(paths.PARAMS, "words.sha256", expected)
-    import gensim.downloader  # asks the network, so only where params ask for it
+    import gensim.downloader  # needs the network: imported only for a download
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
     try:
         downloaded = gensim.downloader.load(given.source)
-    except Exception as error:  # gensim lets every fault of the network and of its index through as it is
+    except Exception as error:  # gensim does not wrap errors of the network or of its index
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
         raise InputError(given.source, "", expected) from error
     if not hasattr(downloaded, "key_to_index"):
@@ -100,10 +100,10 @@ def load_vectors(given: Words) -> KeyedVectors:
 
 
 def read_vectors(path: Path) -> KeyedVectors:
-    """Read word2vec (text or binary) or GloVe vectors; the form is seen from the first bytes.
+    """Read word2vec (text or binary) or GloVe vectors; the first bytes tell the format.
 
-    gensim's own reader accepts a truncated last line and trusts the header's size. Of a token that is
-    there twice, the first vector stays. InputError names the line or the vector that is broken.
+    gensim's own reader is not used: it accepts a truncated last line and trusts the header's size. If a token
+    repeats, its first vector counts. InputError names the broken line or vector.
     """
     from gensim.models import KeyedVectors
 
@@ -125,14 +125,14 @@ def read_vectors(path: Path) -> KeyedVectors:
                     numbers += values
     except InputError:
         raise
-    except Exception as error:  # each kind of compression has faults of its own
+    except Exception as error:  # each compression format has its own exceptions
         raise InputError(path, "", f"{form} ({cut(str(error))})") from error
     if not rows:
         raise InputError(path, "", f"{form}, got none")
     words = KeyedVectors(len(numbers) // 4 // len(rows))
     words.index_to_key, words.key_to_index = list(rows), rows
     words.vectors = np.frombuffer(numbers, dtype="<f4").reshape(len(rows), -1)
-    broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # what is no number, too
+    broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # NaN, too
     if len(broken):
         place = f"vector of {short(words.index_to_key[broken[0]])}"
         raise InputError(path, place, f"expected numbers within {LARGEST:,.0f}")
@@ -162,7 +162,7 @@ def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
 
 
 def _is_binary(start: bytes) -> bool:
-    """Whether the bytes behind a header are binary vectors: they contain bytes that text cannot."""
+    """Whether the bytes after a header are binary vectors: they are not UTF-8 or contain control characters."""
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
@@ -171,7 +171,7 @@ def _is_binary(start: bytes) -> bool:
 
 
 def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Entries of a text file, one line each; dimension 0 means as many values as the first line has."""
+    """Entries of a text file, one line each; with dimension 0, the first line sets the dimension."""
     for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), first):
         text = (line if number > 1 else line.removeprefix(codecs.BOM_UTF8)).rstrip(b" \t\r\n")
         if not text:
@@ -189,7 +189,7 @@ def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str
 
 
 def _numbers(texts: Sequence[bytes]) -> array[float]:
-    """Texts as float32; an empty array where one is no number."""
+    """Texts as float32; an empty array if one is not a number."""
     try:
         return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))  # Python takes 1_0 for ten
     except ValueError:
@@ -197,7 +197,7 @@ def _numbers(texts: Sequence[bytes]) -> array[float]:
 
 
 def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Entries of a binary file: a token, a space, its values, and perhaps a line end."""
+    """Entries of a binary file: a token, a space, its values, and an optional line end."""
     number, rest = 1, b""
     for more in iter(partial(file.read, CHUNK), b""):
         chunk, start = rest + more, 0

@@ -1,12 +1,12 @@
 """Models whose relations are linear maps of scalars and 2×2 blocks: ANALOGY, DistMult and ComplEx.
 
-Of the d coordinates of a vector the first are scalars. The others are the a-halves, then the b-halves, of blocks. A
-relation holds one factor for each scalar and, at the places of a and b, the x and y of the block ``[[x, y], [-y, x]]``
-(rows times columns). With ``swap`` exchanging a and b,
+The d coordinates of a vector are its scalars, then the first coordinates a of all blocks, then their second coordinates
+b. A relation's row has a factor r for each scalar and, at the places of a and b, the entries x and y of each block
+``[[x, y], [-y, x]]`` of W. With ``swap`` exchanging a and b,
 
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
-so that a map costs two products.
+so that a map takes two elementwise products.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from isi.models.model import RelationMapModel, register_model
 from isi.models.scoring import Backward, Triples
 from isi.tables import paths
 
-CLAMP = 1e-6  #: Smallest |r| of a scalar and x² + y² of a block by which ``inverse`` divides.
+CLAMP = 1e-6  #: Lower bound of the |r| and x² + y² by which ``inverse`` divides.
 
 
 class BlockModel(RelationMapModel):
-    """f(h, r, t) = interaction(vₕᵀW, vₜ), where W has scalars and blocks on its diagonal; a product unless changed."""
+    """f(h, r, t) = interaction(vₕᵀW, vₜ), W block-diagonal (scalars, 2×2 blocks); by default ⟨vₕᵀW, vₜ⟩."""
 
-    scalars: ClassVar[int]  #: of a hundred coordinates, how many are scalars
+    scalars: ClassVar[int]  #: percentage of coordinates that are scalars
 
     def width(self, dimension: int) -> int:
         multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)
@@ -36,11 +36,11 @@ class BlockModel(RelationMapModel):
         return dimension
 
     def maps(self, relation: Tensor) -> Tensor:
-        """(r, x, y) of relations, (..., w); shape (..., d)."""
+        """Entries (r, x, y) of W, (..., d), from rows of relations, (..., w)."""
         return relation
 
     def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Gradient by relations, (..., w), from that by their ``maps``, (..., d)."""
+        """Gradient by relations, (..., w), from the gradient by their ``maps``, (..., d)."""
         return by_maps
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
@@ -60,7 +60,7 @@ class BlockModel(RelationMapModel):
         return self._apply(torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors)
 
     def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
-        """|r| of the scalars and sqrt(x² + y²) of the blocks of relations, (..., w); shapes (..., parts)."""
+        """|r| of scalars and sqrt(x² + y²) of blocks of relations, (..., w); shapes (..., scalars), (..., blocks)."""
         scalars, x, y = self.parts(self.maps(relation))
         return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
 
@@ -80,7 +80,7 @@ class BlockModel(RelationMapModel):
         return memory, backward
 
     def parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Scalars, a-halves and b-halves of vectors, or scalars, x and y of maps, (..., d)."""
+        """Split vectors, (..., d), into scalars, a and b, or maps, (..., d), into r, x and y."""
         first = vectors.shape[-1] * self.scalars // 100
         middle = (first + vectors.shape[-1]) // 2
         return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
@@ -102,7 +102,7 @@ class BlockModel(RelationMapModel):
 @register_model("analogy")
 @dataclass(frozen=True)
 class ANALOGY(BlockModel):
-    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks (Liu et al. 2017)."""
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half belong to blocks (Liu et al. 2017)."""
 
     linear = True
     scalars = 50
@@ -111,7 +111,7 @@ class ANALOGY(BlockModel):
 @register_model("complex")
 @dataclass(frozen=True)
 class ComplEx(BlockModel):
-    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates are of blocks (Trouillon et al. 2016)."""
+    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates belong to blocks (Trouillon et al. 2016)."""
 
     linear = True
     complex_vectors = True

@@ -1,4 +1,4 @@
-"""Models that score by a distance: TransE (Bordes et al. 2013), with either norm, and RotatE (Sun et al. 2019)."""
+"""Models that score by a distance: TransE (Bordes et al. 2013), with L1 or L2 norm, and RotatE (Sun et al. 2019)."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Translation(Model):
 
 @dataclass(frozen=True)
 class DistanceModel(RelationMapModel):
-    """f(h, r, t) = margin - ‖transform(h, r) - vₜ‖, or margin minus its square."""
+    """f(h, r, t) = margin - ‖transform(h, r) - vₜ‖, or with ‖·‖² if ``squared``."""
 
     distance = True
     margin: Positive
@@ -40,7 +40,7 @@ class DistanceModel(RelationMapModel):
 @register_model("transe")
 @dataclass(frozen=True)
 class TransE(Translation, DistanceModel):
-    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or margin minus its square."""
+    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or with ‖·‖² if ``squared``."""
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         memory, mapped = triples.empty(entity, entity.shape[-1])
@@ -62,7 +62,7 @@ class TransEL1(Translation):
 @register_model("rotate")
 @dataclass(frozen=True)
 class RotatE(DistanceModel, BlockModel):
-    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or minus its square: W has blocks of cos θ, sin θ, of a relation's row θ."""
+    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or ‖·‖² if ``squared``; blocks have x = cos θ, y = sin θ; relation row θ."""
 
     complex_vectors = True
     angles = True

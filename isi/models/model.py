@@ -1,9 +1,9 @@
-"""A model: the score of a triple, from which all ways to rank and all gradients follow.
+"""A model: the score of a triple, and from it the ranking of candidates and the gradients.
 
-A model is a frozen dataclass whose fields are its options, registered under a name. One that has a ``score`` of its
-own derives from ``Model``: everything else follows, one embedding of the stack after the other, with gradients by
-autograd. One whose relations map a head derives from ``RelationMapModel``: all pairs of mapped heads and tails are then
-scored at once, and its map alone is left to autograd, or has a gradient in closed form (``map``).
+A model is a frozen dataclass, registered under a name; its fields are its options. A subclass of ``Model`` defines
+``score``, ``transform`` and ``inverse``: the embeddings of a stack are scored one after the other, with gradients by
+autograd. If relations map heads, a subclass of ``RelationMapModel`` defines ``transform`` and ``inverse``: all pairs of
+mapped heads and tails are scored together, and only the map needs autograd, or a closed-form gradient (``map``).
 """
 
 from abc import ABC, abstractmethod
@@ -16,13 +16,13 @@ from torch import Tensor
 from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
 
-BUDGET = 2**24  #: Numbers in intermediate results, at most, where entities are scored query by query.
+BUDGET = 2**24  #: Maximal numbers in an intermediate tensor when ``Model`` scores all entities of a query.
 
 
 class Model(ABC):
-    """How a triple is scored: f(h, r, t) of a head, a relation and a tail.
+    """The score f(h, r, t) of a head, a relation and a tail.
 
-    Tables of a stack are (M, E, d) for entities and (M, R, w) for relations, where w is ``width``.
+    Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w = ``width(d)``.
     """
 
     linear: ClassVar[bool] = False  #: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
@@ -36,23 +36,23 @@ class Model(ABC):
         return dimension
 
     def half_range(self, given: float) -> float:
-        """Relation tables start uniform in ± this; ``given`` is the half range of entity tables."""
+        """Half range of the uniform distribution that initializes relations; ``given`` is that of entities."""
         return given
 
     @abstractmethod
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        """f of vectors; shapes (..., d), (..., w), (..., d), broadcast against each other, result (...)."""
+        """f of rows of the tables; shapes (..., d), (..., w), (..., d), which broadcast; result (...)."""
 
     @abstractmethod
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """The head mapped by the relation: the tail that it expects; shapes (..., d), (..., w)."""
+        """Heads ``vectors``, (..., d), mapped by relations, (..., w), to their expected tails; shape (..., d)."""
 
     @abstractmethod
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """The inverse map: the head that a tail expects; shapes (..., d), (..., w)."""
+        """Tails ``vectors``, (..., d), mapped back by relations, (..., w), to their expected heads; shape (..., d)."""
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r))."""
+        """Tails mapped such that interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)); (..., d)."""
         return self.inverse(vectors, relation)
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
@@ -64,7 +64,7 @@ class Model(ABC):
         return _in_parts(lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity)
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Scores of triples, and gradients of Σ slope · f by both tables, from slopes that may be the same memory."""
+        """Scores f of triples, and a function from slopes (which may overwrite f) to both gradients of Σ slope · f."""
         _, scores = triples.empty(entity)
         return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
@@ -98,7 +98,7 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads of triples (see ``Triples.empty``), and the backward function to both tables' gradients."""
+        """Memory of mapped heads (``DenseTriples.empty``); a function from their gradient to those of both tables."""
         memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 
@@ -107,7 +107,7 @@ def _by_autograd(
     function: Callable[[Tensor, Tensor, Tensor], Tensor], entity: Tensor, relation: Tensor, triples: Triples,
     values: Tensor,
 ) -> Backward:  # fmt: skip
-    """Write a function's ``values`` for heads, relations and tails, and return its backward function."""
+    """Write a function's results for all triples into ``values``; returns its backward function, by autograd."""
     for model, place, (h, r, t) in triples.parts():
         vectors = entity[model][h], relation[model][r], entity[model][t]
         values[place] = function(*vectors).view_as(values[place])
@@ -129,7 +129,7 @@ def _by_autograd(
 def _in_parts(
     score: Callable[[Tensor, Tensor, Tensor], Tensor], known: Tensor, relation: Tensor, entity: Tensor
 ) -> Tensor:
-    """Scores of all entities, for as many queries at a time as ``BUDGET`` allows."""
+    """Scores of all entities, (M, Q, E), in chunks of queries that fit into ``BUDGET``."""
     number = max(1, BUDGET // entity[0].numel())
     return torch.stack([
         torch.cat([score(k, r, e) for k, r in zip(ks.split(number), rs.split(number), strict=True)])
@@ -152,7 +152,7 @@ class EmbeddingParams(Section):
 
 
 def register_model(name: str) -> Callable[[M], M]:
-    """Register a dataclass as the model of a name; its fields are its options."""
+    """Register a dataclass as a model under a name; its fields are the options."""
 
     def register(kind: M) -> M:
         MODELS.register(name, kind)
@@ -162,6 +162,6 @@ def register_model(name: str) -> Callable[[M], M]:
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
-    """The model of a name, with its options, or an ``InputError`` at a key where they do not fit."""
+    """The model registered under a name, with options; ``InputError`` at the key if name or options do not fit."""
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))

@@ -1,12 +1,12 @@
-"""Scores of triples and their gradients, by product or distance: of all triples (dense), or of a list.
+"""Scores of triples by product or distance, and their gradients: for all triples (dense), or for a list.
 
-A formula is written once for both forms of triples: it takes rows of tables with ``heads`` and ``relations``, and
-sums gradients with ``by_head`` and ``by_relation``. Below, ``...`` stands for (M, R, E), the heads under each relation,
-in dense tables, and for (N,) in a list.
+The formula of a model is the same for both forms: it reads rows of tables with ``heads`` and ``relations``, and sums
+gradients with ``by_head`` and ``by_relation``. In shapes below, ``...`` is (M, R, E), each relation with each head, for
+``DenseTriples``, and (N,) for ``TripleList``.
 
-Results are equal to the bit for any height of the stack. PyTorch takes the numbers of an array a register at a time
-and rounds the last few, which fill no register, otherwise than the rest. So a dense table has a spare row in memory
-behind each model (``spaced``), which makes PyTorch run over it model by model, and a list is padded (``padded``).
+Results are bit-identical for any number of models in the stack. PyTorch processes an array register by register, and
+rounds the last numbers differently if they do not fill a register. So a dense table has a spare row in memory behind
+each model (``spaced``), which makes PyTorch process each model by itself, and a list is padded (``padded``).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 EPSILON = 1e-6  #: Smallest squared distance: a gradient that divides by less would be noise.
-_REGISTER = 64  #: A multiple of the numbers that PyTorch takes at once, on any processor.
+_REGISTER = 64  #: A multiple of the numbers in a register of any processor.
 
-Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: From slopes to the gradients of Σ slope · f by two tables.
+Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: Maps slopes to both gradients of Σ slope · f.
 Linear = Callable[[Tensor], Tensor]
-#: What takes the vectors of heads, relations and tails, which broadcast against each other, from a model's tables.
+#: Indices of heads, relations and tails into a model's tables; the indexed vectors broadcast against each other.
 Indices = tuple[Any, Any, Any]
 
 
@@ -36,7 +36,7 @@ def spaced(table: Tensor) -> Tensor:
 
 
 def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
-    """An elementwise function whose bits do not depend on where a number stands; any shape."""
+    """Apply an elementwise function, any shape; a result's bits do not depend on the number's place in the tensor."""
     flat = values.flatten()
     return function(pad(flat, (0, -len(flat) % _REGISTER)))[: len(flat)].view(values.shape)
 
@@ -46,11 +46,11 @@ class Product:
     """f(m, t) = ⟨m, t⟩ of mapped heads m and tails t."""
 
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """Scores of pairs, and gradients by both; shapes (..., d), broadcast against each other, scores (...)."""
+        """Scores, (...), of mapped heads and tails, (..., d), which broadcast; a function from slopes to gradients."""
         return (mapped * tail).sum(-1), lambda slope: (tail * slope[..., None], mapped * slope[..., None])
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """The same of all pairs; shapes (M, N, d) and (M, E, d), scores (M, N, E), and slopes (M, up to N, E)."""
+        """The same for all pairs: (M, N, d) and (M, E, d), scores (M, N, E); slopes may lack last rows, (M, ≤ N, E)."""
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
             return torch.bmm(slope, tail), torch.bmm(slope.mT, mapped[:, : slope.shape[1]])
@@ -60,10 +60,10 @@ class Product:
 
 @dataclass(frozen=True)
 class Distance:
-    """f(m, t) = margin - ‖m - t‖, or margin - ‖m - t‖² where ``squared``; squares are clamped to ``EPSILON``.
+    """f(m, t) = margin - ‖m - t‖, or margin - ‖m - t‖² if ``squared``; ‖m - t‖² is at least ``EPSILON``.
 
-    Of all pairs, ‖m - t‖² = ‖m‖² + ‖t‖² - 2⟨m, t⟩. With c = 1 / ‖m - t‖ (or 2, where squared) the
-    gradient by m is c · (t - m), and the opposite by t.
+    For all pairs, ‖m - t‖² = ‖m‖² + ‖t‖² - 2⟨m, t⟩. The gradient by m is c · (t - m), by t its negative, with
+    c = 1 / ‖m - t‖, or c = 2 if ``squared``.
     """
 
     margin: float
@@ -110,7 +110,7 @@ class DenseTriples:
 
     @classmethod
     def of(cls, entity: Tensor, relation: Tensor) -> DenseTriples:
-        """All triples of tables of shape (M, E, d) and (M, R, w)."""
+        """All triples over tables of shapes (M, E, d) and (M, R, w)."""
         return cls((len(entity), relation.shape[1], entity.shape[1]))
 
     def heads(self, table: Tensor) -> Tensor:
@@ -122,22 +122,22 @@ class DenseTriples:
         return table[:, :, None]
 
     def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
-        """Empty memory: for ``interact``, and the same as a view of shape (..., width); without a width, for scores."""
+        """Memory for ``interact``, and its view as mapped heads, (..., width); without ``width``, as scores."""
         models, relations, entities = self.shape
         memory = entity.new_zeros(models, relations * entities + 1, width or entities)
         return memory, memory[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        """Sum by head: values (..., d), which may be overwritten, and a linear function of ``swapped``; (M, E, d)."""
+        """Sum by head, (M, E, d), of values, (..., d), plus f(x) if ``swapped`` is (x, f), f linear; alters values."""
         total = values.sum(1)
-        return total + swapped[1](swapped[0].sum(1)) if swapped else total  # of the sums, since they are fewer
+        return total + swapped[1](swapped[0].sum(1)) if swapped else total  # f of the sums, which are fewer
 
     def by_relation(self, values: Tensor) -> Tensor:
         """Sum values, (..., d), by relation; shape (M, R, d)."""
         return values.sum(2)
 
     def interact(self, interaction: Interaction, mapped: Tensor, entity: Tensor) -> tuple[Tensor, Backward]:
-        """Scores of mapped heads with their tails, and gradients by mapped heads, (..., d), and by entities."""
+        """Scores of mapped heads and tails; and a function from slopes to gradients by mapped heads and by entities."""
         scores, by_pairs = interaction.pairs(mapped, entity)
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
@@ -147,17 +147,17 @@ class DenseTriples:
         return scores[:, :-1].view(*self.shape, -1), backward
 
     def parts(self) -> Iterator[tuple[int, Any, Indices]]:
-        """The models one by one: place in the stack, slice of the scores, and indices of rows of its tables."""
+        """Parts of the scores, each of one model: its place in the stack, index of scores, indices of table rows."""
         for model, number in product(range(self.shape[0]), range(self.shape[1])):
             yield model, (model, number), ((slice(None), None), number, None)
 
 
 @dataclass(frozen=True)
 class TripleList:
-    """A list of N triples of the models of a stack; its methods are those of ``DenseTriples``."""
+    """N triples, each of one model of a stack; ``DenseTriples`` documents the methods."""
 
     shape: tuple[int, int, int]  #: M, R and E
-    model: Tensor  #: place in the stack; shape: (N,), int64, as of the ids
+    model: Tensor  #: place in the stack; shape: (N,), int64, as for the three ids
     head: Tensor
     relation: Tensor
     tail: Tensor
@@ -195,11 +195,11 @@ class TripleList:
             yield model, place, (self.head[place], self.relation[place], self.tail[place])
 
     def _gather(self, table: Tensor, ids: Tensor) -> Tensor:
-        """Rows of a stack of tables, (M, N', d), one for each triple; shape (N, d)."""
+        """The row of each triple's model and id in a stack of tables, (M, N', d); shape (N, d)."""
         return table.flatten(0, 1).index_select(0, self.model * table.shape[1] + ids)
 
     def _sum(self, values: Tensor, ids: Tensor, number: int) -> Tensor:
-        """Sums by model and id of values of shape (N, d); shape (M, number, d)."""
+        """Sum values, (N, d), by model and id; shape (M, number, d)."""
         table = values.new_zeros(self.shape[0] * number, values.shape[-1])
         return table.index_add_(0, self.model * number + ids, values).view(self.shape[0], number, -1)
 

@@ -14,7 +14,7 @@ from isi.random import stream
 
 T = TypeVar("T")
 
-LARGEST = 1e11  #: Largest sound coordinate: a sum of products of three above it may overflow float32.
+LARGEST = 1e11  #: Largest valid |x|: a score sums products of three coordinates and could overflow float32 above it.
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Embedding:
     """Vectors of entities and relations of a stack of M embeddings, and the model that scores their triples."""
 
     entity: Tensor  #: shape: (M, E, d)
-    relation: Tensor  #: shape: (M, R, w), with the model's width
+    relation: Tensor  #: shape: (M, R, w), with w = ``model.width(d)``
     model: Model = field(metadata={"shared": True})
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
@@ -54,7 +54,7 @@ def select(stacked: T, models: Tensor) -> T:
 
 
 def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) -> T:
-    """Apply a function to each tensor in a value, also within data classes, mappings, lists and tuples."""
+    """Apply a function to each tensor in nested data classes, dicts, lists and tuples; ``shared``: to shared fields."""
     result: Any = value
     if isinstance(result, Tensor):
         result = function(result)
@@ -71,11 +71,11 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Draw tables in ± half_range, zero outside ``entities``, (M, E); each row of ``keys`` keys a random stream."""
+    """Uniform tables in ±``half_range``, zero outside ``entities``, (M, E); ``keys``, (M, K), of random streams."""
     bound, of_relations = half_range, model.half_range(half_range)
     shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
     streams = [stream(root, "embedding", *key) for key in keys.tolist()]
-    entity = np.stack([rng.uniform(-bound, bound, shape) for rng in streams])  # first of all from each stream
+    entity = np.stack([rng.uniform(-bound, bound, shape) for rng in streams])  # drawn before relations from each stream
     relation = np.stack([rng.uniform(-of_relations, of_relations, relation_shape) for rng in streams])
     vectors = torch.as_tensor(entity, dtype=torch.float32) * entities[..., None]
     return Embedding(vectors, torch.as_tensor(relation, dtype=torch.float32), model)
@@ -93,7 +93,7 @@ class NotFinite(InputError):
 
 
 def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
-    """Raise ``NotFinite`` with the models in whose tables, (M, ...), some |x| is above ``largest``."""
+    """Raise ``NotFinite`` with the models that have NaN or |x| > ``largest`` in one of the tables, each (M, ...)."""
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")

@@ -1,7 +1,7 @@
 """Training data of a stack of embeddings: batches of observations, and their negatives.
 
-On a small graph a batch is two dense tables of counts over all triples, positives and negatives, and its gradient is a
-few matrix products. On a large graph it is a list of triples, whose cost grows with its length.
+On a small graph a batch is two dense tables of counts over all triples, of positives and of negatives, and its gradient
+takes a few matrix products. On a large graph a batch is a list of triples, and its cost grows with its length.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from isi.graph.sessions import TRAIN, Session, membership
 from isi.models.scoring import TripleList
 from isi.random import stream
 
-#: Possible triples of a graph up to which batches are dense: about where both forms are as fast for one embedding.
-#: The tables of a stack then stay within a gigabyte.
+#: Batches are dense up to this number of possible triples, R · E²: about there both forms are equally fast for one
+#: embedding. The tables of a stack then take at most a gigabyte.
 DENSE_LIMIT = 2**23
 
 
 class Negatives(Section):
-    """How triples are corrupted."""
+    """``negatives`` in params: how triples are corrupted."""
 
     mode: Literal["sampled", "expected"]
     ratio: Count
@@ -41,10 +41,10 @@ class TrainingData:
     counts: Tensor  #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T), int64
     tail_pool: Tensor  #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
     head_pool: Tensor  #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
-    head_ids: Tensor  #: the same as ids, those of the pool first; shape: (M, R, E), int64
-    new: Tensor  #: entities that were not in the session before; shape: (M, E), bool
-    purpose: str  #: part of the purpose of its random streams
-    keys: Tensor  #: keys of the random streams of each embedding, beside root, purpose and epoch; shape: (M, K)
+    head_ids: Tensor  #: all entity ids, those of ``head_pool`` first; shape: (M, R, E), int64
+    new: Tensor  #: entities that the previous session lacks; shape: (M, E), bool
+    purpose: str  #: prefix of the purposes of its random streams
+    keys: Tensor  #: keys of each embedding's random streams, between purpose and epoch; shape: (M, K)
 
 
 @dataclass(frozen=True)
@@ -65,18 +65,18 @@ class ListBatch:
 
 @dataclass(frozen=True)
 class Corrupted:
-    """Observations of an embedding, and the replacements of their tails, heads and (if there are several) relations."""
+    """Observations of an embedding, and the replacements of their tails, heads and, if R > 1, relations."""
 
     triples: Tensor  #: shape: (N, 3)
     replacements: list[Tensor]  #: ids; shapes: (N, ratio)
 
     def at(self, number: int) -> Corrupted:
-        """The observation at a place; empty behind the last one."""
+        """The observation at an index, N = 1; beyond the last one, N = 0."""
         row = slice(number, number + 1)
         return Corrupted(self.triples[row], [ids[row] for ids in self.replacements])
 
     def negatives(self) -> Tensor:
-        """Corrupted triples, first of all by tail, then by head, then by relation; shape (2 or 3 · N · ratio, 3)."""
+        """Corrupted triples, by tail, then by head, then (if R > 1) by relation; shape (3 or 2 · N · ratio, 3)."""
         parts = []
         for slot, ids in zip((TAIL, HEAD, RELATION), self.replacements, strict=False):
             part = self.triples.repeat_interleave(ids.shape[1], 0)
@@ -90,7 +90,7 @@ def training_data(
 ) -> TrainingData:
     """The training data of a stack of sessions; ``TrainingData`` explains the arguments.
 
-    ``novel`` are ids of the entities that the session before lacks, (M, n); null: all entities.
+    ``novel``: ids of the entities that the previous session lacks, (M, n); None: all entities of the session.
     """
     graph, train = session.graph, session.members(TRAIN)
     heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
@@ -106,7 +106,7 @@ def training_data(
 
 
 def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
-    """Shuffled triple ids of an epoch's observations, by batch and model; batches of equal length, at most ``size``.
+    """Triple ids of an epoch's shuffled observations, (N,), by batch, then model; N ≤ ``size``, equal within one.
 
     Embeddings with fewer batches than others have empty ones at the end.
     """
@@ -150,7 +150,7 @@ def is_dense(graph: Graph) -> bool:
 
 
 def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
-    """Observations of each embedding as a table of counts; shape (M, R, E, E), float32."""
+    """Count the observations of each embedding, triple ids (N,), in a table; shape (M, R, E, E), float32."""
     graph = data.session.graph
     relations, entities = len(graph.relations), len(graph.entities)
     counts = [np.bincount(triples, minlength=len(graph.triples)) for triples in observed]
@@ -161,10 +161,10 @@ def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
 
 
 def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Tensor:
-    """Expected count of each triple among a batch's corrupted ones; shape (M, R, E, E).
+    """Expected count of each triple among the corrupted triples of a batch; shape (M, R, E, E).
 
-    For each positive, ``ratio`` corrupted tails from the session's entities, heads from the relation's pool, and
-    relations other than the true one.
+    Each slot of a positive is corrupted ``ratio`` times, uniformly: tails by the session's entities, heads by the
+    relation's pool, relations by those other than the true one.
     """
     by_head, by_tail = positives.sum(-1), positives.sum(-2)  # (M, R, E)
     relations = positives.shape[1]
@@ -179,7 +179,7 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
 
 
 def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
-    """Draw an epoch for batches of one: one stream per embedding, since making a stream takes longer than an update."""
+    """Corrupt an epoch for batches of one: one stream per embedding, since a new stream costs more than an update."""
     (observed,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
     return corrupt(data, observed, ratio, root, "negatives in turn", epoch)
 
@@ -187,9 +187,9 @@ def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[
 def corrupt(
     data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
 ) -> list[Corrupted]:
-    """Corrupt observations of each embedding with the frequencies of ``expected_negatives``.
+    """Corrupt observations of each embedding at random; expected counts are those of ``expected_negatives``.
 
-    The draws are keyed by the embedding's keys, a purpose and numbers, such as those of the epoch and the batch.
+    Random streams are keyed by the purpose, the embedding's keys and ``number``: the epoch, and perhaps the batch.
     """
     corrupted = []
     for model, (ids, key) in enumerate(zip(observed, data.keys.tolist(), strict=True)):
@@ -202,7 +202,7 @@ def corrupt(
 def _replacements(
     rng: np.random.Generator, data: TrainingData, model: int, relation: Tensor, ratio: int
 ) -> list[Tensor]:
-    """``ratio`` other tails, heads and relations for triples of relations of shape (N,)."""
+    """``ratio`` random tails, heads and other relations for triples with the relations (N,); shapes (N, ratio)."""
     relations = data.head_pool.shape[1]
     relation = relation[:, None].expand(-1, ratio)
 
@@ -219,7 +219,7 @@ def _replacements(
 
 
 def list_batch(data: TrainingData, corrupted: list[Corrupted]) -> ListBatch:
-    """Observations and their corruptions as one list."""
+    """Observations of all embeddings, and their corrupted triples, as one list."""
     parts = [(part.triples, part.negatives()) for part in corrupted]
     models = torch.repeat_interleave(torch.tensor([len(p) + len(n) for p, n in parts]))
     positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for p, n in parts])

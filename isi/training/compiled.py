@@ -1,4 +1,4 @@
-"""Compiled training with one observation per update: batches of one, a few hundred times as fast.
+"""Compiled training with one observation per update: a few hundred times as fast as in PyTorch.
 
 For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks (``isi.models.bilinear``).
 Importing numba takes a second: import this module where it is used.
@@ -18,10 +18,10 @@ from isi.training.batches import TrainingData, sample_epoch
 Floats = NDArray[np.float32]
 Ids = NDArray[np.int32]
 
-#: What the compiler may do: sum in any order, fuse products with sums, and refine the processor's estimate of 1 / √
-#: by a step of Newton's method. It decides so once, whatever the numbers are: equal input gives equal bits.
+#: Optimizations that the compiler may use: sum in any order, fuse products with sums, and compute 1 / √ from the
+#: processor's estimate by a step of Newton's method. The compiled code is fixed: equal input gives equal bits.
 FAST = {"reassoc", "nsz", "contract", "arcp", "afn"}
-#: Tables, squares, scalars, rate, decay, triples, tails, heads, relations.
+#: Of ``update``: tables, squares, scalars, rate, decay, triples, tails, heads, relations.
 SIGNATURE = "void(UniTuple(f4[:, ::1], 2), UniTuple(f4[:, ::1], 2), i8, f4, f4, " + ", ".join(["i4[:, ::1]"] * 4) + ")"
 
 inner = njit(error_model="numpy", fastmath=FAST)
@@ -74,7 +74,7 @@ def _add(total: Floats, values: Floats) -> None:
 def _add_gradients(
     vector: Floats, table: Floats, row: int, label: np.float32, by_table: Floats, by_vector: Floats
 ) -> None:  # fmt: skip
-    """Score f = ⟨vector, row⟩, and add the gradients of its loss by both, of slope σ(f) - label."""
+    """Add the gradients of the loss of f = ⟨vector, row⟩ by row and vector; the slope by f is σ(f) - label."""
     score = np.float32(0)
     for i in range(len(vector)):
         score += vector[i] * table[row, i]
@@ -93,13 +93,13 @@ def _add_loss_gradient(
     """Add the gradient of -log σ(f) of a triple and -log σ(-f) of its corruptions.
 
     f(h, r, t) = ⟨hᵀW, t⟩ = ⟨h, Wt⟩ = ⟨r, g⟩, where g is the gradient of f by r. So all corrupted tails are multiplied
-    by one mapped head, all corrupted heads by one mapped tail, and all corrupted relations by one g. The gradients by
-    these three, Σ slope · row, go on to the triple's own rows at once.
+    by one mapped head, all corrupted heads by one mapped tail, and all corrupted relations by one g. The gradient by
+    each of these three, Σ slope · row, is summed first and then mapped to the triple's own rows.
     """
     (entity, relation), (by_entity, by_relation) = tables, gradients
     head, row, tail = entity[triple[0]], relation[triple[1]], entity[triple[2]]
     by_head, by_row, by_tail = by_entity[triple[0]], by_relation[triple[1]], by_entity[triple[2]]
-    mapped, by_mapped, result = memory[0], memory[1], memory[2]  # in one piece, as unpacked rows would not be
+    mapped, by_mapped, result = memory[0], memory[1], memory[2]  # contiguous, as unpacked rows would not be
     by_mapped[:] = 0
     _transform(head, row, scalars, mapped)
     _add_gradients(mapped, entity, triple[2], np.float32(1), by_entity, by_mapped)
@@ -144,10 +144,10 @@ def update(
     tables: tuple[Floats, Floats], squares: tuple[Floats, Floats], scalars: int, rate: np.float32, decay: np.float32,
     triples: Ids, tails: Ids, heads: Ids, relations: Ids,
 ) -> None:  # fmt: skip
-    """An update of one embedding for each observation, one after the other, in place.
+    """Update one embedding in place, once for each observation.
 
-    Tables of entities and relations, and Adagrad's accumulators, are (E, d) and (R, d); ``scalars`` coordinates come
-    before the blocks. The observations are (N, 3); what replaces their tails, heads and relations is (N, K).
+    ``tables`` and ``squares``, Adagrad's accumulators: entities (E, d) and relations (R, d); the first ``scalars``
+    coordinates are scalars. ``triples``: (N, 3); replacements of their tails, heads and relations: ids, (N, K).
     """
     gradients = np.zeros_like(tables[0]), np.zeros_like(tables[1])
     memory = np.empty((3, tables[0].shape[1]), np.float32)
@@ -163,14 +163,14 @@ def run_compiled_epoch(
     embedding: Embedding, squares: Embedding, data: TrainingData, ratio: int, rate: float, decay: float,
     root: int, epoch: int,
 ) -> None:  # fmt: skip
-    """One pass over all observations of each embedding of a stack, and of Adagrad's accumulators, in place.
+    """Train each embedding of a stack for an epoch, in place, with Adagrad's accumulators ``squares``.
 
-    For each observation, ``ratio`` tails, heads and relations are corrupted.
+    Each observation has ``ratio`` corrupted tails, heads and relations.
     """
     scalars = embedding.entity.shape[-1] * cast(BlockModel, embedding.model).scalars // 100
     for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
         tables, sums = ((stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares))
         ids = [part.numpy().astype(np.int32) for part in (corrupted.triples, *corrupted.replacements)]
-        if len(ids) < 4:  # of one relation, no other can be corrupted
+        if len(ids) < 4:  # with R = 1, relations are not corrupted
             ids.append(ids[1][:, :0].copy())
         update(tables, sums, scalars, np.float32(rate), np.float32(decay), *ids)

@@ -18,9 +18,9 @@ from isi.models.scoring import DenseTriples, padded, spaced
 from isi.models.stack import Embedding, NotFinite, check_finite, mapped, select
 from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData, batches, is_sampled
 
-#: What Adagrad's accumulators start at.
+#: Initial value of Adagrad's accumulators.
 ACCUMULATOR = 1e-6
-#: The models that ``isi.training.compiled`` knows; none of their subclasses, which may score otherwise.
+#: Models that ``isi.training.compiled`` supports; not their subclasses, whose scores may differ.
 COMPILED = (ANALOGY, ComplEx, DistMult)
 TABLES = ("entity", "relation")
 
@@ -32,12 +32,12 @@ class Optimizer(Section):
     learning_rate: Positive
     weight_decay: NotNegative
     max_epochs: Count
-    #: epochs in which the rows of novel entities alone are updated, before all are (the order of IncDE)
+    #: number of first epochs in which only rows of novel entities are updated (the order of IncDE)
     new_rows_first: Annotated[int, Field(ge=0)] = 0
 
 
 class Training(Optimizer):
-    """``training`` in params: the same for Θ⁰ and the joint model, and when they stop."""
+    """``training`` in params: the same settings for Θ⁰ and the joint model, and early stopping."""
 
     new_rows_first: Literal[0] = 0  # all rows are new
     evaluate_every: Count
@@ -52,8 +52,8 @@ class State:
     squares: Embedding
 
 
-#: Called before the first epoch (0) and after each, with the embeddings that are still in training and their places in
-#: the stack, (A,): decides which of them train on, (A,), bool.
+#: Called before the first epoch (as epoch 0) and after each epoch, with the A embeddings still in training and their
+#: places in the stack, (A,); returns a mask of the embeddings that continue, (A,), bool.
 Watch = Callable[[int, Embedding, Tensor], Tensor]
 
 
@@ -68,8 +68,8 @@ def train(
 ) -> Embedding:  # fmt: skip
     """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
 
-    An embedding that stops leaves the stack, without effect on the others. One that diverges raises ``NotFinite``:
-    it has NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
+    An embedding that stops leaves the stack, without effect on the others. ``NotFinite`` if an embedding diverges:
+    it has NaN, a coordinate above ``stack.LARGEST``, or infinity in Adagrad's sums.
     """
     state, result = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
@@ -125,18 +125,18 @@ def run_epoch(
 
 
 def is_compiled(model: Model, batch_size: int) -> bool:
-    """Whether updates are compiled: those of one observation, by the models that ship a compiled gradient."""
+    """Whether updates are compiled: batches of one observation, for a model in ``COMPILED``."""
     return batch_size == 1 and type(model) in COMPILED
 
 
 def compile_ahead(model: Model, batch_size: int) -> None:
-    """Compile, or load from a cache, before workers are forked, so that they share the machine code."""
+    """Compile ``isi.training.compiled``, or load its cache, before workers are forked, which then share the code."""
     if is_compiled(model, batch_size):
         import isi.training.compiled  # noqa: F401
 
 
 def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedding:
-    """Gradient of the loss Σ -log σ(y · f) over a batch (section 3)."""
+    """Gradient of the loss Σ -log σ(y · f) over a batch, y = 1 for positives, -1 for negatives (section 3)."""
     entity, relation = embedding.entity, embedding.relation
     if isinstance(batch, DenseBatch):
         scores, backward = embedding.model.scores(entity, relation, DenseTriples.of(entity, relation))
@@ -152,10 +152,10 @@ def adagrad(
     state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer,
     trained_rows: Tensor | None = None,
 ) -> None:  # fmt: skip
-    """Update a stack in place from the gradient of a batch: Θ ← Θ - rate · g / √Σg², with g the mean over positives.
+    """Update a stack in place from a batch's gradient: Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ.
 
-    The gradient is summed over the batch; ``positives``, (M,), counts its positives, and an embedding without any stays
-    as it is. Frozen entities, (M, E), take no part. Only rows of ``trained_rows``, (M, E), change; null: both tables.
+    ``gradient`` is summed over the batch, ``positives``, (M,), is its number of positives; an embedding with 0 stays
+    as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``, (M, E): only these change; None: all.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
@@ -170,9 +170,9 @@ def adagrad(
 
 
 class EarlyStopping:
-    """Keeps the best embedding of each model by validation MRR*, and stops it when none better comes.
+    """Stores each model's best embedding by validation MRR*; stops after ``patience`` evaluations without a better one.
 
-    ``looks`` has, for each epoch, measures (``measure_rows``) and whether they are the best so far.
+    ``looks`` has, for each evaluation, measures (``measure_rows``) and ``kept``: whether MRR* is the best so far.
     """
 
     def __init__(self, embedding: Embedding, queries: Queries, settings: Training) -> None:
@@ -200,16 +200,16 @@ class EarlyStopping:
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
 ) -> tuple[Embedding, list[pd.DataFrame]]:
-    """Train each embedding until validation MRR* stops improving; returns the best one and all looks at it."""
+    """Train each embedding until validation MRR* stops improving; returns the best one and all measures."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
     return watch.best, watch.looks
 
 
 class ConvergenceWatch:
-    """Measures every embedding after every epoch, and stops it when it has converged in all query sets with a target.
+    """Measures each embedding at every epoch; stops it once it has reached its target in each query set with a target.
 
-    A target is the MRR* from which an embedding counts as converged, (M,), NaN where there is none. With
+    A target, (M,), is the MRR* at which an embedding counts as converged; NaN for no target. With
     ``full_curves`` every embedding trains to the last epoch.
     """
 
