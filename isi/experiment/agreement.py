@@ -15,7 +15,7 @@ ENDS = [0, 2]
 
 
 def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:
-    """Check that ids exist in the graph."""
+    """Check that ids in a column are below ``number``."""
     refuse(path, table, table[column].to_numpy() >= number, [column], f"expected ids below {number}, the {of}")
 
 
@@ -30,7 +30,7 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Check that all triples but those of undrawn added entities have a split, and train every entity and relation."""
+    """Check that triples without undrawn added entities have a split, and each entity and relation a train triple."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
@@ -88,7 +88,7 @@ def insert_triples_fit(
 
 
 def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: np.ndarray) -> None:
-    """Check that models have the sessions' seeds in order, and each tensor a row for each."""
+    """Check that ``seed`` equals the sessions' seeds, in order, and that each tensor has a row for each seed."""
     if seed.tolist() != list(expected):
         raise InputError(path, "tensor 'seed'", f"expected the sessions' seeds, {short(expected)}, got {short(seed)}")
     if any(tensor.shape[:1] != seed.shape for tensor in tensors):
@@ -96,7 +96,7 @@ def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: n
 
 
 def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
-    """Check that embeddings know their session's entities, (M, E), and that other rows of (M, E, d) are zero."""
+    """Check ``known``, (M, E), against the session's entities; other rows of ``entity``, (M, E, d), must be zero."""
     for name, wrong, says in (
         ("known", known != expected, "expected the entities of the session, and no others"),
         ("entity", entity.any(-1) & ~known, "expected zeros for an entity that is not known"),

@@ -11,7 +11,7 @@ from torch import Tensor
 from isi.graph.graph import Graph
 from isi.graph.sessions import Session, session_at
 
-NO_INSERTION = 0  #: Size that stands for no insertion, in keys of random streams and in logs.
+NO_INSERTION = 0  #: Size of grid points without insertion, in keys of random streams and in logs.
 JOINT_MODEL = "joint"  #: Name of the joint model, as of an initializer, in tables.
 
 
@@ -25,7 +25,7 @@ class GridPoints:
     seeds: list[int]
     splits: np.ndarray  #: of each seed; shape: (M, T), int8
     novel: np.ndarray  #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
-    #: (session, model, place in ``novel``, triple), in this order; shape: (I, 4)
+    #: rows (session, model, place in ``novel``, triple id), ascending; shape: (I, 4)
     insert_triples: np.ndarray = field(default_factory=lambda: np.empty((0, 4), np.int64))
 
     @classmethod
@@ -38,7 +38,7 @@ class GridPoints:
 
     @property
     def sessions(self) -> int:
-        """How many sessions insert."""
+        """Number S of sessions that insert."""
         return int(self.novel.shape[1])
 
     @property
@@ -56,7 +56,7 @@ class GridPoints:
 
     @property
     def last_session(self) -> Session:
-        """D of the last session: all that has a split."""
+        """D of the last session: all triples with a split."""
         return self.session(self.sessions)
 
     def joint_prefix(self, session: int) -> str:

@@ -59,7 +59,7 @@ class InsertConfig:
 
     initializer: str
     options: Mapping[str, Option]
-    root: int  #: of the random streams
+    root: int  #: seed of all random streams
     negatives: Negatives
     optimizer: Optimizer
     margin: float  #: how far below the MRR* of the joint model counts as converged
@@ -73,7 +73,7 @@ class InsertConfig:
 def insert_config(
     params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
 ) -> InsertConfig:
-    """How an initializer inserts, with its options of params or other ones; an ``InputError`` where they do not fit."""
+    """The config of an initializer, with ``options`` (None: those of params); ``InputError`` if they do not fit."""
     options = params.initializers[initializer] if options is None else options
     trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(
@@ -82,11 +82,11 @@ def insert_config(
     )  # fmt: skip
 
 
-InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]  #: Of ``insert_stack``.
+InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]  #: Arguments of ``insert_stack``.
 
 
 def insert_tasks(store: Store, params: Params, grid: Sequence[GridPoints], config: InsertConfig) -> list[InsertTask]:
-    """Insertion with one initializer, and fine-tuning, at grid points of the store's experiment."""
+    """Tasks of insertion with one initializer, and fine-tuning, at grid points of the store's experiment."""
     words, model, joint = store.words(), model_of(params), RUNS.read(experiment=store.experiment, model=JOINT_MODEL)
     return [(points, store.theta0(points, model), words, joint_targets(joint, points), config) for points in grid]
 
@@ -110,7 +110,7 @@ class InsertResult:
 
     vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
     runs: pd.DataFrame  #: in the columns of ``RUNS``
-    entities: pd.DataFrame  #: in the columns of ``INSERTED`` (kinds apart)
+    entities: pd.DataFrame  #: in the columns of ``INSERTED``, without ``kind``
 
 
 def insert_stack(*task: *InsertTask) -> InsertResult:
@@ -123,7 +123,7 @@ def insert_stack(*task: *InsertTask) -> InsertResult:
 def insert_sessions(
     points: GridPoints, theta0: Embedding, words: np.ndarray, joint: JointTargets, config: InsertConfig
 ) -> Iterator[tuple[Embedding, InsertResult]]:
-    """Insert and fine-tune session by session: Θ after each, and its measures from epoch 0 on; ``words``: (E, w)."""
+    """Insert and fine-tune session by session: yields each Θ and its measures, from epoch 0; ``words``: (E, w)."""
     theta = theta0
     for number in range(1, points.sessions + 1):
         session, novel, mask = points.session(number), points.novel_in(number), points.insert_mask(number)
@@ -150,7 +150,7 @@ def initialize(
 
 
 def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: int, session: int = 1) -> InitContext:
-    """What an initializer may see in a session that inserts into Θ."""
+    """The input of an initializer in a session that inserts into Θ."""
     rows, keys = torch.as_tensor(points.insert_triples_in(session)), points.keys(*later_key(session))
     before, novel = points.session(session - 1), points.novel_in(session)
     return api.context_of(theta, before, novel, rows, torch.as_tensor(words), root, keys)

@@ -24,7 +24,7 @@ from isi.process import become_worker
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 
-Arguments = TypeVarTuple("Arguments")  #: Of a task, behind its grid points.
+Arguments = TypeVarTuple("Arguments")  #: Of a task, after its grid points.
 Done = TypeVar("Done")
 
 
@@ -40,10 +40,10 @@ class Compute(Section):
     device: Literal["cpu", "auto", "cuda"] = "cpu"
 
 
-#: Tensors reach another process as arrays, not as memory that is shared and runs short.
+#: Tensors are sent to other processes as arrays: shared memory may run out.
 ForkingPickler.register(Tensor, lambda tensor: (torch.from_numpy, (tensor.numpy(),)))
 REACH = 5  #: Seconds in which a scheduler must answer.
-#: Memory that a model of a stack takes on a GPU, at most: its batch, scores and slopes as tables, and as much again.
+#: Maximal bytes on a GPU for one model of a stack: batch, scores and slopes as float32 tables, times two.
 BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 
 
@@ -55,7 +55,7 @@ def run(
     function: Callable[[GridPoints, *Arguments], Done], tasks: Sequence[tuple[GridPoints, *Arguments]],
     compute: Compute, name: str,
 ) -> list[Done]:  # fmt: skip
-    """Results of a function for each task, where ``compute`` says; ``TaskError`` or ``InputError`` once one fails."""
+    """Results of a function for each task, run as ``compute`` says; ``TaskError`` or ``InputError`` once one fails."""
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(points.seeds) for points, *_ in tasks)
     with engine(compute) as executor:
@@ -65,7 +65,7 @@ def run(
                 points = futures[future]
                 try:
                     future.result()
-                except (InputError, CancelledError):  # no task's own failure
+                except (InputError, CancelledError):  # not a fault in the task's code
                     raise
                 except BrokenExecutor as error:
                     died = "a worker process was killed, perhaps out of memory: try fewer, or a lower compute.stack"
@@ -84,7 +84,7 @@ def run_task(
 ) -> Done:
     """Run a task on one thread, with denormal numbers as zero (they are slow), and return CPU tensors.
 
-    Both are set in the thread that the engine chose and never reset, so that tasks cannot disturb each other.
+    Both settings belong to the thread of the engine and are never reset, so that tasks cannot disturb each other.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -107,7 +107,7 @@ def device_of(name: str) -> torch.device:
 
 
 def stack_height(compute: Compute) -> int:
-    """Models to train as one stack: ``compute.stack``, or on a GPU as many as its memory holds for each worker."""
+    """Models in a stack: ``compute.stack``, or on a GPU, if larger, the number that fits a worker's memory share."""
     if compute.engine == "dask" or device_of(compute.device).type == "cpu":
         return compute.stack
     free, _ = torch.cuda.mem_get_info()
@@ -123,7 +123,7 @@ def _processes(compute: Compute) -> Iterator[Executor]:
         try:
             yield executor
         except BaseException:
-            for worker in multiprocessing.active_children():  # not one of which is to be waited for
+            for worker in multiprocessing.active_children():  # do not wait for them
                 worker.kill()
             raise
 
@@ -137,7 +137,7 @@ def _workers(compute: Compute) -> int:
 
 @contextmanager
 def _dask(compute: Compute) -> Iterator[Executor]:
-    """Workers of a Dask cluster. It repeats tasks of a lost worker; tasks are cancelled when the context ends."""
+    """Workers of a Dask cluster. Dask repeats tasks of a lost worker; the end of the context cancels tasks."""
     try:
         from distributed import Client
         from distributed.comm import connect
@@ -146,13 +146,13 @@ def _dask(compute: Compute) -> Iterator[Executor]:
         raise InputError(paths.PARAMS, "compute.engine", needed) from error
 
     async def greet() -> None:
-        """A Client would wait for a silent scheduler without end."""
+        """Fail if the scheduler does not answer; a Client would wait forever."""
         (await asyncio.wait_for(connect(compute.scheduler, timeout=REACH), REACH)).abort()
 
     try:
         asyncio.run(greet())
         client = Client(compute.scheduler, timeout=REACH, set_as_default=False)
-    except (OSError, MemoryError) as error:  # what another server answers may be read as a length
+    except (OSError, MemoryError) as error:  # the answer of another server may be read as a length
         absent = f"no Dask scheduler answers at {compute.scheduler} within {REACH} seconds"
         raise InputError(paths.PARAMS, "compute.scheduler", absent) from error
     with client:

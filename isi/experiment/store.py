@@ -22,7 +22,7 @@ from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, me
 from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
-FALLBACK_NAMES = ("es", "rs", "centroid")  #: What an initializer falls back to.
+FALLBACK_NAMES = ("es", "rs", "centroid")  #: Methods that replace an initializer without its data.
 
 HALVES = mean_of(*MEASURES[:3])  #: MRR* is the mean of its halves.
 #: Columns of measures, null without queries; of a grid point; and of a session.
@@ -46,24 +46,24 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
 #: The same tensors; ``known``: entities of the seed's D¹.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
-#: Validation of a model, Θ⁰ or joint, as training evaluates it. The joint model has size 0.
+#: Validation measures of ``model``, theta0 or joint, during training. The joint model has size 0.
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
     {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType(pa.bool_())},
     key=["size", "seed", "epoch"], ordered=True, checks=[HALVES],
 )  # fmt: skip
-#: Of each initializer, and of the joint model. ``queries`` counts triples, of each of which all three slots are hidden.
+#: Measures of an initializer or of the joint model. ``queries`` counts triples; each triple gives three queries.
 RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
 #: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order of ``NOVEL``.
 INITIAL_VECTORS = TensorFile("data/runs/{experiment}/{initializer}.safetensors")
-#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and what it fell back to.
+#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and its fallback.
 INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
     {**SIZE_AND_SEED, "entity": ENTITY, "kind": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, **MEASURE_COLUMNS,
      "queries": FROM_0, "ties": FROM_0, **SESSION},
     key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES), HALVES],
 )  # fmt: skip
-#: Candidates whose score is tied with the answer's, at epoch 0.
+#: Number of candidates whose score is tied with the answer's, at epoch 0.
 TIES = Table(
     "data/runs/{experiment}/{model}.ties.parquet",
     {**SIZE_AND_SEED, "scope": one_of(*SCOPES), "ties": FROM_0, **SESSION},
@@ -82,7 +82,7 @@ class Store:
     """Reads the files of one experiment, each table once; InputError where two contradict each other."""
 
     experiment: str
-    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: in memory, which are not read
+    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: those in memory are not read
     vectors: np.ndarray | None = field(default=None, repr=False)  #: word vectors in memory; shape: (E, w)
 
     def table(self, table: Table) -> pd.DataFrame:
@@ -107,7 +107,7 @@ class Store:
         return vectors
 
     def splits(self) -> dict[int, np.ndarray]:
-        """The split of each unique triple by seed, OUT without one; shapes: (T,), int8."""
+        """The split of each unique triple by seed, ``OUT`` for none; shapes: (T,), int8."""
         table, triples = self.table(SPLITS), len(self.table(TRIPLES))
         agreement.ids_below(self._path(SPLITS), table, "triple", triples, "graph's triples")
         codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLIT_NAMES)})
@@ -123,7 +123,7 @@ class Store:
         return given
 
     def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Grid points (null: of all sizes, of all seeds) in stacks of at most ``stack`` seeds of one size."""
+        """Grid points of ``size`` and the first ``seeds`` (None: all), in stacks of at most ``stack`` seeds each."""
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))

@@ -47,13 +47,13 @@ class TrainResult:
 
 
 def model_of(params: Params, name: str | None = None) -> Model:
-    """The embedding model of a name, or of params, with its options."""
+    """The model ``name`` (None: ``embedding.model`` of params), with its options."""
     name = name or params.embedding.model
     return make_model(name, params.models[name], f"models.{name}")
 
 
 def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
-    """How embeddings are trained by params, or with another model or training."""
+    """The training config; ``model`` and ``training`` override params."""
     model, training, embedding = model or model_of(params), training or params.training, params.embedding
     trainer.compile_ahead(model, training.batch_size)
     return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
@@ -75,7 +75,7 @@ def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> Tr
 
 
 def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[GridPoints, TrainConfig, int]]:
-    """Tasks for the joint models of every session; the last session's serve all sizes, one for each seed."""
+    """Tasks that train the joint models of every session; all sizes share those of the last session, one per seed."""
     last = [(points.all_known, config, 0) for points in grid if points.size == grid[0].size]
     return [*last, *((points, config, session) for points in grid for session in range(1, points.sessions))]
 

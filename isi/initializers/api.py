@@ -18,30 +18,30 @@ from isi.models.stack import Embedding
 from isi.random import stream
 from isi.tables import paths
 
-FALLBACKS = (None, "es", "rs", "centroid")  #: Serve a novel entity for which an initializer lacks what it needs.
+FALLBACKS = (None, "es", "rs", "centroid")  #: Methods that replace an initializer for lack of data.
 NONE, ES, RS, CENTROID = range(4)
 
 
 class NoRelationMap(Exception):
-    """The model's relations are no maps, so a triple does not place its novel end."""
+    """The model is not invertible, so an insert triple has no α: no expected vector of its novel end."""
 
 
 @dataclass(frozen=True)
 class InitContext:
-    """All that an initializer may look at, for M models and n novel entities each: no validation or test triple."""
+    """Input of an initializer, for M models and n novel entities each; it has no validation or test triple."""
 
     theta0: Embedding  #: Θ⁰; rows of novel entities are zero
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
-    eligible: Tensor  #: those with a training triple in D⁰, the only ones that may be indicators; shape: (M, E), bool
+    eligible: Tensor  #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
     novel: Tensor  #: ids; shape: (M, n)
     words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
     kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
     other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
-    relation: Tensor  #: its relation; shape: (M, n, I)
-    novel_is_tail: Tensor  #: whether the novel entity is its tail; shape: (M, n, I), bool
-    observed: Tensor  #: whether it is a triple and not padding; shape: (M, n, I), bool
-    root: int  #: of the random streams
-    keys: Tensor  #: what each model's depend on beside the root; shape: (M, K)
+    relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
+    novel_is_tail: Tensor  #: whether its tail is the novel entity; shape: (M, n, I), bool
+    observed: Tensor  #: true for an insert triple, false for padding; shape: (M, n, I), bool
+    root: int  #: root seed of the random streams
+    keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
 
     def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
         """Random numbers, (M, n, d), from one stream per model and purpose."""
@@ -53,7 +53,7 @@ class InitContext:
 def context_of(
     theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor
 ) -> InitContext:
-    """Put together what an initializer sees; rows of ``insert_triples``, (I, 3): model, place in ``novel``, triple."""
+    """The input of an initializer; rows of ``insert_triples``, (I, 3), ascend: model, place in ``novel``, triple id."""
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
@@ -79,51 +79,51 @@ class InitResult:
 
     vectors: Tensor  #: shape: (M, n, d)
     fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
-    weights: Tensor | None = None  #: of known entities, sum to 1 (MAP, ridge: of the prior); shape: (M, n, E)
-    is_centroid: bool = False  #: of the entities that have a weight, which are its indicators
+    weights: Tensor | None = None  #: known entities' weights in the mean (MAP, ridge: prior mean), sum 1; (M, n, E)
+    is_centroid: bool = False  #: whether each vector is the centroid of its indicators: entities of weight > 0
 
     @property
     def indicators(self) -> Tensor | None:
-        """The indicators, whose centroid the vector is; none if it is no centroid; shape (M, n, E), bool."""
+        """Mask of the indicators, (M, n, E), if vectors are centroids, else None."""
         return self.weights > 0 if self.weights is not None and self.is_centroid else None
 
 
 def without_weights(vectors: Tensor) -> InitResult:
-    """Vectors, (M, n, d), that are no mean of known vectors and needed no fallback."""
+    """The result of vectors, (M, n, d), that are not a mean of known vectors and needed no fallback."""
     return InitResult(vectors, torch.full(vectors.shape[:2], NONE))
 
 
 Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and its own options.
-#: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), stronger baselines that the
-#: paper does not have, and anyone's own.
+#: The paper's baselines; ISI; controls (each shares one property with ISI, but ignores the meaning); stronger
+#: baselines beyond the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
-Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: An initializer's, beside known vectors.
-Cost = Literal["entities", "pairs", "triples"]  #: Pairs of entities; triples that a novel entity may have.
+Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Of an initializer, beside known vectors.
+Cost = Literal["entities", "pairs", "triples"]  #: Memory grows with it; ``triples``: possible ones.
 
 
 @dataclass(frozen=True)
 class Registered:
-    """An initializer with all that params, report and commands need to know of it."""
+    """An initializer and its metadata for params, report and commands."""
 
     name: str
     function: Initializer
-    label: str  #: as people read it
+    label: str  #: title in tables and figures
     role: Role = "own"
-    colour: str | None = None  #: of its curves, ``#rrggbb``; where there is none, the report takes a spare one
-    description: str = ""  #: one sentence; the first of the function's docstring unless another is given
-    defaults: Mapping[str, Any] = field(default_factory=dict)  #: options where the caller of ``isi.insert`` gives none
+    colour: str | None = None  #: of its curves, ``#rrggbb``; None: the report chooses one
+    description: str = ""  #: one sentence; by default the first paragraph of the function's docstring
+    defaults: Mapping[str, Any] = field(default_factory=dict)  #: options that a caller of ``isi.insert`` may omit
     needs: tuple[Need, ...] = ()
     cost: Cost = "triples"
     grid: Mapping[str, Sequence[Any]] | None = None  #: options that ``tools/choose_initializers`` compares
 
     def misses(self, model: Model) -> str | None:
-        """What the initializer needs and the model lacks, or null."""
+        """The property that the initializer needs and the model lacks, in words, or None."""
         if "inverse" in self.needs and not model.invertible:
             return "the inverse of a relation"
         return "a score that is linear in a vector" if "linear_score" in self.needs and not model.linear else None
 
     def check(self, model: Model) -> None:
-        """InputError where the model lacks what the initializer needs; it names initializers that do not need it."""
+        """InputError if the model lacks a property that the initializer needs; it lists those that fit the model."""
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"
@@ -150,5 +150,5 @@ def initializer(name: str, *, label: str | None = None, **about: Any) -> Callabl
 
 
 def options_of(name: str, given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The options of an initializer, as keyword arguments, or an ``InputError`` at a key where they do not fit."""
+    """Validated options of an initializer, as keyword arguments; ``InputError`` at the key if they do not fit."""
     return keywords(INITIALIZERS.get(name, key).function, given, key)

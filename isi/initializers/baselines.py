@@ -52,7 +52,7 @@ def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight:
 
 
 def softmax(score: Tensor, eligible: Tensor) -> Tensor:
-    """Softmax of scores, (M, n, E), over the eligible entities; zero where there is none."""
+    """Softmax of scores, (M, n, E), over the eligible entities; zero if none is eligible."""
     return torch.softmax(score.masked_fill(~eligible, -torch.inf), -1).nan_to_num(0)
 
 
@@ -70,7 +70,7 @@ def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
 
 
 def deviation(context: InitContext, among: Tensor) -> Tensor:
-    """Deviation of each coordinate among some entities, a mask of shape (M, n, E); shape (M, n, d)."""
+    """Standard deviation of each coordinate over the entities of a mask, (M, n, E); shape (M, n, d)."""
     weight, entity = among.double(), context.theta0.entity.double()
     weight /= weight.sum(-1, keepdim=True)
     return (weight @ entity.square() - (weight @ entity).square()).clamp(min=0).sqrt().float()
@@ -113,7 +113,7 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
 
 
 def _or_centroid(context: InitContext, vectors: Tensor, **ways: similarity.Weigh) -> InitResult:
-    """Vectors, (M, n, d), where they are possible; elsewhere the centroid of the known entities."""
+    """Vectors, (M, n, d), of novel entities with the data that ``ways`` need; for others the known centroid."""
     fallback = similarity.weights_or_fallback(context, **ways)[1]
     centre = similarity.centroid(context, similarity.all_known(context), fallback)
     vectors = torch.where((centre.fallback == NONE)[..., None], vectors.to(centre.vectors.dtype), centre.vectors)

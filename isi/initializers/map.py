@@ -1,7 +1,7 @@
 """MAP and ridge: the vector that best fits the insert triples and a prior.
 
-Each insert triple is a positive, with the negatives expected in training: ``ratio`` copies with another known
-end, true ones among them, and ``ratio`` with another relation. Both are weights of cells (``insert_triple_table``).
+Each insert triple is a positive, with the negatives that training expects: ``ratio`` copies with a known end drawn
+uniformly, the true end included, and ``ratio`` with another relation. Both are weights of triples, as in Evidence.
 """
 
 from dataclasses import dataclass, replace
@@ -20,17 +20,17 @@ from isi.initializers.paper import hybrid_similarity
 from isi.models.scoring import padded
 from isi.models.stack import Embedding, NotFinite, mapped, select
 
-SHRINKAGE = 0.1  #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
+SHRINKAGE = 0.1  #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be singular.
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
-TOLERANCE = 1e-6  #: A step that is expected to gain less log-probability is the last.
-ROUNDING = 1e-12  #: Relative rounding of an objective.
-HALVINGS = 10  #: Times that a step may be halved.
-BUDGET = 2**23  #: Numbers in one product of cells and novel entities, at most, for each model.
+TOLERANCE = 1e-6  #: A step with a smaller predicted gain of log-probability, times two, is the last.
+ROUNDING = 1e-12  #: Relative rounding error of the objective.
+HALVINGS = 10  #: Of a step, at most.
+BUDGET = 2**23  #: Maximal numbers in a product of slopes and weights in ``gram``, for each model.
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Weights of the K = 2·R·E triples (cells) that a novel entity may have, and its prior; all float64."""
+    """Weights of the K = 2·R·E triples that a novel entity may have, and its prior; all float64."""
 
     positive: Tensor  #: shape: (M, n, K)
     negative: Tensor  #: shape: (M, n, K)
@@ -39,7 +39,7 @@ class Evidence:
 
 
 def expected_negatives(context: InitContext, positive: Tensor, ratio: int) -> Tensor:
-    """Expected counts of corrupted triples for positives, (M, n, 2, R, E); the same shape."""
+    """Expected count of each triple among the corrupted copies of positives, (M, n, 2, R, E); the same shape."""
     share = context.known / context.known.sum(-1, keepdim=True)
     by_end = positive.sum(-1, keepdim=True) * share[:, None, None, None]
     by_relation = (positive.sum(3, keepdim=True) - positive) / max(1, positive.shape[3] - 1)
@@ -70,8 +70,8 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
 def most_probable(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
     """argmin Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by Newton's method from μ (MAP).
 
-    Strictly convex where the score f is linear in v. Elsewhere f is taken as linear around v in each step (Gauss and
-    Newton), and the step is halved until it gains; the result is near a local optimum.
+    Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v (Gauss-Newton), and the
+    result is near a local optimum. A step is halved while it increases the objective.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), mapped(context.theta0, Tensor.double)
     alpha = similarity.alpha_of_all_triples(theta0) if theta0.model.linear else None
@@ -90,7 +90,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
 
 
 def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None) -> tuple[Tensor, Tensor]:
-    """The step, (M, n, d), to the minimum of the quadratic model, and twice its gain; ``alpha`` if f is linear."""
+    """The step, (M, n, d), to the quadratic model's minimum, and twice its gain, (M, n); ``alpha``: ∂f/∂v if linear."""
     slopes = score_gradients(theta0, at) if alpha is None else alpha
     weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))
     gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision
@@ -118,7 +118,7 @@ def objective(known: Evidence, theta0: Embedding, at: Tensor) -> Tensor:
 
 
 def scores(theta0: Embedding, at: Tensor) -> Tensor:
-    """f of each cell with novel vectors of shape (M, n, d); shape (M, n, K)."""
+    """f of each triple that novel vectors, (M, n, d), may have; shape (M, n, K)."""
     models, number, relations = *at.shape[:2], theta0.relation.shape[1]
     novel, relation = at.repeat_interleave(relations, 1), theta0.relation.repeat(1, number, 1)
     as_head = theta0.model.score_tails(novel, relation, theta0.entity)
@@ -127,7 +127,7 @@ def scores(theta0: Embedding, at: Tensor) -> Tensor:
 
 
 def score_gradients(theta0: Embedding, at: Tensor) -> Tensor:
-    """Gradient of f of each cell by the novel vector, of which each model has one, (M, 1, d); shape (M, K, d)."""
+    """Gradient, (M, K, d), of f of each possible triple by the novel vector; each model has one, (M, 1, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     shape = (*theta0.relation.shape[:2], *theta0.entity.shape[1:])
     with torch.enable_grad():
@@ -137,7 +137,7 @@ def score_gradients(theta0: Embedding, at: Tensor) -> Tensor:
 
 
 def gram(slopes: Tensor, weight: Tensor) -> Tensor:
-    """Σ w s sᵀ over the cells; shapes (M, K, d) and (M, n, K), result (M, n, d, d)."""
+    """Σ w s sᵀ over K triples, of slopes s, (M, K, d), and weights w, (M, n, K); shape (M, n, d, d)."""
     models, _, dimension = slopes.shape
     parts = []
     for part in torch.split(weight, max(1, BUDGET // slopes[0].numel()), 1):
@@ -192,5 +192,5 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
 
 
 def _mean_of_known(context: InitContext) -> InitResult:
-    """The centroid of the known entities, as a fallback where there are no insert triples."""
+    """The centroid of the known entities, marked as a fallback if there are no insert triples."""
     return similarity.centroid_of_first(context, triples=lambda: similarity.all_known(context))

@@ -11,7 +11,7 @@ from isi.initializers.api import NONE, InitContext, InitResult, initializer, wit
 from isi.models.stack import Embedding
 from isi.random import stream
 
-DEAD = 1e-3  #: A map that stretches a coordinate by less is dead there: ``inverse`` would blow it up.
+DEAD = 1e-3  #: A coordinate that a map scales by less is dead: ``inverse`` would magnify it too much.
 
 
 @initializer("xavier", label="Xavier", role="paper", colour="#999999", cost="entities")
@@ -122,7 +122,7 @@ def _es_permuted(context: InitContext, purpose: str, groups: Tensor, k: int) -> 
 
 
 def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
-    """A permutation of the entities within each group, (E,), for each model; shape (M, E)."""
+    """Entity ids, (M, E), permuted per model among entities with word vectors of one group; ``groups``: (E,)."""
     wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
@@ -143,7 +143,7 @@ def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
 
 
 def alive(theta0: Embedding) -> Tensor:
-    """Whether the relation's map has a magnitude of at least ``DEAD`` in each coordinate; shape (M, R, d), bool."""
+    """Mask of the coordinates that a relation's map scales by at least ``DEAD``; shape (M, R, d), bool."""
     relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
     taken = theta0.model.transform(axes, relation) - theta0.model.transform(torch.zeros_like(axes), relation)
     stretch: Tensor = vector_norm(taken, dim=-1)

@@ -9,9 +9,9 @@ from torch.nn.functional import normalize, one_hot
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
 from isi.models.stack import Embedding
 
-WHOLE = 2**24  #: Numbers in a table of cosines, up to which it is made as a whole.
+WHOLE = 2**24  #: Maximal E² for which cosines of all pairs are computed; above, only those of novel entities.
 
-Weigh = Callable[[], Tensor]  #: Makes weights of known entities, or a mask of indicators, (M, n, E).
+Weigh = Callable[[], Tensor]  #: Computes weights of known entities, or a mask of indicators, (M, n, E).
 
 
 def word_similarity(context: InitContext) -> Tensor:
@@ -23,7 +23,7 @@ def word_similarity(context: InitContext) -> Tensor:
 
 
 def insert_triple_alpha(context: InitContext) -> Tensor:
-    """α of each insert triple, (M, n, I, d): the vector that it expects (equation 4); or ``NoRelationMap``."""
+    """α of each insert triple, (M, n, I, d): the expected vector of its novel end (equation 4), or NoRelationMap."""
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:
         raise NoRelationMap
@@ -33,15 +33,15 @@ def insert_triple_alpha(context: InitContext) -> Tensor:
 
 
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
-    """Σ_r cos(v_e, ᾱ_r) over the relations of insert triples (equation 5), with their α or other ones; (M, n, E)."""
+    """Σ_r cos(v_e, ᾱ_r) over relations of insert triples (equation 5), (M, n, E); ``alpha``: other α, (M, n, I, d)."""
     theta0, alpha = context.theta0, insert_triple_alpha(context) if alpha is None else alpha
     of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
-    centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length
+    centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ up to its length
     return torch.einsum("mnrd,med->mne", normalize(centroids, dim=-1), normalize(theta0.entity, dim=-1))
 
 
 def mean_relational_score(context: InitContext) -> Tensor:
-    """``relational_score`` over the number of relations of the insert triples: a mean cosine; shape (M, n, E)."""
+    """``relational_score`` divided by the number of relations in insert triples: a mean cosine; shape (M, n, E)."""
     seen = torch.zeros(*context.novel.shape, context.theta0.relation.shape[1])
     seen.scatter_add_(-1, context.relation, context.observed.float())
     return relational_score(context) / (seen > 0).sum(-1, keepdim=True).clamp(min=1)
@@ -61,12 +61,12 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
 
 
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
-    """The k eligible entities of highest relational score, with α of insert triples or other ones; (M, n, E), bool."""
+    """The k eligible entities of highest relational score (``alpha`` as there); shape (M, n, E), bool."""
     return top_k(relational_score(context, alpha), context.eligible[:, None], k)
 
 
 def insert_triple_table(context: InitContext) -> Tensor:
-    """Insert triples of novel entities by their slot (head, tail), relation and other end; (M, n, 2, R, E), float32."""
+    """Count insert triples by slot of the novel entity (head, tail), relation, other end; (M, n, 2, R, E), float32."""
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
     table = torch.zeros(*context.novel.shape, 2 * relations * entities)
@@ -75,16 +75,16 @@ def insert_triple_table(context: InitContext) -> Tensor:
 
 
 def alpha_of_all_triples(theta0: Embedding) -> Tensor:
-    """α of each of the K = 2·R·E triples that a novel entity may have, as head, then as tail; shape (M, K, d)."""
+    """Mapped known ends of the K = 2·R·E triples a novel entity may have: as head Wv, as tail vᵀW; (M, K, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
     return torch.stack([back, there], 1).flatten(1, 3)
 
 
 def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
-    """Weights or indicators, (M, n, E), by the first method whose data exist, else all known; and the fallback.
+    """Weights or indicators, (M, n, E), by the first of ``ways`` with data, else all known; and fallbacks, (M, n).
 
-    A way is named by what it needs: ``words``, insert ``triples``, ``both`` or ``nothing``.
+    The keyword of a way is the data it needs: ``words``, (insert) ``triples``, ``both`` or ``nothing``.
     """
     words, triples = has_words(context), has_insert_triples(context)
     has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}
@@ -101,7 +101,7 @@ def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Te
 
 
 def centroid_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The centroid of the indicators by the first method whose data exist (see ``weights_or_fallback``)."""
+    """The centroid of the indicators by the first of ``ways`` with data (see ``weights_or_fallback``)."""
     return centroid(context, *weights_or_fallback(context, **ways))
 
 
@@ -113,7 +113,7 @@ def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> Init
 
 
 def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The mean by the weights of the first method whose data exist (see ``weights_or_fallback``)."""
+    """The weighted mean by the first of ``ways`` with data (see ``weights_or_fallback``)."""
     weights, fallback = weights_or_fallback(context, **ways)
     weights = weights.to(context.theta0.entity.dtype)
     weights = weights / weights.sum(-1, keepdim=True)
@@ -131,17 +131,17 @@ def same_kind(context: InitContext) -> Tensor:
 
 
 def has_words(context: InitContext) -> Tensor:
-    """Novel entities with a word vector; shape (M, n), bool."""
+    """Mask of the novel entities with a word vector; shape (M, n), bool."""
     return (context.words != 0).any(-1)[context.novel]
 
 
 def has_insert_triples(context: InitContext) -> Tensor:
-    """Novel entities with at least one insert triple; shape (M, n), bool."""
+    """Mask of the novel entities with at least one insert triple; shape (M, n), bool."""
     return context.observed.any(-1)
 
 
 def word_eligible(context: InitContext) -> Tensor:
-    """Entities that may be indicators of ES: eligible ones with a word vector; shape (M, 1, E), bool."""
+    """Mask of the candidates for indicators of ES: eligible, with a word vector; shape (M, 1, E), bool."""
     return (context.eligible & (context.words != 0).any(-1))[:, None]
 
 
