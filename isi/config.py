@@ -1,4 +1,4 @@
-"""Reading ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins go by name."""
+"""Reading ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins have names."""
 
 import importlib
 import inspect
@@ -22,7 +22,7 @@ Fraction = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within single precision.
 NotNegative = Annotated[float, Field(ge=0, le=1e30)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-#: Of an experiment, a source, an initializer: it names files and stages.
+#: Name of an experiment, source or initializer; names of files and stages contain it.
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
@@ -56,8 +56,8 @@ class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-    renamed: ClassVar[dict[str, str]] = {}  #: Keys that had another name: old and new.
-    rules: ClassVar[Sequence[tuple[Callable[[Any], bool], str]]] = ()  #: and what a message expects
+    renamed: ClassVar[dict[str, str]] = {}  #: New names of renamed keys, by old name.
+    rules: ClassVar[Sequence[tuple[Callable[[Any], bool], str]]] = ()  #: condition, message
 
     @model_validator(mode="before")
     @classmethod
@@ -140,7 +140,7 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """What the modules of a package register by name. Private and ``skipped`` modules are not imported."""
+    """Objects that the modules of a package register by name. Private and ``skipped`` modules are not imported."""
 
     def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
         self.package, self._skipped = package, skipped
@@ -150,7 +150,7 @@ class Plugins(Generic[T]):
         self._registered[name] = thing
 
     def get(self, name: str, key: str = "") -> T:
-        """What is registered under a name; an unknown name is an InputError at this key of params."""
+        """The object registered under a name; ``InputError`` at this key of params for an unknown name."""
         if name not in self._registered and name not in (known := self.names()):
             expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
             raise InputError(paths.PARAMS, key, expected)

@@ -90,7 +90,7 @@ def unwritable(path: Path, error: OSError) -> InputError:
 
 
 def os_message(error: OSError) -> str:
-    """What went wrong, without the file's name."""
+    """The text of a system error, without the file's name."""
     return os.strerror(error.errno) if error.errno else str(error) or type(error).__name__
 
 

@@ -33,7 +33,7 @@ from isi.training.trainer import Optimizer, Training
 
 S = TypeVar("S", bound=Section)
 
-MOST_SETTINGS = 13  #: Of cross-validation, which trains a model for each setting and fold.
+MOST_SETTINGS = 13  #: In cross-validation, which trains a model for each setting and fold.
 
 
 class ExperimentOf(Section):
@@ -51,7 +51,7 @@ class ExperimentOf(Section):
     graph: GraphOf
     sessions: SessionsOf
     initializers: InitializerList
-    immediate_only: Names  #: which are not fine-tuned
+    immediate_only: Names  #: initializers that are not fine-tuned
     full_curves: FullCurves
 
 

@@ -65,7 +65,7 @@ def handle_stop_signals(name: str, then: str = "run it again") -> None:
         if os.getpid() != process:  # a worker that has just been forked
             os._exit(128 + number)
         line = f"{name}: stopped by {signal.Signals(number).name}; no file is half-written; {then}\n"
-        os.write(2, b"\n" * os.isatty(2) + line.encode())  # print may be what was interrupted
+        os.write(2, b"\n" * os.isatty(2) + line.encode())  # print itself may have been interrupted
         raise SystemExit(128 + number)
 
     for stopping in STOPPING:

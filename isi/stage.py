@@ -26,7 +26,7 @@ PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_P
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage works with: its name, which its tables carry, and the params of both pipelines."""
+    """Input of a stage: its name, which the metadata of its files has, and the params of both pipelines."""
 
     stage: str
     params: Params

@@ -58,7 +58,7 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 
 
 def write_parquet(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stage: str) -> None:
-    """Write a table part by part, each a row group; equal rows in equal parts are equal bytes."""
+    """Write each part of a table as a row group; equal parts give equal bytes."""
 
     def write_parts(temporary: Path) -> None:
         with pq.ParquetWriter(temporary, schema.with_metadata({STAGE: stage}), compression="zstd") as writer:
@@ -140,7 +140,7 @@ def check_sha256(path: Path, expected: str | None) -> None:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Let a function write beside the path, then replace it; ``InputError`` without a name or space."""
+    """Let a function write a temporary file, then rename it to ``path``; ``InputError`` if that fails."""
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")

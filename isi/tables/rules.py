@@ -19,7 +19,7 @@ Broken = np.ndarray | pd.Series  #: By row, bool.
 
 @dataclass(frozen=True)
 class Rule:
-    """What every row must hold."""
+    """A condition on every row of a table."""
 
     expected: str
     columns: Sequence[str]  #: a message shows their values in a row that breaks the rule
@@ -50,7 +50,7 @@ class ColumnType:
 
 
 def at_least(low: float, kind: pa.DataType) -> ColumnType:
-    """Numbers that are not below."""
+    """Numbers of at least ``low``."""
     return ColumnType(kind, f"expected {{}} of at least {low:g}", lambda values: values < low)
 
 
@@ -143,7 +143,7 @@ def mean_of(whole: str, *halves: str) -> Rule:
 
 
 def not_above(lesser: str, greater: str) -> Rule:
-    """A number is not above another."""
+    """The number ``lesser`` is at most ``greater``."""
     expected = f"expected {lesser!r} to be at most {greater!r}"
     return Rule(expected, (lesser, greater), lambda frame: frame[lesser] > frame[greater])
 
