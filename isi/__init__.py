@@ -1,6 +1,6 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``insert`` and ``fit_new`` put new entities into any trained embedding; ``isi.pykeen`` into a PyKEEN model.
+``insert`` adds new entities to any trained embedding; ``fit_new`` trains them; ``isi.pykeen`` extends PyKEEN models.
 Each is imported on first use (types are in ``__init__.pyi``).
 """
 

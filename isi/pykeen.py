@@ -1,4 +1,4 @@
-"""Insertion into a model trained by PyKEEN: it is read as an embedding, and new entities go into a copy."""
+"""Insertion of new entities into a copy of a model trained by PyKEEN."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -35,27 +35,27 @@ from isi.models.stack import Embedding
 __all__ = ["enlarge", "insert", "inserted", "warm"]
 
 PykeenModel = ERModel[Any, Any, Any]
-ROUNDING = 1e-3  #: How far from 1 the length of a rotation may be.
+ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
 
 
 def insert(
     model: PykeenModel, factory: CoreTriplesFactory, triples: Sequence[Triple] | np.ndarray | Tensor, **arguments: Any
 ) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Put new entities into a trained model; its other vectors stay as they are.
+    """Insert new entities into a copy of a trained model. Known vectors do not change.
 
     Args:
-        model: with one vector for each entity. TransE (either norm, squared or not), DistMult, ComplEx and RotatE take
-            any initializer; others take those that need no inverse of a relation (mean, es, soft_es, map_mean, ...).
-        factory: the factory that the model was trained on.
-        triples: those of the new entities, as labels if the factory has labels, else as ids.
-        arguments: see ``inserted``.
+        model: has one vector per entity, no inverse triples. TransE (L1, L2, squared), DistMult, ComplEx and RotatE
+            support all initializers; others only those without the inverse of a relation (mean, es, soft_es, ...).
+        factory: the triples factory that the model was trained on.
+        triples: of the new entities, by labels (if the factory has labels) or ids.
+        arguments: of ``inserted``.
 
     Returns:
-        copies: the model with rows for the new entities behind its own, and the factory with their labels and
-        triples behind its own, ready for prediction, evaluation, further training and saving.
+        copies of the model and the factory, with the new entities as last rows, and their labels and triples. Both can
+        predict, evaluate, train further and be saved.
 
     Raises:
-        InputError: naming the argument that is wrong, and what was expected.
+        InputError: names the wrong argument and the expected value.
     """
     return enlarge(model, factory, inserted(model, factory, triples, **arguments))
 
@@ -66,13 +66,13 @@ def inserted(
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
     seed: int = 0,
 ) -> Inserted:  # fmt: skip
-    """The vectors of new entities and their report, as ``isi.insert`` gives them; see there for the arguments.
+    """Compute the vectors of new entities as ``isi.insert``, which documents the other arguments.
 
     Args:
-        new: labels of the new entities (null: all labels of the triples that the factory lacks), or their number if
-            the factory has no labels.
-        margin: the distance from which on a triple counts as wrong; null: read off the scores of the factory's
-            triples.
+        new: labels of the new entities (null: all labels in ``triples`` that the factory lacks); their number if the
+            factory has no labels.
+        margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; null: estimated
+            from scores of the factory's triples and of corrupted ones.
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     with argument("triples"):
@@ -104,7 +104,7 @@ def inserted(
 
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Copies of a model and of its factory with what was inserted."""
+    """Copies of a model and its factory, with the new entities of ``done``, their labels and their triples."""
     larger = deepcopy(model)
     larger.num_entities = len(done.entities)
     table = table_of(larger)
@@ -113,7 +113,7 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
     values = torch.view_as_real(values) if table.is_complex else values
     weight = table._embeddings.weight
     new_rows = values.reshape(len(values), -1).to(weight)
-    weight.data, weight.grad = torch.cat([weight.data, new_rows]), None  # it stays, which regularizers may watch
+    weight.data, weight.grad = torch.cat([weight.data, new_rows]), None  # same Parameter: regularizers may refer to it
     table.max_id = table._embeddings.num_embeddings = len(weight)
     new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
     triples, metadata = torch.cat([factory.mapped_triples, new]), dict(factory.metadata)
@@ -124,27 +124,27 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
 
 
 def warm(optimizer: Optimizer) -> Optimizer:
-    """The same optimizer, made ready for PyKEEN's ``train(..., continue_training=True)``, which keeps the vectors."""
+    """The same optimizer, prepared for PyKEEN's ``train(..., continue_training=True)``, which keeps the vectors."""
     for group in optimizer.param_groups:
         for parameter in group["params"]:
-            optimizer.state[parameter]  # an entry, which is empty until the first step
+            optimizer.state[parameter]  # creates an empty entry: PyKEEN refuses no state
     return optimizer
 
 
 @dataclass(frozen=True)
 class Form:
-    """How a row of real numbers makes a value. A complex value has its real half before its imaginary half."""
+    """Shape and type of a value that is stored as a row of real numbers: the real half, then the imaginary half."""
 
     shape: tuple[int, ...]
     is_complex: bool
 
     @property
     def size(self) -> int:
-        """Numbers in a row."""
+        """Length of a row."""
         return prod(self.shape) * (1 + self.is_complex)
 
     def values(self, rows: Tensor) -> Tensor:
-        """Rows of shape (..., size) as values, (..., *shape)."""
+        """Convert rows, (..., size), to values, (..., *shape)."""
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         return rows.reshape(*rows.shape[:-1], *self.shape)
@@ -152,7 +152,7 @@ class Form:
 
 @dataclass(frozen=True, eq=False)
 class InteractionModel(Model):
-    """f(h, r, t) = offset + the score of an interaction of PyKEEN's; the map of its relations is not known."""
+    """f(h, r, t) = offset + score of a PyKEEN interaction. It has no ``transform`` and no ``inverse``."""
 
     interaction: modules.Interaction[Any, Any, Any]
     entity: Form
@@ -179,7 +179,7 @@ class InteractionModel(Model):
 
 
 def table_of(model: PykeenModel) -> Table:
-    """The table of a model's entities. An ``InputError`` says if there is none, or more than one."""
+    """The entity table of a model. An ``InputError`` refuses a model without exactly one."""
     parts = model.entity_representations if isinstance(model, ERModel) else []
     if len(parts) != 1 or not isinstance(parts[0], Table):
         raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
@@ -187,7 +187,7 @@ def table_of(model: PykeenModel) -> Table:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """A model as a stack of one embedding. Without a margin, the scores of its triples say one."""
+    """Read a model as a stack of one embedding. A null margin is estimated from ``triples``, (T, 3)."""
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:
         raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
@@ -207,7 +207,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 def _closed_form(
     interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """Our own model for an interaction, as a function of its margin, and its rows of relations; or null."""
+    """The equivalent ``Model`` of an interaction, as a function of the margin, and its relation rows; null if none."""
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
         is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
@@ -223,7 +223,7 @@ def _closed_form(
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:
-    """The form and all rows, (N, size), of a representation, without dropout and after its normalizer."""
+    """The form and all rows, (N, size), of a representation in evaluation mode (no dropout, normalized)."""
     training = representation.training
     with torch.no_grad():
         values = representation.eval()().detach().cpu()

@@ -1,1 +1,1 @@
-"""A trained embedding as a folder: imported, queried, explained, and inserted into."""
+"""A trained embedding as a folder: import, queries, explanations, and insertion of entities."""

@@ -1,12 +1,12 @@
-"""Ranked answers to a query, each with a calibrated probability: scores made comparable between queries.
+"""Ranked answers to a query, each with a calibrated probability, which is comparable between queries.
 
-The probability of an answer is the share of known answers among those of equal score (Platt 1999): a logistic curve of
-the score, one for each relation and slot. For a known entity it goes through all answers about entities that stand in
-known triples of the relation. What is true but unknown counts as wrong.
+The probability estimates the share of known answers among answers of equal score (Platt 1999): a logistic curve of the
+score, one per relation and slot. For a known entity, the curve is fitted to the candidate answers about (a sample of)
+the entities in known triples of the relation. A true but unknown answer counts as wrong.
 
-For an inserted entity the curve is a held-out calibration: known entities are hidden, inserted with the same
-initializer from as many triples (and words, where it has some), and queried; their other triples are the right answers.
-The remaining vectors were trained beside the hidden entities, which makes these probabilities slightly optimistic.
+For an inserted entity the calibration is held out: known entities are hidden, inserted with the same initializer from
+as many triples (and words, if the entity has some), and queried; their other triples are the right answers. The other
+vectors were trained together with the hidden entities, so these probabilities are slightly optimistic.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from isi.insertion.api import insert
 from isi.insertion.result import Inserted
 from isi.random import stream
 
-LIKELY = 0.2  #: Probability from which on an answer may be unexpected.
-MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Answers in one curve, at most, and entities that are queried for it.
-MOST_UNKNOWN = 2**14  #: Unknown answers in one curve, at most.
-STEPS, GAIN = 50, 1e-10  #: Steps of Newton's method, at most, and the relative gain at which it stops.
-#: Hidden entities, at least; the share of all that are hidden together is 1 / ONE_IN; right answers that make a curve.
+LIKELY = 0.2  #: Least probability of an unexpected answer.
+MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
+MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
+STEPS, GAIN = 50, 1e-10  #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
+#: Least number of hidden entities, if enough are suitable; 1 / ONE_IN of all are hidden together; least right answers.
 LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
 
 
@@ -44,14 +44,14 @@ class Answer:
     entity: str
     rank: int  #: from 1, among the candidates
     score: float
-    probability: float | None  #: calibrated; null where too little is known
+    probability: float | None  #: calibrated; null without a curve
     percentile: float  #: share of the other candidates that score lower, from 0 to 1
     known: bool
-    shared_by: list[str] | None  #: the indicators that are known to have this answer; null where there are none
+    shared_by: list[str] | None  #: indicators with this known answer; null if no indicators were given
 
     @property
     def unexpected(self) -> bool:
-        """Whether it is likely (without probabilities: the best), but known of neither the entity nor an indicator."""
+        """Whether it is probable (without a curve: of rank 1), but no known answer of the entity or an indicator."""
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 
@@ -60,7 +60,7 @@ def answer(
     opened: OpenBundle, query: Query, most: int, held_out: HeldOutCalibration | None = None,
     indicators: Collection[int] | None = None,
 ) -> list[Answer]:  # fmt: skip
-    """The best answers, at most ``most``. ``held_out`` calibrates the answers about its own entity."""
+    """The ``most`` best answers. ``held_out`` calibrates queries about the entity that it was made for."""
     entities, scores = opened.ranked(query)
     shown, names = scores[:most], opened.entity_names
     lower = torch.searchsorted(scores.flip(0), shown).tolist()
@@ -83,7 +83,7 @@ def answer(
 
 
 def calibrated_on(answers: Iterable[Answer], inserted: bool) -> str | None:
-    """What the probabilities are calibrated on; null if an answer has no probability."""
+    """The data of the calibration; null if any answer has no probability."""
     all_have = all(best.probability is not None for best in answers)
     return ("held-out entities" if inserted else "known triples") if all_have else None
 
@@ -100,7 +100,7 @@ class PlattCurve:
 
 
 def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
-    """The curve for a relation and the slot of the answer. It is null if no triple of the relation is known."""
+    """The curve for a relation and the slot of the answer, from known triples; null if the relation has none."""
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
     if not given:
         return None
@@ -112,10 +112,10 @@ def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None
 
 
 def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
-    """The most probable logistic curve through answers of which some are known; both of shape (N,).
+    """Fit a logistic curve to the scores of answers, (N,), and whether they are ``known``, (N,), bool.
 
-    Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite where scores separate known
-    from unknown answers. Of many unknown answers a sample, spread evenly over their scores, stands for all.
+    Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite if scores separate known from
+    unknown answers. At most ``MOST_UNKNOWN`` unknown answers, spread evenly over the sorted scores, represent them all.
     """
     right, unknown = scores[known].double(), scores[~known].double().sort().values
     number, every = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
@@ -128,13 +128,13 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
     centre, spread = inputs.mean(), inputs.std(correction=0).clamp(min=1e-12)
     fit = _logistic_regression(torch.stack([(inputs - centre) / spread, torch.ones_like(inputs)], 1), target, weight)
     slope = (fit[0] / spread).item()
-    if slope <= 0:  # an answer of higher score is never less probable
+    if slope <= 0:  # probability must not fall with the score
         return PlattCurve(0.0, torch.logit((weight * target).sum() / weight.sum()).item())
     return PlattCurve(slope, (fit[1] - fit[0] * centre / spread).item())
 
 
 def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Coefficients, (2,), by Newton's method; each step is halved until the loss falls. Inputs have shape (N, 2)."""
+    """Coefficients, (2,), for inputs (N, 2), by Newton's method; a step is halved until the loss does not rise."""
 
     def loss_of(coefficients: Tensor) -> float:
         score = inputs @ coefficients
@@ -157,7 +157,7 @@ def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tens
 
 
 class HeldOutEntity(NamedTuple):
-    """A known entity that was hidden and inserted: its vector, and its insert triples as ids, (I, 3)."""
+    """A known entity that was hidden and inserted: id, inserted vector, and insert triples as ids, (I, 3)."""
 
     entity: int
     vector: Tensor
@@ -166,7 +166,7 @@ class HeldOutEntity(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldOutCalibration:
-    """Calibrates answers about an inserted entity. Known entities are hidden and inserted in the same way."""
+    """Calibrates answers about an inserted entity on known entities, hidden and inserted in the same way."""
 
     opened: OpenBundle  #: with the inserted entity in its last row
     result: Inserted
@@ -191,7 +191,7 @@ class HeldOutCalibration:
         return [entity for part in range(parts) for entity in self._hide(chosen[part::parts], rng)]
 
     def _hide(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
-        """Hide entities together. Each is inserted from as many triples with known ends as the inserted entity has."""
+        """Hide entities together, and insert each from at most as many triples as the inserted entity has."""
         known, result = self.known, self.result
         rest = np.setdiff1d(np.arange(len(known.entities)), hidden)
         order = np.concatenate([rest, hidden])
@@ -213,7 +213,7 @@ class HeldOutCalibration:
             yield HeldOutEntity(row, torch.from_numpy(vector.astype(np.float32)), insert_triples)
 
     def curve(self, relation: int, slot: int) -> PlattCurve | None:
-        """The curve of a relation and slot, or of all relations if too few answers are right. It may still be null."""
+        """The curve of a relation and slot; with too few right answers, the curve of all relations, or null."""
         return self._fit([(relation, slot)]) or self._shared
 
     @cached_property
@@ -223,7 +223,7 @@ class HeldOutCalibration:
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
-        """One curve through answers of relations and slots; null if too few are right. Insert triples do not count."""
+        """One curve for several (relation, slot); null with too few right answers. Insert triples are left out."""
         theta, scores, right = self.known.embedding, [torch.zeros(0).double()], [torch.zeros(0, dtype=torch.bool)]
         for relation, slot in slots:
             candidates, row = self.known.candidates(relation, slot), theta.relation[:, relation][:, None]

@@ -1,9 +1,9 @@
-"""A bundle: an embedding as a folder, with names, known triples and a record of each insertion into it.
+"""A bundle: an embedding as a folder, with names, known triples, and a record of each inserted entity.
 
 ``embedding.json`` is the manifest, ``vectors.safetensors`` has the tensors (``entities``, ``relations`` and, if there
-are any, ``words``), ``entities.tsv`` names, kinds and phrases in the order of ids, ``relations.tsv`` names,
-``triples.tsv`` the known triples by name. Equal bundles are equal bytes. A folder is checked against itself when it is
-read, and before it is written, whole or not at all.
+are any, ``words``), ``entities.tsv`` has names, kinds and phrases in the order of ids, ``relations.tsv`` names,
+``triples.tsv`` the known triples by name. Equal bundles give equal bytes. The files of a folder are checked against
+each other when it is read and before it is written. It is written completely or not at all.
 """
 
 import json
@@ -29,16 +29,16 @@ from isi.models.stack import LARGEST
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
 COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail")}
-MODEL = "all-MiniLM-L6-v2"  #: The sentence model whose vectors ship with the product (all but ``glove``).
-#: What version 1 of the format calls some fields.
+MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
+#: Keys of fields in version 1 of the format, where they differ from the names here.
 KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told",
         "requested_initializer": "asked"}  # fmt: skip
-#: Categories of characters that break lines or cells, move a terminal's cursor, or are no text.
+#: Unicode categories of refused characters: control characters, surrogates, line and paragraph separators.
 CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 
 
 def check_text(text: str) -> str:
-    """Return a text that may be printed or stand in a cell of a table. A ``ValueError`` refuses any other."""
+    """Return the text if it can be printed in one line and one field; else raise ``ValueError``."""
     if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
         raise ValueError(f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}")
     return text
@@ -50,7 +50,7 @@ NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]  #: Head, rel
 
 
 class ManifestSection(BaseModel):
-    """A part of ``embedding.json``."""
+    """Base of the objects in ``embedding.json``."""
 
     model_config = ConfigDict(
         extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True,
@@ -59,26 +59,26 @@ class ManifestSection(BaseModel):
 
 
 class WordSource(ManifestSection):
-    """Where word vectors come from, so that a new phrase can have one of the same kind."""
+    """The source of word vectors, from which a new phrase gets a comparable vector."""
 
     source: Text  #: a file's name or path, ``shipped``, or a description
-    text: Text  #: what was embedded: definition, phrase, wordnet (phrases with a definition), glove (means of words)
+    text: Text  #: the embedded text: definition, phrase, wordnet (phrase and definition), glove (mean of words)
     model: Text | None  #: the sentence model that made them; null where it is unknown
 
 
 class InsertionRequest(ManifestSection):
-    """What is given about a new entity, beside its kind and its words."""
+    """The input of an insertion, except the entity's kind and word vector."""
 
     entity: Text
     insert_triples: list[NamedTriple]
     definition: Text | None
-    requested_initializer: Text | None  #: null: the best for what is given
+    requested_initializer: Text | None  #: null: the default for the given data
     options: dict[str, Option]
     seed: Seed
 
 
 class InsertionRecord(InsertionRequest):
-    """How an entity was inserted: enough to insert it again, and which initializer was used, and why."""
+    """The input of an insertion, from which it can be repeated; the initializer that was used, and the reason."""
 
     initializer: Text
     why: Text
@@ -86,13 +86,13 @@ class InsertionRecord(InsertionRequest):
 
 
 class Manifest(ManifestSection):
-    """What an embedding is."""
+    """Description of an embedding: model, source of words, origin, insertions."""
 
     model_name: Name
     model_options: dict[str, Option]
     words: WordSource | None
-    made: dict[str, Any]  #: how it was trained or where it was imported from, in its maker's terms
-    inserted: list[InsertionRecord]  #: of the last rows, in their order
+    made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
+    inserted: list[InsertionRecord]  #: one per inserted entity; these have the last rows, in this order
 
 
 class ManifestFile(Manifest):
@@ -109,20 +109,20 @@ class ManifestFile(Manifest):
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """An embedding and what is known about its entities."""
+    """An embedding with names, kinds, phrases, word vectors and known triples of its entities."""
 
     manifest: Manifest
     entities: np.ndarray  #: float32 or float64; shape: (E, d)
     relations: np.ndarray  #: shape: (R, w)
     entity_names: list[str]
-    kinds: list[str]  #: empty where there is none
-    phrases: list[str]  #: what each is called in words
+    kinds: list[str]  #: of each entity; empty text if unknown
+    phrases: list[str]  #: the words of each entity's name, for its word vector
     relation_names: list[str]
     triples: np.ndarray  #: ids; shape: (T, 3), int64
-    words: np.ndarray | None = None  #: zero where there is none; shape: (E, v), float32; null where no entity has one
+    words: np.ndarray | None = None  #: shape: (E, v), float32; zero rows if missing; null if all are missing
 
     def insertions(self) -> dict[str, InsertionRecord]:
-        """Records by the name of the inserted entity."""
+        """Records of insertions by entity name."""
         return {record.entity: record for record in self.manifest.inserted}
 
     def named_triples(self) -> list[tuple[str, str, str]]:
@@ -131,13 +131,13 @@ class Bundle:
         return [(names[head], labels[relation], names[tail]) for head, relation, tail in self.triples.tolist()]
 
     def sizes(self) -> dict[str, int]:
-        """The sizes that the manifest repeats."""
+        """The sizes that ``embedding.json`` lists too."""
         return {"entities": len(self.entities), "relations": len(self.relations), "dimension": self.entities.shape[1],
                 "triples": len(self.triples)}  # fmt: skip
 
 
 def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle as a folder, in one step. It may replace an earlier bundle, but no other folder."""
+    """Write a bundle as a folder, completely or not at all. It may replace an earlier bundle, but no other folder."""
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
@@ -156,7 +156,7 @@ def write(folder: Path, bundle: Bundle) -> None:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         for path in list(folder.parent.iterdir()):
-            if re.fullmatch(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp", path.name):  # of one that was killed
+            if re.fullmatch(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp", path.name):  # of a killed process
                 shutil.rmtree(path)
         temporary.mkdir()
         for name, content in files.items():
@@ -172,7 +172,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 
 
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """Refuse a folder that has files of something else, or an inserted entity that is not among these names."""
+    """Refuse a folder with other files than a bundle's, or with an inserted entity that ``names`` lack."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -189,7 +189,7 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
 
 
 def read(folder: Path) -> Bundle:
-    """Read a bundle. An ``InputError`` names the file and the place that is missing, broken, or does not fit."""
+    """Read a bundle. An ``InputError`` names the missing or broken file and the place in it."""
     files = {}
     for name in (MANIFEST, VECTORS, *COLUMNS):
         with at(folder / name if folder.is_dir() else folder):
@@ -198,7 +198,7 @@ def read(folder: Path) -> Bundle:
 
 
 def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
-    """The bundle that these bytes of its files make."""
+    """Parse and check the bundle of ``files``, contents by name."""
     with at(folder / MANIFEST):
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
     rows = {}
@@ -242,7 +242,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
 
 
 def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
-    """The rows of a table, which has these columns. Nothing is quoted, so no name holds a tab or a line break."""
+    """The rows of a tab-separated table, header included. There is no quoting: fields hold no tab or line break."""
     rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, row in enumerate(rows, 1):
         with at("", f"line {number}"):
@@ -255,10 +255,10 @@ def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
 def triple_ids(
     paths: Sequence[Path], names: Sequence[str], labels: Sequence[str], rows: Sequence[Sequence[str]], first: int
 ) -> np.ndarray:
-    """Triples of names as ids, shape (T, 3), int64.
+    """Convert triples of names to ids, shape (T, 3), int64.
 
-    ``paths`` are those of entities, relations and triples. An ``InputError`` names the line, counted from ``first``, of
-    a name that is blank, repeats, or is unknown.
+    ``paths``: the files of entities, relations and triples. An ``InputError`` names the line, counted from ``first``,
+    of a blank, repeated or unknown name.
     """
     entities, relations = dict[str, int](), dict[str, int]()
     for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
@@ -277,10 +277,10 @@ def triple_ids(
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """Refuse a table with another number of rows, or whose scores would overflow in single precision."""
+    """Refuse a table that is not (rows, any) floats up to ``LARGEST``, beyond which float32 scores overflow."""
     if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
         raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
     largest = np.abs(table).max(1)
-    if not (sound := largest <= LARGEST).all():  # NaN is not
+    if not (sound := largest <= LARGEST).all():  # false for NaN
         row = int(sound.argmin())
         raise InputError("", f"row {row}", f"expected finite numbers up to {LARGEST:g}, got {largest[row]:.3g}")

@@ -1,6 +1,6 @@
-"""Embeddings that other tools have trained, as bundles: names, triples and tensors of PyKEEN, OpenKE or plain files.
+"""Import of embeddings from other tools as bundles: names, triples and tensors of PyKEEN, OpenKE or plain files.
 
-Tensors are NumPy's, safetensors, JSON, and PyTorch's as far as they hold tensors alone: no pickle is run.
+Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; pickled code runs in ``of_pickle`` only.
 """
 
 import hashlib
@@ -27,14 +27,14 @@ from isi.insertion.arguments import argument, checked_model
 from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
-#: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
+#: PyKEEN's folder and OpenKE's files, by which their form is recognized; then plain files, one name per line.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
-PICKLE = "trained_model.pkl"  #: What PyKEEN pickles a model as.
-FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")  #: Suffixes of files of tensors.
-#: How PyKEEN's names of tables end; rows of complex numbers have real and imaginary parts in turn there.
+PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
+FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")  #: Suffixes of tensor files.
+#: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
-#: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
+#: Names of the tables of entities and relations in other tools. Two names: real and imaginary half of one table.
 NAMES = {
     slot: [
         (slot,), (single,), (f"{short}_emb",), (f"{short}_embeddings.weight",), (f"{short}_emb.weight",),
@@ -43,23 +43,23 @@ NAMES = {
     ]
     for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
 }  # fmt: skip
-WITHIN = ("state_dict", "model_state_dict")  #: Under which keys checkpoints hold a state dict.
+WITHIN = ("state_dict", "model_state_dict")  #: Keys under which checkpoints store a state dict.
 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
     """Names of an embedding's rows, and its known triples."""
 
-    form: str  #: where they were read: PyKEEN, entity2id, arrays
+    form: str  #: of the folder: PyKEEN, entity2id (OpenKE), arrays (plain files)
     entities: list[str]
     relations: list[str]
     triples: np.ndarray  #: ids; shape: (T, 3), int64
 
 
 def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
-    """A bundle of labels and files of tensors.
+    """Make a bundle of labels and tensor files.
 
-    A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples.
+    The margin of a distance model, if not given, lies midway between mean scores of known and corrupted triples.
     """
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
@@ -67,7 +67,7 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
     estimated = "margin" in fields and "margin" not in options
     if estimated and not len(labels.triples):
         raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
-    defaults = {"squared": False, "margin": 1.0}  # a margin with which scores are measured
+    defaults = {"squared": False, "margin": 1.0}  # for the scores from which the margin is estimated
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
     with at(files[0]):
         tables = [_table(tensors, slot, model) for slot in NAMES]
@@ -79,7 +79,7 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
 
 
 def of_pickle(path: Path, labels: Labels) -> Bundle:
-    """A bundle of a model that PyKEEN has pickled. An ``InputError`` refuses a model that no manifest can describe."""
+    """Make a bundle of a model pickled by PyKEEN. An ``InputError`` refuses models that ``MODELS`` lacks."""
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     try:
@@ -87,8 +87,8 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     except ImportError as error:
         raise InputError(path, "", "needs PyKEEN to be read: pip install pykeen") from error
     try:
-        pickled = torch.load(path, map_location="cpu", weights_only=False)  # as its user has asked for
-    except Exception as error:  # whatever a pickle does
+        pickled = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
+    except Exception as error:  # a pickle can raise any error
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
     read = read_model(pickled, torch.from_numpy(labels.triples), None)
     for name in MODELS.names():
@@ -100,7 +100,7 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
 def _bundle(
     model: str, options: Mapping[str, Option], tables: Sequence[np.ndarray], labels: Labels, files: Sequence[Path]
 ) -> OpenBundle:
-    """A bundle of two tables. They are checked against each other, the model and their labels."""
+    """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
     checked, names = checked_model(model, options, entities.shape[1]), (labels.entities, labels.relations)
     for slot, rows, listed in zip(NAMES, tables, names, strict=True):
@@ -115,12 +115,12 @@ def _bundle(
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
     bundle = OpenBundle(manifest, entities, relations, names[0], kinds, phrases, names[1], triples)
     with at(files[0]):
-        bundle.embedding  # noqa: B018  # which checks the width of relations
+        bundle.embedding  # noqa: B018  # checks the width of relations
     return bundle
 
 
 def tensors_in(folder: Path, form: str) -> list[Path]:
-    """The files of tensors in a folder. An ``InputError`` says if there are none."""
+    """The tensor files in a folder; ``InputError`` if there are none."""
     others = ("results.json", "metadata.json") if form == "PyKEEN" else ()
     files = sorted(path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others)
     if not files:
@@ -130,7 +130,7 @@ def tensors_in(folder: Path, form: str) -> list[Path]:
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tables of a file by name (the file's own for ``.npy``). An ``InputError`` refuses what would run code."""
+    """The tensors of a file by name (``.npy``: the file's name); ``InputError`` refuses pickled code."""
     if path.suffix not in FORMS or not path.is_file():
         raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
     try:
@@ -152,7 +152,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
 
 
 def _state_dict(path: Path) -> Mapping[str, Any]:
-    """Read a state dict of PyTorch's without running what a pickle may hold."""
+    """Read a PyTorch state dict without running pickled code."""
     try:
         with warnings.catch_warnings(action="ignore"):
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
@@ -166,7 +166,7 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
 
 
 def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
-    """The table of entities or of relations. Real halves come before imaginary ones, as everywhere here."""
+    """The table of entities or relations, real. A complex row becomes its real, then its imaginary half (or angles)."""
     present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
     if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
@@ -190,7 +190,7 @@ def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarr
 
 
 def read_labels(folder: Path) -> Labels:
-    """Read names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names; no pickle."""
+    """Read names and known triples of a folder of PyKEEN, of OpenKE, or of plain files; no pickle is read."""
     rows: Iterable[Any]
     if (folder / PYKEEN).is_dir():
         form, files = "PyKEEN", [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")]
@@ -211,7 +211,7 @@ def read_labels(folder: Path) -> Labels:
 
 
 def _lines(path: Path, columns: Sequence[str]) -> list[list[str]]:
-    """The rows of a text file without a header."""
+    """The rows of a tab-separated file without a header."""
     with at(path):
         text = path.read_text(encoding="utf-8-sig")
         return split_rows(text, columns) if text.strip("\n") else []

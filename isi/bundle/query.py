@@ -1,4 +1,4 @@
-"""A bundle that is open for queries: names as they are typed, scores, known answers, candidates, nearest entities."""
+"""Queries to a bundle: scores, known answers, candidates, nearest entities, and lookup of typed names."""
 
 import re
 from collections import defaultdict
@@ -21,9 +21,9 @@ from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-ENOUGH = 0.1  #: Share of the similar entities that must stand in a slot for it to be queried.
-MOST_QUERIES = 24  #: Queries of one entity, at most.
-SUGGESTED, LISTED = 3, 8  #: Similar names that are suggested, at most, and other names that are.
+ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators' weight has answers to it.
+MOST_QUERIES = 24  #: Maximum number of queries about one entity.
+SUGGESTED, LISTED = 3, 8  #: Maximum numbers of similar names that a message suggests, and of other names.
 
 
 class Query(NamedTuple):
@@ -58,7 +58,7 @@ class OpenBundle(Bundle):
 
     @cached_property
     def answers(self) -> dict[Query, set[int]]:
-        """The known answers of every query that has some."""
+        """The known answers of each query that has any."""
         answers: dict[Query, set[int]] = defaultdict(set)
         for head, relation, tail in self.triples.tolist():
             answers[Query(head, relation, TAIL)].add(tail)
@@ -66,23 +66,23 @@ class OpenBundle(Bundle):
         return dict(answers)
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
-        """The scores of all entities in a slot, (Q, E), for each of the given entities, (Q,)."""
+        """Scores of all entities in the slot, (Q, E), for given entities, (Q,), and a relation."""
         relations = torch.full_like(given, relation)[None]
         if slot == TAIL:
             return self.embedding.score_tails(given[None], relations)[0]
         return self.embedding.score_heads(relations, given[None])[0]
 
     def in_slot(self, relation: int, slot: int) -> list[int]:
-        """The ids of the entities that known triples of a relation have in a slot."""
+        """The ids of the entities in a slot of the known triples of a relation, sorted."""
         return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """The ids of entities that are of no kind, or of a kind that known triples of the relation have in the slot."""
+        """The ids of entities without a kind or of a kind in this slot of the known triples; all if it has none."""
         kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
         return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """The candidates, best first, and their scores. The given entity is one only if it is a known answer."""
+        """The candidates, best first, and their scores. The given entity is excluded unless it is a known answer."""
         candidates = self.candidates(query.relation, query.slot)
         if query.given not in self.answers.get(query, ()):
             candidates = candidates[candidates != query.given]
@@ -91,7 +91,7 @@ class OpenBundle(Bundle):
         return candidates[best.indices], best.values
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
-        """The entities of nearest vectors with their cosines, best first."""
+        """The ``number`` entities with the most similar vectors, and their cosines, best first."""
         vectors = normalize(self.embedding.entity[0], dim=-1)
         cosines = (vectors @ vectors[entity]).index_fill(0, torch.tensor(entity), -torch.inf)
         best = cosines.sort(descending=True, stable=True)
@@ -99,7 +99,7 @@ class OpenBundle(Bundle):
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
     def kind_notes(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
-        """Notes on triples of a new entity: no known triple of the relation has an end of the kind that theirs has."""
+        """A note on each insert triple whose known end has a kind not found in that slot of the relation's triples."""
         for head, relation, tail in dict.fromkeys(insert_triples):
             slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")
             kind = self.kinds[self.entity_ids[end]]
@@ -108,12 +108,12 @@ class OpenBundle(Bundle):
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
     def named(self, query: Query) -> tuple[str, str, str]:
-        """A query as a triple of names, with a question mark for the answer."""
+        """A query as names, with a question mark for the answer."""
         given, relation = self.entity_names[query.given], self.relation_names[query.relation]
         return (given, relation, "?") if query.slot == TAIL else ("?", relation, given)
 
     def part(self, rows: np.ndarray) -> Self:
-        """The bundle of these entities alone, in this order, with the triples between them."""
+        """The bundle restricted to the entities ``rows`` (ids), in this order, and the triples between them."""
         new_id = np.full(len(self.entities), -1)
         new_id[rows] = np.arange(len(rows))
         triples = self.triples.copy()
@@ -129,20 +129,20 @@ class OpenBundle(Bundle):
 
 
 def open_bundle(folder: Path) -> OpenBundle:
-    """The bundle of a folder. An ``InputError`` refuses one that is broken, or whose tables do not fit its model."""
+    """Read the bundle of a folder. An ``InputError`` refuses a broken one, or tables that do not fit the model."""
     opened = OpenBundle(**vars(read(folder)))
     with at(folder / MANIFEST, "family"):
-        opened.model  # noqa: B018  # which checks it
+        opened.model  # noqa: B018  # checks the manifest
     with at(folder / VECTORS):
         opened.embedding  # noqa: B018
     return opened
 
 
 def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float]) -> list[Query]:
-    """The queries that fit an entity: each relation and slot in which it, or enough similar entities, have answers.
+    """The queries that fit an entity: relations and slots in which it or enough similar entities have known answers.
 
-    Similar are those of its kind, or, where that is unknown, its indicators, by their weights. Without any answer, all
-    relations and slots fit.
+    Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If no query fits, all
+    do. At most ``MOST_QUERIES`` are returned: those with the most similar entities (or weight).
     """
     kind, enough = opened.kinds[entity], 0.0
     similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}
@@ -162,17 +162,17 @@ def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float])
 
 
 def plain(name: str) -> str:
-    """A name in lower-case words: ``hasAffordance`` and ``has_affordance`` are ``has affordance``."""
+    """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
     return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", name).split()).casefold()
 
 
 def same_name(first: str, second: str) -> bool:
-    """Whether two names are the same but for case and gaps."""
+    """Whether two names are equal up to case, spaces, hyphens and underscores."""
     return plain(first).replace(" ", "") == plain(second).replace(" ", "")
 
 
 def find(text: str, names: Collection[str], place: str, expected: str) -> str:
-    """The name that a user means. Case and gaps matter only where several names differ in nothing else."""
+    """The name that equals a text, or else the only ``same_name``; an ``InputError`` suggests similar names."""
     same = [text] if text in names else [name for name in names if same_name(name, text)]
     if len(same) == 1:
         return same[0]

@@ -1,4 +1,4 @@
-"""The command ``isi``: reads the command line, imports the module of one command alone, and prints its answer."""
+"""The command ``isi``: parses the command line, imports only the module of the chosen command, and runs it."""
 
 import json
 import sys
@@ -16,22 +16,22 @@ from isi.process import errors_in_one_line
 from isi.tables import paths
 
 DEFAULT = paths.final_model("ai2thor")  #: The embedding that the pipeline trains for the commands.
-MOST = 200  #: Characters of a message about the command line, at most.
-#: Commands: where their function is, and what they do.
+MOST = 200  #: Longest message about the command line, in characters.
+#: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
-    "insert": ("entity:insert", "Give a new entity a vector from what is known of it, and report the consequences."),
-    "ask": ("entity:ask", "Predict the answers of (ENTITY, RELATION, ?) or (?, RELATION, TAIL)."),
-    "nearest": ("entity:nearest", "List the entities of nearest vectors."),
-    "explain": ("entity:explain", "Explain the vector of an inserted entity by leaving out what it was inserted by."),
-    "import": ("import_:import_", "Make a bundle of an embedding that another tool has trained."),
+    "insert": ("entity:insert", "Insert a new entity by its triples and words, and report predictions about it."),
+    "ask": ("entity:ask", "Rank the answers to (ENTITY, RELATION, ?) or (?, RELATION, TAIL)."),
+    "nearest": ("entity:nearest", "List the entities with the most similar vectors, by cosine."),
+    "explain": ("entity:explain", "Explain an inserted entity: repeat the insertion without each part of its input."),
+    "import": ("import_:import_", "Convert an embedding that another tool has trained into a bundle."),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
-    "graph": ("graph:graph", "Make a graph of scenes or triples of your own, and describe it."),
+    "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
     "check": ("check:check", "Check the tables under data/."),
 }
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
-    """The values, in YAML, of ``KEY=VALUE`` by key. A ``ValueError`` refuses other text, and a key that repeats."""
+    """Parse texts ``KEY=VALUE`` into YAML values by key. A ``ValueError`` refuses other text and a repeated key."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -42,7 +42,7 @@ def settings(texts: Sequence[str]) -> dict[str, Any]:
             raise ValueError(f"expected KEY=VALUE, each key once, got {short(text)}")
         try:
             values[key] = YAML(typ="safe", pure=True).load(value)
-        except (YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # of a tag
+        except (YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # by a tag
             raise ValueError(f"expected KEY=VALUE, the value in YAML, got {short(text)}") from error
     return values
 
@@ -54,20 +54,20 @@ def _check_folder(_: object, path: Path | None) -> None:
 
 FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 #: Parameters that several commands have.
-Embedding = Annotated[Path, Parameter(help="folder of a bundle, as --out, isi import and the pipeline write it")]
-Top = Annotated[int, Parameter(validator=FROM_ONE, help="answers, at most")]
+Embedding = Annotated[Path, Parameter(help="folder of a bundle, written by --out, isi import or the pipeline")]
+Top = Annotated[int, Parameter(validator=FROM_ONE, help="most answers per query, or neighbours")]
 Json = Annotated[bool, Parameter(help="print JSON, for programs")]
 Settings = Annotated[tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)]
 NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]
-Out = Annotated[Path | None, Parameter(validator=_check_folder, help="write the enlarged bundle there")]
+Out = Annotated[Path | None, Parameter(validator=_check_folder, help="folder for the enlarged bundle")]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command. A mistake prints one line; the status is 2 for the command line, 1 for anything else."""
+    """Run a command. An error prints one line; the exit status is 2 for a wrong command line, 1 for other errors."""
     with errors_in_one_line("isi"):
         tokens = list(sys.argv[1:] if argv is None else argv)
         app = App(
-            name="isi", help="New entities in knowledge-graph embeddings, queries about them, and graphs of your own.",
+            name="isi", help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
             help_formatter="plain", version_flags=[], default_parameter=Parameter(negative=()),
         )  # fmt: skip
         for command, (function, about) in COMMANDS.items():
@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 run, arguments, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
             except CycloptsError as error:
                 message = " ".join(str(error).split())
-                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
+                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # repeats a value
                     message = f"{error.argument.name}: {error.exception_message}"
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)
@@ -93,7 +93,7 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
 
 
 def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """An answer as text: a line for each key. Mappings are indented; a list of mappings is a table."""
+    """Format an answer as text, a line per key. Mappings are indented; a list of flat mappings becomes a table."""
     for key, value in answer.items():
         label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
         inner = indent + "  "
@@ -114,7 +114,7 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def text_of(value: Any) -> str:
-    """A value as it stands in a line of text. A tuple is a triple."""
+    """Format a value for a line of text: floats with 3 digits, null as a dash, a tuple (a triple) with spaces."""
     match value:
         case tuple():
             return " ".join(map(str, value))
@@ -127,7 +127,7 @@ def text_of(value: Any) -> str:
 
 @contextmanager
 def flags(**places: object) -> Iterator[None]:
-    """Name the option or the file that was typed where the library names its argument."""
+    """In an ``InputError``, replace the library's argument by the option or file in ``places`` that the user typed."""
     try:
         yield
     except InputError as error:

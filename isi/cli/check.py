@@ -1,4 +1,4 @@
-"""``isi check``: checks tables and tensor files under data/ by their own rules, and against each other."""
+"""``isi check``: checks each table and tensor file under data/ by its declared rules and against the others."""
 
 import pkgutil
 import sys
@@ -25,12 +25,12 @@ from isi.stage import makers
 from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
-Declared = tuple[Path, DataFile, Mapping[str, str]]  #: A file, what declares it, and the names in its path.
-ALL = 10**9  #: Models of a stack, at most: all of a size.
+Declared = tuple[Path, DataFile, Mapping[str, str]]  #: Path, declaration, names in the path.
+ALL = 10**9  #: Maximum number of models in a stack: one stack holds all seeds of a size.
 
 
 def check() -> None:
-    """Print one line for each problem; an ``InputError`` where there is no project here."""
+    """Print one line per problem; exit with status 1 if there is any. ``InputError`` outside a project's folder."""
     number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"
@@ -40,15 +40,15 @@ def check() -> None:
 
 
 def catalogue() -> list[DataFile]:
-    """Every table and tensor file of the product."""
+    """All declared tables and tensor files."""
     for module in pkgutil.iter_modules(isi.analyses.__path__):
-        if "pykeen" not in module.name:  # which may not be installed
+        if "pykeen" not in module.name:  # a module that needs PyKEEN, which may not be installed
             import_module(f"isi.analyses.{module.name}")
     return declared()
 
 
 def check_data(params: Params) -> tuple[int, list[str]]:
-    """The number of files that the pipelines wrote, and a line for each problem that a file has."""
+    """Check all files that the pipelines wrote: the number of files, and a line per problem."""
     problems, experiments = list[InputError](), defaultdict[str, list[Declared]](list)
 
     def attempt(check: Callable[..., object], *arguments: object) -> None:
@@ -85,7 +85,7 @@ def _check_agreement(store: Store, listed: list[Declared], params: Params, attem
 
 
 def _check_entities(store: Store, path: Path, file: DataFile) -> None:
-    """Check that a file is about the entities of the graph."""
+    """Check that the rows or entity ids of a file fit the entities of the graph."""
     if file is WORD_VECTORS:
         store.words()
     elif file is COVERAGE:
@@ -99,7 +99,7 @@ def _check_entities(store: Store, path: Path, file: DataFile) -> None:
 def _check_stack(
     store: Store, path: Path, file: DataFile, names: Mapping[str, str], points: GridPoints, params: Params
 ) -> None:
-    """Check what a file has of a stack of grid points."""
+    """Check the part of a file that belongs to a stack of grid points."""
     if file is THETA0 and int(names["size"]) == points.size:
         store.theta0(points, model_of(params))
     elif file is JOINT:
@@ -107,5 +107,5 @@ def _check_stack(
             store.joint(points, model_of(params), session)
     elif file is RUNS and names["model"] == "joint":
         joint_targets(RUNS.read_file(path), points)
-    elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # none where it is not listed
+    elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # else it did not run
         store.initial_vectors(names["initializer"], points)

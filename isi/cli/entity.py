@@ -1,7 +1,7 @@
 """Commands about entities of a bundle: ``isi insert``, ``isi ask``, ``isi nearest``, ``isi explain``.
 
-Each imports what it runs when it runs, so that its help waits for no PyTorch. An ``InputError`` names a broken bundle
-or an unknown name.
+A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An ``InputError`` refuses a
+broken bundle or an unknown name.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from isi.bundle.query import OpenBundle
     from isi.insertion.result import Inserted
 
-EXAMINED = 20  #: The number of best answers to a query that are examined.
+EXAMINED = 20  #: Best answers per query that are searched for unexpected ones.
 Pair = tuple[str, str]
 
 
 def insert(
     name: str, *,
-    fact: Annotated[tuple[Pair, ...], Parameter(help="RELATION ENTITY: the triple NAME RELATION ENTITY is known")] = (),
+    fact: Annotated[tuple[Pair, ...], Parameter(help="RELATION ENTITY: insert triple (NAME, RELATION, ENTITY)")] = (),
     inverse_fact: Annotated[
-        tuple[Pair, ...], Parameter(help="ENTITY RELATION: the triple ENTITY RELATION NAME is known")
+        tuple[Pair, ...], Parameter(help="ENTITY RELATION: insert triple (ENTITY, RELATION, NAME)")
     ] = (),
-    definition: Annotated[str | None, Parameter(help="what it is, in a sentence")] = None,
-    kind: Annotated[str | None, Parameter(help="one of the bundle's kinds, for initializers that use kinds")] = None,
-    initializer: Annotated[str | None, Parameter(help="by default the best for what is given")] = None,
-    set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of that initializer")] = (),
-    vectors: Annotated[Path | None, Parameter(help="file of word2vec or GloVe vectors for all phrases")] = None,
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="of initializers that draw at random")] = 0,
+    definition: Annotated[str | None, Parameter(help="definition in a sentence, for the word vector")] = None,
+    kind: Annotated[str | None, Parameter(help="one of the bundle's kinds; for queries and initializers")] = None,
+    initializer: Annotated[str | None, Parameter(help="default: the best for the given triples and words")] = None,
+    set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
+    vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
+    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of random initializers")] = 0,
     out: Out = None, embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
     """Insert an entity and report what the bundle predicts about it."""
@@ -87,7 +87,7 @@ def insert(
 
 
 def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str], top: int) -> dict[str, Any]:
-    """All that is reported about an insertion into the last row; ``words`` says where its word vector is from."""
+    """The report of the entity in the last row. ``words``: the source of its word vector, or why it has none."""
     from tqdm import tqdm
 
     from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
@@ -126,9 +126,9 @@ def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str]
 
 
 def ask(
-    head: Annotated[str | None, Parameter(help="the head; the answer is the tail")] = None,
-    relation: Annotated[str | None, Parameter(help="the relation")] = None, *,
-    tail: Annotated[str | None, Parameter(help="the tail; the answer is the head")] = None,
+    head: Annotated[str | None, Parameter(help="head of the query; the answers are tails")] = None,
+    relation: Annotated[str | None, Parameter(help="relation of the query")] = None, *,
+    tail: Annotated[str | None, Parameter(help="tail of the query; the answers are heads")] = None,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
     """Rank the answers of one query."""
@@ -150,10 +150,10 @@ def ask(
 
 
 def nearest(
-    entity: Annotated[str, Parameter(help="whose neighbours are listed")], *,
+    entity: Annotated[str, Parameter(help="entity whose nearest neighbours are listed")], *,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
-    """List the entities of nearest vectors."""
+    """List the other entities by the cosine of their vectors with the entity's."""
     from isi.bundle.query import find
 
     opened = open_folder(embedding)
@@ -166,10 +166,10 @@ def nearest(
 
 
 def explain(
-    entity: Annotated[str, Parameter(help="that isi insert --out has put into this bundle")], *,
+    entity: Annotated[str, Parameter(help="an entity that isi insert --out has added to the bundle")], *,
     embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
-    """Insert an entity again, then without each insert triple, without its words, and without each indicator."""
+    """Repeat an insertion, then repeat it without each insert triple, without the words, without each indicator."""
     import numpy as np
     from tqdm import tqdm
 
@@ -197,7 +197,7 @@ def explain(
 
 
 def open_folder(path: Path) -> OpenBundle:
-    """The bundle of a folder. An ``InputError`` says if there is none, or if it is broken."""
+    """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
     import torch
 
     from isi.bundle.query import open_bundle

@@ -1,4 +1,4 @@
-"""``isi export``: a graph, of an experiment or of a bundle, and what a model predicts beyond it, for other tools."""
+"""``isi export``: writes the graph of an experiment or a bundle, and predicted triples, for other tools."""
 
 import json
 import re
@@ -34,14 +34,14 @@ from isi.tables import paths
 from isi.tables.io import atomically
 from isi.tables.table import as_text
 
-NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Of an experiment.
+NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Name of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
 #: Headers of Neo4j's importer, by column.
 HEADERS = {
     "entity": ":ID", "phrase": "phrase", "kind": ":LABEL", "head": ":START_ID", "tail": ":END_ID", "relation": ":TYPE",
     "count": "count:int", "score": "score:float", "rank": "rank:int",
 }  # fmt: skip
-BUDGET = 2**24  #: Numbers in one score matrix, at most.
+BUDGET = 2**24  #: Maximum number of scores in one matrix.
 
 
 def _check_name(_: object, name: str | None) -> None:
@@ -51,18 +51,18 @@ def _check_name(_: object, name: str | None) -> None:
 
 def export(
     experiment: Annotated[str | None, Parameter(
-        validator=_check_name, help="whose graph was built, or a graph of the second pipeline")] = None, *,
+        validator=_check_name, help="an experiment of params.yaml, or a graph of the second pipeline")] = None, *,
     format: Annotated[Literal[
-        "graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="of what is written")],
-    out: Annotated[Path, Parameter(help="file to write; of property-csv, a folder")],
-    embedding: Annotated[Path | None, Parameter(help="folder of a bundle, in place of an experiment")] = None,
+        "graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="output format")],
+    out: Annotated[Path, Parameter(help="file to write; for property-csv, a folder")],
+    embedding: Annotated[Path | None, Parameter(help="folder of a bundle, instead of EXPERIMENT")] = None,
     predictions: Annotated[int, Parameter(
-        validator=FROM_ZERO, help="the best tails for each head and relation, without known triples")] = 0,
+        validator=FROM_ZERO, help="predicted tails per head and relation, known triples excluded")] = 0,
     seed: Annotated[int | None, Parameter(
-        validator=FROM_ZERO, help="whose joint model predicts; by default the first")] = None,
-    labels: Annotated[bool, Parameter(help="kinds and phrases of entities in RDF, too")] = False,
+        validator=FROM_ZERO, help="seed of the joint model that predicts; default: the first")] = None,
+    labels: Annotated[bool, Parameter(help="in RDF, also write kinds and phrases of entities")] = False,
 ) -> None:  # fmt: skip
-    """Read the graph, predict, and write."""
+    """Read a graph, predict triples if requested, and write both."""
     if out.suffix == ".gz":
         raise InputError(out, "", "expected another name: the output is not compressed")
     if (embedding is None) == (experiment is None):
@@ -86,12 +86,12 @@ def export(
 
 @dataclass(frozen=True)
 class GraphExport:
-    """What is exported; names are printable text."""
+    """The tables to export. Names are checked (``check_names``)."""
 
     name: str
     entities: pd.DataFrame  #: columns entity, kind, phrase
     triples: pd.DataFrame  #: columns head, relation, tail, count
-    predictions: pd.DataFrame  #: columns head, relation, tail, score, rank; no rows where none are wanted
+    predictions: pd.DataFrame  #: columns head, relation, tail, score, rank; empty unless requested
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
@@ -115,7 +115,7 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
-    """The known triples of a bundle, each with count 1, and predictions of its model."""
+    """The known triples of a bundle, each with count 1, and ``most`` predictions per head and relation."""
     opened, name = open_folder(folder), folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
@@ -129,7 +129,7 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
 
 
 def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """Refuse names that other tools would not read. An ``InputError`` names the file and the column."""
+    """Refuse names that other tools cannot read: the ``InputError`` names the file and the column."""
     columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
     for path, names in [*columns, (files[1], triples["relation"])]:
         if fault := next(filter(None, map(name_fault, names.unique())), None):
@@ -153,10 +153,10 @@ def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
 
 
 def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
-    """The best tails, ``most`` for each head and relation, that do not make a triple of the graph: link prediction.
+    """Link prediction: for each relation and head, the ``most`` best tails, without triples of the graph.
 
-    Heads of a relation are the entities of every kind that heads one of its triples, and which the embedding knows
-    (shape (E,), bool). Ranks start at 1; of equal scores, the entity of lower id goes first.
+    The heads of a relation are all entities of the kinds that its triples have as heads. Heads and tails are restricted
+    to ``known``, (E,), bool. Ranks start at 1; ties go to the lower entity id.
     """
     names, rows = np.array(graph.entities, dtype=object), list[tuple[Any, ...]]()
     for relation in range(len(graph.relations) if most else 0):
@@ -175,11 +175,11 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     return pd.DataFrame(rows, columns=PREDICTED)
 
 
-Files = dict[Path, str | None]  #: The text of files by path; null: an earlier file of that path is removed.
+Files = dict[Path, str | None]  #: Contents by path; null removes an existing file.
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """GraphML, for networkx, Gephi and yEd: an edge for each triple, and for each prediction, which has no count."""
+    """GraphML, for networkx, Gephi and yEd: an edge per triple, with its count, and per prediction, with its rank."""
     graph, content = nx.MultiDiGraph(name=export.name), BytesIO()
     graph.add_nodes_from(export.entities.set_index("entity")[["kind", "phrase"]].to_dict("index").items())
     for table in (export.triples[[*TRIPLE, "count"]], export.predictions[PREDICTED]):
@@ -191,7 +191,7 @@ def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
 
 
 def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
-    """RDF in JSON-LD, expanded; lists are sorted, which rdflib orders by hashes that differ between processes."""
+    """RDF as expanded JSON-LD. Lists are sorted, because rdflib's order of them differs between processes."""
     key = partial(json.dumps, sort_keys=True)
     nodes = json.loads(
         rdf_of(export, labels).serialize(format="json-ld"),
@@ -203,7 +203,7 @@ def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
 
 
 def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
-    """One RDF triple for each triple; a prediction is a reified statement (five triples), which asserts nothing."""
+    """RDF: each triple is asserted; each prediction is reified, as five triples that do not assert it."""
     base, graph = Namespace(f"urn:isi:{export.name}:"), rdflib.Graph(bind_namespaces="none")
     for prefix in ("entity", "relation", "kind", "prediction"):
         graph.bind(prefix, base[f"{prefix}:"])
@@ -242,7 +242,7 @@ def property_csv(export: GraphExport, path: Path, _labels: bool) -> Files:
 
 
 def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``; predictions stand in a second file."""
+    """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``; predictions go into a second file."""
     tables = {path: export.triples[TRIPLE], path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions}
     return {
         file: None if table.empty else table.to_csv(sep="\t", header=False, index=False, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""``isi graph``: a graph of scenes or triples of your own, by the reader that fits them, and what is in it."""
+"""``isi graph``: builds a graph from your own scenes or triples, and describes it."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -19,22 +19,22 @@ from isi.sources import Source, all_readers
 from isi.sources.readers import open_text, parse_json, reading, suffix_of
 from isi.tables import paths
 
-LISTED = 8  #: Names that are listed, at most.
-SPLITS = 5  #: How many splits are drawn to see how many triples they can hold out.
-MOST = 2**26  #: Characters of JSON that are read to see which reader fits, at most.
+LISTED = 8  #: Maximum number of names in a list.
+SPLITS = 5  #: Random splits; the least number of triples outside train in one of them is reported.
+MOST = 2**26  #: Maximum number of JSON characters that are read to guess the reader.
 COLUMNS = ["head", "relation", "tail"]
 
 
 def graph(
     files: Annotated[
-        tuple[Path, ...], Parameter(name="FILE", required=True, help="triples as table or RDF, a scene, a house")
+        tuple[Path, ...], Parameter(name="FILE", required=True, help="triples (table or RDF), scenes, or houses")
     ] = (), /, *,
-    reader: Annotated[str | None, Parameter(help="what reads them; guessed where a file tells")] = None,
+    reader: Annotated[str | None, Parameter(help="name of a reader; default: guessed from the file")] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")] = (),
-    min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples that are observed less often")] = 1,
+    min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")] = 1,
     out: Annotated[Path | None, Parameter(help="folder for entities.parquet and triples.parquet")] = None,
 ) -> None:  # fmt: skip
-    """Read files, describe their graph, and write it. Words, seed and shares come from ``params.yaml``."""
+    """Read files, describe their graph, and write it. Words, seed and split shares come from ``params.yaml``."""
     values = config.read(paths.PARAMS)
     seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
     readings = [read(file, reader, options, seed) for file in files]
@@ -50,7 +50,7 @@ def graph(
 
 
 def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> tuple[str, Counter[str], MinedSource]:
-    """Read a file or folder: the reader's name (guessed if null), what it counted, and the triples it observed."""
+    """Read a file or folder: the reader's name (guessed if null), its counters, and its observations."""
     known, name = all_readers(), reader or guess(file)
     if name not in known:
         expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
@@ -71,7 +71,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
 
 
 def together(sources: Sequence[MinedSource]) -> MinedSource:
-    """Join what several files observed. An ``InputError`` says if two of them give an entity different kinds."""
+    """Join the observations of several files. An ``InputError`` refuses an entity of two different kinds."""
     if len(sources) == 1:
         return sources[0]
     kind_of: dict[str, str] = {}
@@ -84,14 +84,14 @@ def together(sources: Sequence[MinedSource]) -> MinedSource:
 
 
 def guess(file: Path) -> str:
-    """The reader that fits a file's name or the keys of its JSON. An ``InputError`` says if none fits."""
+    """The first reader that fits a file's suffix or the keys of its JSON; ``InputError`` if none fits."""
     suffix, known = suffix_of(file), all_readers()
     fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
     if not fitting and suffix in (".json", ".jsonl"):
         with reading(file, "UTF-8 text"), open_text(file) as text:
             line = text.readline(MOST)
             try:
-                value = parse_json(Any, line, file)  # what JSON Lines begin with
+                value = parse_json(Any, line, file)  # of JSON Lines, the first
             except InputError:
                 value = parse_json(Any, line + text.read(MOST), file)
         fitting = [name for name, reader in known.items() if reader.reads_json(value)]
@@ -102,7 +102,7 @@ def guess(file: Path) -> str:
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a graph of at least one triple, with the seed, words and shares of validation and test of params."""
+    """Describe a graph of at least one triple; ``values`` are params (``seed``, ``words``, ``sessions``)."""
     entities, triples = tables.entities, tables.triples
     served = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"])).served_by
     pairs = triples[["head", "tail"]].astype(str)

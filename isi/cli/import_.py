@@ -1,4 +1,4 @@
-"""``isi import``: a bundle of an embedding that another tool has trained."""
+"""``isi import``: converts an embedding that another tool has trained into a bundle."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,21 +14,21 @@ from isi.models.model import MODELS
 
 def import_(
     folder: Annotated[Path, Parameter(
-        help="PyKEEN's (with training_triples), OpenKE's (with entity2id.txt, relation2id.txt and train2id.txt), or"
-        " one with entities.txt, relations.txt (a name a line) and triples.tsv (names; may be missing)")], *,
+        help="folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt, optional train2id.txt),"
+        " or with entities.txt, relations.txt (one name per line) and optional triples.tsv (names)")], *,
     out: NewFolder,
     model: Annotated[str | None, Parameter(
-        name=["--family", "--model"], help="how a triple is scored; a pickle says so itself")] = None,
+        name=["--family", "--model"], help="scoring function; not with --trust-pickle")] = None,
     set: Annotated[Settings, Parameter(
-        help="of distances: margin=NUMBER (else estimated from the triples), squared=true")] = (),
+        help="for distance models: margin=NUMBER (default: estimated from the triples), squared=true")] = (),
     tensors: Annotated[tuple[Path, ...], Parameter(
         consume_multiple=True, show_default=False,
-        help=".npy, .npz, .safetensors, .json, or a state dict as .pt or .pth; by default those in FOLDER")] = (),
+        help=".npy, .npz, .safetensors, .json, or a state dict as .pt or .pth; default: those in FOLDER")] = (),
     trust_pickle: Annotated[bool, Parameter(
-        help=f"read PyKEEN's {PICKLE}, which is a pickle: whoever wrote it can have it run any program on this"
-        " machine when it is read; only for files of yours or of people you trust")] = False,
+        help=f"read PyKEEN's {PICKLE}: whoever wrote a pickle can have it run any program on this machine,"
+        " so use this only for files of your own or of people you trust")] = False,
 ) -> None:  # fmt: skip
-    """Read, check, and write. An ``InputError`` names what is missing, broken, or does not fit."""
+    """Read an embedding, check it, and write a bundle. An ``InputError`` names the missing or wrong file or tensor."""
     if trust_pickle and (model or set or tensors):
         raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle determines them")
     labels = read_labels(folder)

@@ -1,4 +1,4 @@
-"""``isi.insert``: vectors for new entities in an embedding that is trained; ``isi.fit_new``: training them further."""
+"""``isi.insert``: vectors for new entities in a trained embedding. ``isi.fit_new``: training of these vectors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,14 +22,14 @@ from isi.models.stack import Embedding, NotFinite
 from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
-#: What is taken where a user names none, the best first (docs/method.md has the comparison): the first whose needs are
-#: met and whose cost is small.
+#: Candidates for the default initializer, the best first (compared in docs/method.md). The default is the first one
+#: whose data are given, that supports the model, and that is fast enough (``QUICK``).
 BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
-#: Numbers in the vectors of all triples that a new entity might have, up to which the default is MAP; and at most.
+#: Limits of 2·R·E·d, numbers in vectors of all possible triples of a new entity: for MAP as default; for any use.
 QUICK, MOST = 2**24, 2**28
-#: Numbers in a table, at most: of every two entities, of some new entities, and of the weights that a result keeps.
+#: Limits, in numbers: word similarities of entity pairs; one batch of new entities; the weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
-MARGIN_TRIPLES = 1000  #: Triples whose scores say the margin, at most.
+MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
 def insert(
@@ -40,32 +40,32 @@ def insert(
     words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, seed: int = 0,
 ) -> Inserted:  # fmt: skip
-    """Vectors for new entities, from what is known of them; the known entities stay as they are.
+    """Compute vectors for new entities from their triples, words or kinds. Known vectors do not change.
 
     Args:
-        entities: vectors of the known entities, shape (E, d). Complex ones are real halves, then imaginary halves.
-        relations: rows of the relations, shape (R, w).
-        triples: of the new entities: head, relation, tail, by names or ids. Those with a known end are insert triples,
-            which the initializer sees; those between two new ones are counted (``fit_new`` learns from them). New
+        entities: vectors of the known entities, shape (E, d). Complex: the real half, then the imaginary half.
+        relations: vectors of the relations, shape (R, w).
+        triples: (head, relation, tail) by names or ids, each with a new entity. Those with one known end are
+            insert triples, which the initializer uses; the others are counted (``fit_new`` trains on them). New
             entities have the ids E, E + 1, ... in the order of ``new``.
-        new: names of the new entities, or their number if entities have no names.
-        model: how a triple is scored: analogy, distmult, complex, transe, transe_l1 (the L1 norm) or rotate, or a
-            ``Model`` of your own (with ``invertible = False`` where its ``transform`` and ``inverse`` are not known).
-        model_options: ``margin`` and, but for ``transe_l1``, ``squared`` of distances.
-        entity_names: of the known ones; ``relation_names``, of relations.
-        known_triples: of known entities; an entity without one is no indicator. ``interference`` queries these triples.
-        words: word vectors of known and new entities, shape (E + n, w), zero where there is none; or, by name or id, a
-            vector or a text.
-        word_source: what makes vectors of texts: a function, gensim's ``KeyedVectors``, or a file of such.
-        kinds: of known and new entities; or by name or id.
-        initializer: its name; without one, the best for what is known (``BEST``). ``options`` replace its defaults.
-        seed: of random numbers.
+        new: names of the new entities; their number n if ``entity_names`` is null.
+        model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or your own ``Model``
+            (set ``invertible = False`` if it does not implement ``transform`` and ``inverse``).
+        model_options: of distance models: ``margin`` and (except for ``transe_l1``) ``squared``.
+        entity_names: of the E known entities; ``relation_names``: of the R relations.
+        known_triples: of known entities. If given, indicators are among their entities. ``interference`` queries them.
+        words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
+            to vectors or texts.
+        word_source: embeds these texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
+        kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds.
+        initializer: its name; null: the best for the given data (``BEST``). ``options`` replace its defaults.
+        seed: of random initializers.
 
     Returns:
-        the enlarged tables, and a report of each new entity.
+        the tables with n more entities; its method ``report`` describes each new entity.
 
     Raises:
-        InputError: naming the argument that is wrong, and what was expected.
+        InputError: names the wrong argument and the expected value.
     """
     check(seed, Seed, "", "argument 'seed'")
     rows = table(entities, "entities")
@@ -122,10 +122,10 @@ def insert(
 def choose(
     initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool
 ) -> tuple[Registered, dict[str, Any], str, int]:
-    """The named initializer, else the best for what is known; its options, the reason, and new entities per batch.
+    """The named initializer or the default; its options, the reason for the choice, and the new entities per batch.
 
-    ``triples`` and ``words`` say whether there are some. An ``InputError`` where the initializer or an option is
-    unknown, the embedding is too large for it, or the model lacks what it needs.
+    ``triples`` and ``words``: whether any are given. ``InputError`` if the initializer or an option is unknown, the
+    embedding is too large for it, or the model does not support it.
     """
     given = arguments.options_by_name(options, "options")
     model, why, (_, entities, dimension) = theta0.model, "as named", theta0.entity.shape
@@ -145,11 +145,11 @@ def choose(
                 raise InputError("", "", f"too large for {initializer}, which {work}: choose another initializer")
     by_triples = possible if model.linear else possible * dimension
     numbers = by_triples if registered.cost == "triples" else max(entities, theta0.relation.shape[1] * dimension)
-    return registered, checked, why, max(1, BUDGET // numbers)  # numbers are of one new entity
+    return registered, checked, why, max(1, BUDGET // numbers)  # numbers: for one new entity
 
 
 def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
-    """The best initializer for what is known, and why it is taken. MAP is taken only on a ``small`` graph."""
+    """The default initializer for the given data, and the reason for it. MAP is chosen on a ``small`` graph only."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
     candidates = [INITIALIZERS.get(name, name) for name in BEST]
     fitting = [other for other in candidates if not lacking & set(other.needs) and not other.misses(model)]
@@ -159,7 +159,7 @@ def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, st
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The given margin, or minus the midpoint of mean scores of triples, (T, 3), and corrupted ones; 0 for linear f."""
+    """The given margin; null: −(mean score of triples, (T, 3), + mean score of corrupted ones) / 2; 0 if linear."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
@@ -174,9 +174,9 @@ def init_context_of(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
-    """What an initializer sees of new entities. Their ids, (n,), ascend by one and follow those of all known ones.
+    """The data that an initializer gets for new entities. Their ids ``new``, (n,), are consecutive and ≥ ``known``.
 
-    Triples are (I, 3) and (K, 3), words (E, w). Every known entity may be an indicator where no triples are known.
+    Shapes: triples (I, 3) and (K, 3), words (E, v), kinds (E,). With K = 0, every known entity may be an indicator.
     """
     session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT
@@ -197,27 +197,27 @@ def fit_new(
     known_triples: Sequence[Triple] | np.ndarray | None = None, epochs: int = 100, all_epochs: int = 0,
     learning_rate: float = 0.04, weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Train the last rows of a table of entities while the others are frozen; then, if chosen, all rows.
+    """Train the rows of new entities while all other rows are frozen; then, optionally, train all rows.
 
-    Losses are logistic, negatives corrupted heads, tails and relations, and steps those of Adagrad, as in the pipeline.
+    Loss, negatives and optimizer are the pipeline's: logistic loss, corrupted heads, tails and relations, Adagrad.
 
     Args:
-        entities: vectors of known entities, then of new ones, as ``insert`` gives them; shape (E + n, d).
+        entities: vectors of known, then of new entities, as ``insert`` returns them; shape (E + n, d).
         relations: shape (R, w).
-        triples: of the new entities, with known ends or new ones.
-        new: number of new entities, the last rows of ``entities``.
-        model: as for ``insert``, like ``model_options``; ``entity_names``, of known and new ones, ``relation_names``.
-        known_triples: of the known entities, trained on as well; ``all_epochs`` needs them.
-        epochs: in which the new rows alone move; ``all_epochs``, in which all rows of both tables move after that.
-        learning_rate: of Adagrad; ``weight_decay``, of every update.
-        batch_size: triples in one update; ``ratio``, how many corrupted heads, tails and relations each has.
+        triples: of the new entities; the other end is known or new.
+        new: number n of new entities, the last rows of ``entities``.
+        model: see ``insert``; also ``model_options`` and ``relation_names``. ``entity_names``: of all E + n entities.
+        known_triples: triples of known entities, which are trained on too; required if ``all_epochs`` > 0.
+        epochs: number of epochs that change new rows only; ``all_epochs``: of later epochs that change both tables.
+        learning_rate: of Adagrad; ``weight_decay``: added to each gradient, times the parameters.
+        batch_size: triples per update; ``ratio``: corrupted heads, tails and relations per triple (of each).
         seed: of batches and negatives.
 
     Returns:
-        both tables. Without ``all_epochs`` the rows of relations and known entities are the bytes that were given.
+        both tables. If ``all_epochs`` is 0, relations and known entities are returned unchanged.
 
     Raises:
-        InputError: naming the argument that is wrong, and what was expected.
+        InputError: names the wrong argument and the expected value.
     """
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")

@@ -18,15 +18,15 @@ from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
 
-#: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
+#: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
 Source = Callable[[Sequence[str]], Any] | str | Path
-Triple = Sequence[str | int]  #: By names or by ids: head, relation, tail.
+Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 SLOTS = ("head", "relation", "tail")
 
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Name an argument in mistakes within that name nothing yet, or that name a key of ``params.yaml``."""
+    """Name an argument in an ``InputError`` that names no file or argument yet, or that names ``params.yaml``."""
     try:
         yield
     except InputError as error:
@@ -36,7 +36,7 @@ def argument(name: str) -> Iterator[None]:
 
 
 def as_list(values: Any, item: type = object, expected: str = "a list") -> list[Any]:
-    """The items that an argument lists; a text is no list."""
+    """An argument as a list of ``item``. An ``InputError`` refuses a text, and items of other types."""
     try:
         items = list(values)
     except TypeError as error:
@@ -52,7 +52,7 @@ def is_whole(value: object) -> bool:
 
 
 def options_by_name(values: Any, name: str) -> dict[str, Any]:
-    """The options that an argument gives by name; none if it is null."""
+    """An argument that maps names to options, as a dict; empty for null."""
     return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
 
 
@@ -61,7 +61,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
     with argument(name), np.errstate(over="ignore"):
         try:
             numbers = np.asarray(values, dtype)
-        except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: of a tensor
+        except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: a tensor with a gradient
             raise InputError("", "", f"expected a table of floats (rows, numbers) ({error})") from error
         if np.iscomplexobj(numbers):
             expected = "expected real numbers: of complex vectors the real halves, then the imaginary ones"
@@ -77,7 +77,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
 
 @dataclass
 class Names:
-    """The names of a table's rows, known ones first. Without names, rows go by id alone."""
+    """The names of a table's rows, known entities first. If null, rows are identified by id only."""
 
     argument: str  #: ``entity_names`` or ``relation_names``
     number: int
@@ -100,7 +100,7 @@ class Names:
         return row if self.names is None else self.names[row]
 
     def id(self, value: Any, place: str) -> int:
-        """The id of a name or of an id; ``place`` is where it stands."""
+        """The id of a value that is a name or an id; an ``InputError`` names its ``place``."""
         if isinstance(value, str) and value in self.ids:
             return self.ids[value]
         if is_whole(value) and 0 <= value < self.number:
@@ -112,7 +112,7 @@ class Names:
 
 
 def all_names(known: int, entity_names: Any, new: Any) -> Names:
-    """Names of known and new entities."""
+    """Names of known and new entities. ``new``: names if the known ones have names, else a number."""
     names = Names("entity_names", known, entity_names).names
     with argument("new"):
         if is_whole(new) == (names is not None):
@@ -124,7 +124,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
-    """The model of a name and options. An ``InputError`` says if its vectors cannot have this dimension."""
+    """The model of a name and options, or a given ``Model``. An ``InputError`` refuses an unsupported dimension."""
     given = options_by_name(options, "model_options")
     with argument("model"):
         if not isinstance(model, str | Model):
@@ -136,7 +136,7 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
 
 @dataclass(frozen=True)
 class Arguments:
-    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share; ids of known entities come first."""
+    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share. Known entities have the lower ids."""
 
     relations: np.ndarray
     model: Model
@@ -149,7 +149,7 @@ def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
     known: int, triples: Any, known_triples: Any,
 ) -> Arguments:  # fmt: skip
-    """Check the arguments of a call whose ``entities``, ``names`` and number of ``known`` entities are checked."""
+    """Check the other arguments of a call; ``entities``, ``names`` and ``known`` (a number) are checked already."""
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
     labels = Names("relation_names", len(rows), relation_names)
@@ -166,7 +166,7 @@ def checked_arguments(
 
 
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
-    """Triples as ids, each once and in the given order; shape (T, 3), int64."""
+    """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
     with argument(name):
         if isinstance(triples, np.ndarray) and triples.dtype.kind in "iu" and triples.shape[1:] == (3,):
@@ -187,7 +187,7 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """A number for the kind of each entity, (E,), int64. Entities without a kind share one. Null if none is given."""
+    """The kind of each entity as a number, (E,), int64; missing kinds count as one kind. Null if ``kinds`` is null."""
     if kinds is None:
         return None
     with argument("kinds"):
@@ -202,7 +202,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors of entities, (E, w), float32, from a table, or from vectors or texts by name; zero if missing."""
+    """Word vectors of entities, (E, v), float32, zero if missing; from a table, or a mapping to vectors or texts."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):
@@ -229,7 +229,7 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
 
 
 def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
-    """The vectors of texts, (T, w), float32. They are zero if the source has none."""
+    """The vectors of texts, (T, v), float32; zero if word vectors lack all words of a text."""
     if source is None:
         raise InputError("", "", "expected vectors: texts need the argument 'word_source', which embeds them")
     if callable(source):
@@ -237,7 +237,7 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
         if len(vectors) != len(texts):
             raise InputError("argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}")
         return vectors
-    from gensim.models import KeyedVectors  # here, since it takes a second
+    from gensim.models import KeyedVectors  # here, since the import takes a second
 
     from isi.graph.words import look_up, read_vectors
 
@@ -249,14 +249,14 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
 
 
 def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> Embedding:
-    """Tables, (E, d) and (R, w), as a stack of one float32 embedding; float32 ``entities`` are shared, not copied."""
-    with np.errstate(over="ignore"):  # what is too large is refused later
+    """Tables, (E, d) and (R, w), as a stack of one float32 embedding. A float32 ``entities`` is not copied."""
+    with np.errstate(over="ignore"):  # values that overflow are refused later
         entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
     return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)
 
 
 def trained_session(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Session:
-    """The session of all entities of an embedding, in which some triples, each seen once, are for training."""
+    """A session of all entities of an embedding, with ``triples``, (T, 3), as training triples of count 1."""
     entities, relations = theta.entity.shape[1], theta.relation.shape[1]
     kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
     seen = torch.ones(len(triples), dtype=torch.int64)

@@ -1,4 +1,4 @@
-"""What ``isi.insert`` returns: enlarged tables, a report of each new entity, interference with known answers."""
+"""The result of ``isi.insert``: enlarged tables, a report of each new entity, interference with known answers."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,9 +21,9 @@ from isi.models.stack import Embedding
 from isi.models.stack import rows as rows_of
 from isi.random import stream
 
-BUDGET = 2**24  #: Numbers in a table of cosines, at most.
-SAME = 1e-6  #: Of the largest deviation of a coordinate: known vectors that differ by less count as equal in it.
-CLOUD = 2**16  #: Known vectors from which the spread is taken, at most, evenly over the table.
+BUDGET = 2**24  #: Maximum number of cosines in one table.
+SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
+CLOUD = 2**16  #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
 
 
 @dataclass(frozen=True)
@@ -32,25 +32,25 @@ class Entity:
 
     name: str | int
     id: int
-    insert_triples: int  #: triples with a known end, which the initializer saw
-    between: int  #: triples between two new ones, which it did not
-    fallback: str | None  #: what replaced the initializer where data were missing: es, rs, centroid
-    indicators: list[str | int] | None  #: whose centroid was taken, if one was
-    nearest: list[tuple[str | int, float]]  #: the known entities of nearest vectors, with their cosines
-    #: root mean square, over coordinates, of the z-score among known vectors; 1 is usual
+    insert_triples: int  #: number of triples with a known end, which the initializer used
+    between: int  #: number of triples of two new entities, which it did not use
+    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid
+    indicators: list[str | int] | None  #: the entities whose centroid is the vector; null for other initializers
+    nearest: list[tuple[str | int, float]]  #: known entities with the highest cosines, and the cosines
+    #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is typical
     distance: float
-    farther_than: float  #: share of the known that lie nearer to the centre
+    farther_than: float  #: share of known vectors with a smaller distance
 
 
 @dataclass(frozen=True)
 class Interference:
-    """Effect of new entities on ranks of known answers. Each triple gives two queries, for its head and its tail."""
+    """Effect of new entities on the ranks of known answers. Each queried triple gives a head and a tail query."""
 
     queries: int
-    #: of each new entity, the share of queries in which it ranks above the known answer (½ where they are tied);
-    #: where an insert triple makes it an answer itself, it counts as below
+    #: for each new entity, the share of queries in which it scores above the known answer; a tie counts ½; queries
+    #: that it answers itself by an insert triple count 0
     above: list[float]
-    #: filtered mean reciprocal rank and mean rank of the known answers, among known entities and among all
+    #: filtered MRR and mean rank of known answers, among known entities (before) and among all (after)
     mrr_before: float
     mrr_after: float
     rank_before: float
@@ -59,25 +59,25 @@ class Interference:
 
 @dataclass(frozen=True, eq=False)
 class Inserted:
-    """An embedding with new entities in it. The rows of known entities are the bytes that were given."""
+    """An embedding with new entities. The rows of known entities are unchanged."""
 
     entities: np.ndarray  #: shape: (E + n, d)
     relations: np.ndarray  #: shape: (R, w)
     model: Model
-    entity_names: Sequence[str] | None  #: null where they go by id
+    entity_names: Sequence[str] | None  #: null if entities have ids only
     relation_names: Sequence[str] | None
     new: list[int]  #: ids of the new entities
-    insert_triples: np.ndarray  #: triples with one new end; shape: (I, 3)
-    between: np.ndarray  #: and with two; shape: (B, 3)
+    insert_triples: np.ndarray  #: triples of a new and a known entity; shape: (I, 3)
+    between: np.ndarray  #: triples of new entities only; shape: (B, 3)
     known_triples: np.ndarray
     initializer: str
     options: Mapping[str, Any]
-    why: str  #: why this initializer
-    fallback: list[str | None]  #: what served each new entity where the initializer could not: es, rs, centroid
-    #: what each known entity weighs in each new vector, or in the mean of its prior; shape (n, E); null where the
-    #: initializer has no weights, or where they are too many
+    why: str  #: the reason for this initializer
+    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid
+    #: weights of known entities in each new vector (MAP: in the mean of its prior); shape (n, E); null if the
+    #: initializer has no weights, or n · E is too large
     weights: np.ndarray | None
-    indicators: list[list[int]] | None  #: ids of the indicators of each, where the initializer has them
+    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; null if it is no centroid
 
     @property
     def known(self) -> int:
@@ -94,7 +94,7 @@ class Inserted:
         return Names("entity_names", len(self.entities), self.entity_names)
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """What became of each new entity, with so many of its ``nearest`` known entities."""
+        """The report of each new entity, with its ``nearest`` known entities (a number)."""
         check(nearest, Seed, "", "argument 'nearest'")
         of, vectors = self.names.of, self.embedding.entity[0]
         inserted, between = (
@@ -116,7 +116,7 @@ class Inserted:
         ]  # fmt: skip
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
-        """Distances, and shares of known vectors that lie nearer. Coordinates in which all are equal do not count."""
+        """``distance`` and ``farther_than`` of each new entity. Coordinates with (almost) no deviation are ignored."""
         vectors = self.embedding.entity[0]
         known = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
         centre, deviation = known.mean(0), known.std(0, correction=0)
@@ -131,12 +131,12 @@ class Inserted:
     def interference(
         self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0
     ) -> Interference:
-        """How often new entities rank above known answers, and what that does to their ranks.
+        """Measure how often new entities rank above known answers, and the MRR of these answers before and after.
 
         Args:
-            triples: of known entities, held out or not; ``known_triples`` where there are none.
-            most: triples that are queried; drawn where there are more.
-            seed: of the draw.
+            triples: triples of known entities to query, held out or trained; null: ``known_triples``.
+            most: maximum number of queried triples; a larger set is sampled at random.
+            seed: of the sample.
         """
         check(seed, Seed, "", "argument 'seed'")
         check(most, Count, "", "argument 'most'")
@@ -156,7 +156,7 @@ class Inserted:
 
 
 def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
-    """Share of all queries, (n,), in which each new entity, unless an answer itself, ranks above the answer."""
+    """For each new entity, (n,), the share of queries in which it ranks above the answer (``Interference.above``)."""
     head, relation, tail = queried.T[:, None]  # (1, Q)
     relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
     model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)
@@ -175,7 +175,7 @@ def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_tripl
 
 
 def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> list[Tensor]:
-    """Filtered ranks, (2Q,), among known entities and among all. ``right``, (T, 3), begins with ``queried``."""
+    """Filtered ranks, (2Q,), among known and among all entities. ``right``, (T, 3): true triples, ``queried`` first."""
     triples, place = np.unique(right, axis=0, return_inverse=True)
     session = trained_session(triples, embedding)
     is_queried = torch.zeros(1, len(triples), dtype=torch.bool)
