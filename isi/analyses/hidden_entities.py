@@ -51,14 +51,14 @@ class Hidden(Section):
     """An entry of ``hidden`` in the params of the second pipeline."""
 
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
-    title: str  #: what people read
+    title: str  #: in the report
     source: Literal["pykeen", "graphs"]  #: of PyKEEN's package, or the entry of that name in ``graphs``
     words: Words | None  #: of its entities, if they have any
     seeds: Count
     fraction: Fraction  #: share of the entities that is hidden
     fewest: Annotated[int, Field(ge=2)]  #: triples with a known end that a hidden entity has, at least
-    queries: Fraction  #: share of these that are queries; one at least
-    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]  #: of the others; null: all
+    queries: Fraction  #: share of these triples that become queries; at least one
+    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]  #: most insert triples; null: all others
     initializers: list[Name]  #: set beside the one that ``isi.pykeen.insert`` takes where none is named
     training: HiddenTraining
     epochs: Count  #: of training with the new entities' triples
@@ -71,10 +71,10 @@ class HiddenSplit:
     order: np.ndarray  #: of known and hidden entities, in the graph's own ids; shape (E,)
     known: int
     triples: np.ndarray  #: among known entities
-    rest: np.ndarray  #: of hidden ones, with a known end, to insert from: by entity, in random order
-    place: np.ndarray  #: of each of these among those of its entity
-    queries: np.ndarray  #: the others of hidden ones with a known end, likewise
-    true: np.ndarray  #: all of the graph
+    rest: np.ndarray  #: insert candidates, (I, 3): a hidden and a known end; by entity, in random order
+    place: np.ndarray  #: index of each row of ``rest`` within its entity
+    queries: np.ndarray  #: the other triples of a hidden and a known entity, likewise; shape (Q, 3)
+    true: np.ndarray  #: all triples of the graph
 
     def insert_triples(self, number: int | None) -> np.ndarray:
         """The first ``number`` insert triples of each hidden entity, null: all; shape (I', 3)."""
@@ -82,7 +82,7 @@ class HiddenSplit:
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Draw hidden entities; each has enough triples, (T, 3), to known ones, and others keep at least one."""
+    """Sample hidden entities of ``fewest`` triples or more with known ends; known entities keep a known triple."""
     rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True

@@ -28,9 +28,9 @@ from isi.training.trainer import never_stop
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
 TRUE = (None, "told", "learned", "held_out")  #: How an answer is true to a session; none: not true.
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
-HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}  #: The slot that a query hides, and the one that it gives.
+HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}  #: By hidden slot: columns of the hidden and of the given entity.
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
-#: two axes of its map. ``fitted``: share of it that the joint model's vectors of them have in common with Θ⁰'s.
+#: two axes of its map. ``fitted``: share of the variance in Θ⁰ that the joint model explains (``procrustes``).
 SINGLE_INSERTIONS = Table(
     "data/analyses/explorer/{experiment}.parquet",
     {"entity": ENTITY, "seed": FROM_0, "told": FROM_0, "shown": SHARE, "fitted": SHARE},
@@ -179,7 +179,7 @@ def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
 
 
 def columns(**of: Any) -> pd.DataFrame:
-    """A frame of columns, of which some are tensors."""
+    """A frame of columns, arrays or tensors."""
     return pd.DataFrame({name: c.cpu().numpy() if isinstance(c, Tensor) else c for name, c in of.items()})
 
 

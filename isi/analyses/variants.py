@@ -54,9 +54,9 @@ class Variant(Section):
     options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]  #: in place of those of params.yaml
     changes: Changes
     max_insert_triples: Annotated[int, Field(ge=0)] | None = None  #: of each novel entity; null: all
-    finetuned: bool = True  #: else measured immediately alone
-    full_curves: bool = False  #: for all epochs, for learning curves; else until convergence
-    trained: bool = False  #: whether Θ⁰ and the joint model are its own even where no change asks for it
+    finetuned: bool = True  #: whether to fine-tune; else only measure right after insertion
+    full_curves: bool = False  #: whether to fine-tune for all epochs (learning curves); else until convergence
+    trained: bool = False  #: whether to train Θ⁰ and the joint model even if no change affects them
 
     def changes_one_of(self, *sections: str) -> bool:
         """Whether the variant changes one of these sections of params."""

@@ -1,7 +1,7 @@
 """Sources of graphs: readers give observations (head, relation, tail) of scenes, tallies or tables.
 
 Each module registers its readers by the names that ``reader`` has in params; a source is a reader with its settings.
-What cannot be read (missing, broken, of another form) is refused by an ``InputError`` that names the file and place.
+An ``InputError`` refuses a file that is missing, broken or of another form, and names the file and the place.
 """
 
 from collections import Counter
@@ -35,7 +35,7 @@ KINDS = Table(
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
 )
-CHUNK = 65_536  #: So many observations are held at once.
+CHUNK = 65_536  #: Maximum number of observations in memory.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
 #: Gives the entities of a source (``KINDS``) from its unique triples and the names of its rooms.
@@ -45,7 +45,7 @@ Read = Callable[..., Iterable[Observation]]
 
 @dataclass
 class Mining:
-    """What a reader gets beside its settings, and where it reports counts and names of entities."""
+    """Arguments of a reader besides its settings: a seed, and fields in which the reader reports results."""
 
     seed: int  #: root of every random stream
     counts: Counter[str] = field(default_factory=Counter)  #: what is dropped, or left after each step
@@ -98,7 +98,7 @@ def observed(
     scene: str, room: str | None, instance: str, head: str, receptacles: Iterable[str] = (),
     materials: Iterable[str] = (), affordances: Iterable[str] = (), count: int = 1,
 ) -> Iterator[Observation]:  # fmt: skip
-    """The observations of an object: one for its room, if known, and for each receptacle, material and affordance."""
+    """The observations of an object: one each for its room, if known, receptacles, materials and affordances."""
     locations = [room, *receptacles] if room else receptacles
     tails = {AT_LOCATION: locations, HAS_MATERIAL: materials, HAS_AFFORDANCE: affordances}
     for relation, names in tails.items():

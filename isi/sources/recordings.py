@@ -47,8 +47,8 @@ class SceneObject(NamedTuple):
 
     id: str
     name: str  #: lower-case words of its type
-    receptacles: Sequence[str] = ()  #: what it is on or in; ids, or names where nothing else is known
-    contents: Sequence[str] = ()  #: ids of what is on or in it
+    receptacles: Sequence[str] = ()  #: the receptacles on or in which it is: ids (in houses: names)
+    contents: Sequence[str] = ()  #: ids of the objects on or in it
     materials: Sequence[str] = ()
     affordances: Sequence[str] = ()
 
@@ -169,7 +169,7 @@ def check_header(path: Path, line: bytes, expected: Mapping[str, Any] = FORMAT) 
 
 
 PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")  #: Builds that the package ``ai2thor`` downloads.
-#: Floor plans that go by one word.
+#: Names of groups of floor plans.
 GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor": _PLANS}
 
 
