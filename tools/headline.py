@@ -10,7 +10,7 @@ import pandas as pd
 
 #: Title in two lines, and where its numbers are in ``metrics.json``.
 COLUMNS = (
-    ("MRR* at once", "all", "immediate_mrr_star", "all"), ("MRR* at once", "novel", "immediate_mrr_star", "novel"),
+    ("immediate MRR*", "all", "immediate_mrr_star", "all"), ("immediate MRR*", "novel", "immediate_mrr_star", "novel"),
     ("gain %", "all", "improvement_over_xavier_percent", "all"),
     ("epochs", "all", "epochs_to_convergence", "all"), ("never %", "all", "unconverged_percent", "all"),
     ("epochs", "held-out", "epochs_to_convergence", "novel_heldout"),

@@ -24,7 +24,7 @@ def label(method: str, settings: Hidden, default: str) -> str:
         "insert_new_rows": f"{insert}, then {settings.epochs} epochs of the new rows",
         "own_new_rows": f"PyKEEN's own, then {settings.epochs} epochs of the new rows",
         "own_all_rows": f"PyKEEN's own, then {settings.epochs} epochs of all rows",
-        "retrained": "all trained again",
+        "retrained": "retrained from scratch",
     }.get(method, f"{insert}: `{method}`")
 
 

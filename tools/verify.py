@@ -113,7 +113,7 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
         experiments.append(
             Experiment(name, [key for key in params["initializers"] if listed == "all" or key in listed])
         )
-    checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 6e-3),
+    checks = [Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5), Check("mean epochs", 6e-3),
               Check("unconverged %", 6e-3)]  # fmt: skip
     initial, immediate, epochs, unconverged = checks
     cells = [(experiment, *cell[:2]) for experiment in experiments for cell in experiment.novel if cell[2] == 1]
