@@ -59,7 +59,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
         raise InputError(f"reader {name}", "", "expected one that reads a file")
     slot = str(known[name].path).removesuffix("_")
     for key in {"reader", slot} & set(given):
-        raise InputError("--set", key, "expected another setting: it is given")
+        raise InputError("--set", key, "expected another setting: FILE or --reader gives this one")
     try:
         source = Source({"reader": name, **known[name].defaults, slot: str(file), **given}, "--set", seed)
     except InputError as error:
@@ -96,7 +96,7 @@ def guess(file: Path) -> str:
                 value = parse_json(Any, line + text.read(MOST), file)
         fitting = [name for name, reader in known.items() if reader.reads_json(value)]
     if not fitting:
-        expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(known)}"
+        expected = f"expected a file of a known format; else name its reader with --reader: {', '.join(known)}"
         raise InputError(file, "", expected)
     return fitting[0]
 

@@ -38,7 +38,7 @@ def import_(
     else:
         files = list(tensors) or tensors_in(folder, labels.form)
         if model not in MODELS.names():
-            expected = f"expected how a triple is scored: {', '.join(MODELS.names())}; got {model}"
+            expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--family", "", expected)
         with flags(model="--family", model_options="--set"):
             bundle = of_tensors(labels, str(model), settings(set), files)

@@ -31,7 +31,7 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
              needs=("insert_triples", "inverse"), defaults={"temperature": 0.02},
              grid={"temperature": _TEMPERATURES})  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
-    """Soft RS: the mean of all known entities, weighted by how near they are to where the insert triples point."""
+    """Soft RS: the mean of all known entities, weighted by softmax(score / temperature) of RS's score."""
     return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
@@ -63,7 +63,7 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
 @initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d", cost="entities",
              defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]})  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
-    """Kind mean and noise: kind mean + fraction · σ · N(0, 1), σ the deviation within the kind (arXiv 2511.11118)."""
+    """Kind mean + noise: the mean + fraction · σ · N(0, 1), σ the deviation within the kind (arXiv 2511.11118)."""
     kind, fallback = similarity.weights_or_fallback(context, nothing=lambda: similarity.same_kind(context))
     noise = fraction * deviation(context, kind) * standard_normal(context)
     return InitResult(similarity.centroid(context, kind, fallback).vectors + noise, fallback)

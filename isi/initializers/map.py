@@ -154,14 +154,14 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
              defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
              grid={"k": [9], "candidates": [30], **_PRIOR})  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
-    """MAP around ERS: the most probable vector given the insert triples and a prior at the vector of ERS."""
+    """MAP, ERS: the most probable vector given the insert triples and a prior at the vector of ERS."""
     return most_probable(context, hybrid_similarity(context, k, candidates), strength, ratio)
 
 
 @initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
              defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR)  # fmt: skip
 def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """MAP around the mean: the most probable vector given the insert triples and a prior at the known centroid."""
+    """MAP, mean: the most probable vector given the insert triples and a prior at the known centroid."""
     return most_probable(context, _mean_of_known(context), strength, ratio)
 
 

@@ -40,7 +40,7 @@ def entity_similarity(context: InitContext, k: Count) -> InitResult:
 @initializer("rs", label="RS", role="isi", colour="#009e73", cost="entities", needs=("insert_triples", "inverse"),
              defaults={"k": 18}, grid={"k": [1, 2, 4, 8, 12, 18, 30]})  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
-    """RS, relational similarity: the centroid of the k entities nearest to where the triples point (equations 4, 5)."""
+    """RS, relational similarity: the centroid of the k entities that fit the insert triples best (equations 4, 5)."""
     return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k))
 
 
@@ -67,7 +67,7 @@ def mean(context: InitContext) -> InitResult:
 
 @initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={})
 def kind_mean(context: InitContext) -> InitResult:
-    """Kind mean: the centroid of the known entities of the same kind, what the kind alone is worth (a control)."""
+    """Kind mean: the centroid of the known entities of the same kind: the gain by the kind alone (a control)."""
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
@@ -103,14 +103,14 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
 @initializer("es_permuted", label="Permuted ES", role="control", colour="#8db4cf", cost="pairs", needs=("words",),
              defaults={"k": 8})  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
-    """Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a control)."""
+    """Permuted ES: ES after a random permutation of the word vectors among all entities (a control)."""
     return _es_permuted(context, "es_permuted", torch.zeros_like(context.kinds), k)
 
 
 @initializer("es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96", cost="pairs",
              needs=("words",), defaults={"k": 8})  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
-    """ES permuted within kinds: the same, but word vectors stay within a kind of entity (a control)."""
+    """ES permuted within kinds: ES after a random permutation of the word vectors within each kind (a control)."""
     return _es_permuted(context, "es_permuted_kinds", context.kinds, k)
 
 
@@ -136,7 +136,7 @@ def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor
 @initializer("rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4", cost="entities",
              needs=("insert_triples", "inverse"), defaults={"k": 18})  # fmt: skip
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
-    """RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part (a control)."""
+    """RS, alive coordinates: RS without the coordinates that a relation's map scales to nearly zero (a control)."""
     models = torch.arange(len(context.novel))[:, None, None]
     alpha = similarity.insert_triple_alpha(context) * alive(context.theta0)[models, context.relation]
     return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k, alpha))

@@ -242,8 +242,8 @@ class Results:
 
     def source_title(self, source: str) -> str:
         """The title of a source: that of the experiment on its graph, else its name."""
-        titles = {experiment.settings.graph.source: experiment.title for experiment in reversed(self.standalone)}
-        return titles.get(source, source)
+        of_source = (experiment for experiment in self.standalone if experiment.settings.graph.source == source)
+        return next((experiment.title for experiment in of_source), source)
 
     def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
         """The experiments for which an analysis was run, each with its result."""
