@@ -1,6 +1,6 @@
-"""The stages of the pipelines: each reads, calls isi, and writes.
+"""The stages of the pipelines: each reads tables, calls isi, and writes tables.
 
-Python imports this package before a stage. So Ctrl-C ends a stage in one line also while its slow imports run.
+Python imports this package before a stage, so that Ctrl-C ends a stage in one line even during slow imports.
 """
 
 import sys
@@ -12,5 +12,5 @@ if sys.version_info < (3, 11) or not all(map(find_spec, ("numpy", "pandas", "pya
 from isi.process import handle_stop_signals, tie_to_parent
 
 if sys.argv[0] == "-m":  # run, not imported
-    tie_to_parent()  # DVC leaves its stage running when it is killed
+    tie_to_parent()  # a killed DVC leaves its stage running
     handle_stop_signals("stages")

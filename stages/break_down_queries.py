@@ -1,4 +1,4 @@
-"""Break down the link prediction of every model right after insertion by kind of query."""
+"""Measure every model right after insertion by relation, hidden slot and role of the novel entity."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""Count a source's observations into the unique triples of an experiment's graph, and add entities of another one."""
+"""Build the graph of an experiment: unique triples with counts, and, if params say so, entities of a second source."""
 
 from isi.graph import graph as graphs
 from isi.graph.graph import ENTITIES, TRIPLES, MinedSource
@@ -24,7 +24,7 @@ def build_graph(context: StageContext, experiment: str) -> None:
 
 
 def mined(source: str) -> MinedSource:
-    """The mined observations and entities of a source."""
+    """The observations and entities that were mined from a source."""
     observations, kinds = OBSERVATIONS.read(source=source), KINDS.read(source=source)
     return MinedSource(source, observations, kinds, OBSERVATIONS.path(source=source))
 

@@ -1,4 +1,4 @@
-"""Look up the word vector of every entity."""
+"""Look up the word vector of each entity's phrase."""
 
 import torch
 

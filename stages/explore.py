@@ -1,4 +1,4 @@
-"""Run an experiment on a graph of its own: mine, draw sessions, train, insert, and fine-tune until convergence."""
+"""Run an experiment on another graph: mine, sample sessions, train, insert, and fine-tune until convergence."""
 
 import pandas as pd
 import pyarrow as pa
@@ -38,7 +38,7 @@ def explore(context: StageContext, graph: str) -> None:
 
 
 def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
-    """The observations and entities of the source."""
+    """Mine the observations and entities of the source."""
     source = Source(settings.source, key, root)
     parts = pa.concat_tables([OBSERVATIONS.schema.empty_table(), *source.tables()]).unify_dictionaries()
     frame: pd.DataFrame = parts.to_pandas()
@@ -48,7 +48,7 @@ def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSo
 
 
 def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: GraphExperiment, key: str) -> Store:
-    """The graph with its word vectors and its sessions."""
+    """A ``Store`` in memory of the graph, its word vectors and its sessions."""
     entities, triples, params = tables.entities, tables.triples, context.params
     words = look_up(load_vectors(settings.words), list(entities["phrase"]))
     drawn = session_tables(

@@ -1,6 +1,6 @@
 """Fine-tune Θ⁰ on D⁰ without an insertion, and measure it after every epoch.
 
-Sizes and epochs are those of the full curves of insertion.
+Sizes and epochs are those of the learning curves after insertion (``full_curves``).
 """
 
 from isi.analyses import finetuning

@@ -1,4 +1,4 @@
-"""Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune.
+"""Insert novel entities into Θ⁰ with one initializer, measure right after insertion, and fine-tune.
 
 An initializer that the experiment does not list leaves tables without rows.
 """

@@ -1,4 +1,4 @@
-"""Hide entities of a graph, train PyKEEN on the others, insert the hidden entities, and query them."""
+"""Hide entities of a graph, train a PyKEEN model on the others, insert the hidden entities, and rank answers."""
 
 import sys
 from importlib.util import find_spec
@@ -38,7 +38,7 @@ def insert_hidden(context: StageContext, graph: str) -> None:
 
 
 def of_package(name: str) -> tuple[Graph, list[str]]:
-    """A graph of PyKEEN's package, with all its splits, and the names of its entities."""
+    """A dataset of PyKEEN (all its splits) as a graph, and the names of its entities."""
     dataset = get_dataset(dataset=name)
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)
@@ -48,7 +48,7 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
 
 
 def of_pipeline(name: str) -> tuple[Graph, list[str]]:
-    """A graph of the second pipeline, and the phrases of its entities."""
+    """A graph of the second pipeline, and the phrases of its entities for word vectors."""
     entities = GRAPH_ENTITIES.read(graph=name)
     graph = build_graph(entities, GRAPH_TRIPLES.read(graph=name), GRAPH_TRIPLES.path(graph=name))
     return graph, list(entities["phrase"])

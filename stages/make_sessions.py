@@ -1,4 +1,4 @@
-"""Draw splits, novel entities and insert triples for every size and seed."""
+"""Sample splits, novel entities and insert triples for every size and seed."""
 
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph
 from isi.graph.sessions import session_tables

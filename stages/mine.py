@@ -1,4 +1,4 @@
-"""Mine a source into observations, and name its entities."""
+"""Mine the observations and the entities of a source, and count what each step of mining leaves."""
 
 import pandas as pd
 

@@ -17,13 +17,13 @@ from isi.tables import paths
 
 
 def record(settings: Recorder) -> None:
-    """Record what is not yet recorded.
+    """Record the scenes that the recording lacks.
 
     Raises:
-        InputError: where the simulator does not give a scene, or its recording cannot be read or written; what was
-            recorded until then stays.
+        InputError: if the simulator does not return a scene, or if the recording cannot be read or written; scenes
+            that were recorded before the error stay.
     """
-    from isi.sources.recorder import Recording, Simulator, header  # here, since it loads the simulator's package
+    from isi.sources.recorder import Recording, Simulator, header  # here, since it imports the simulator's package
 
     with closing(Simulator(settings)) as simulator:
         recording = Recording(Path(settings.output), header(settings))

@@ -1,4 +1,4 @@
-"""Show single insertions, entity by entity: indicators, position, and answers to queries."""
+"""Compute the tables of the explorer: indicators, position and answers of each inserted entity."""
 
 import pandas as pd
 

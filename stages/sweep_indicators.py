@@ -1,4 +1,4 @@
-"""Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
+"""Insert novel entities by one initializer with several indicator set sizes, and fine-tune until convergence."""
 
 import pandas as pd
 
@@ -15,7 +15,7 @@ from isi.tables import paths
 def sweep_indicators(context: StageContext, experiment: str, initializer: str) -> None:
     params, sweep, store = context.params, context.params.sweep, Store(experiment)
     options = sweep.initializers[initializer]
-    sizes = [k for k in sweep.k if k <= options.get("candidates", k)]  # ERS chooses among these: more are the same set
+    sizes = [k for k in sweep.k if k <= options.get("candidates", k)]  # a larger k selects all candidates
     if not sizes:
         raise InputError(paths.PARAMS, "sweep.k", f"expected a size up to sweep.initializers.{initializer}.candidates")
     grid = store.grid(stack_height(params.compute), sweep.size, sweep.seeds)

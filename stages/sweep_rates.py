@@ -1,4 +1,4 @@
-"""Insert novel entities with one initializer, and fine-tune until convergence at other rates."""
+"""Insert novel entities by one initializer, and fine-tune until convergence at several learning rates."""
 
 import pandas as pd
 

@@ -1,6 +1,6 @@
-"""Train an embedding of an experiment's whole graph, the default of the command ``isi``.
+"""Train an embedding of all triples of an experiment, which the command ``isi`` uses by default.
 
-It is trained like a joint model, for the median number of epochs of the joint models.
+It is trained like a joint model, for the median of the joint models' best epochs.
 """
 
 from isi.analyses import joint_models

@@ -1,4 +1,4 @@
-"""Train the joint models of every session, and measure each in the scopes of its session."""
+"""Train the joint models of every session, and measure each of them in all scopes of its session."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""Repeat experiments under other conditions: train if need be, insert, and fine-tune until convergence."""
+"""Run a variant of experiments: train if its changes require it, insert, and fine-tune until convergence."""
 
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
 from isi.experiment.store import Store

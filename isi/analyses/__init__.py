@@ -1,1 +1,1 @@
-"""Analyses beside the main grid of insertions."""
+"""Analyses of the runs of the main grid, and further experiments."""

@@ -1,4 +1,4 @@
-"""Entities held out from PyKEEN's training: which, their insert triples and their queries."""
+"""A graph split for PyKEEN: entities hidden from its training, their insert triples and their queries."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +16,10 @@ from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, one_of
 from isi.tables.table import Table
 
-#: ``method``: what gave hidden entities their vectors. ``initializer``: of ``isi.pykeen.insert``, where that did.
-#: ``told``: insert triples of each entity, at most (null: all). ``asked``: queries for the ``known`` end of a triple of
-#: a hidden entity, for the ``hidden`` entity, or for the ends of ``earlier`` triples, of known entities alone, which
-#: were not trained on; all entities are candidates.
+#: ``method``: key of ``methods`` in ``hidden_in``. ``initializer``: that of ``isi.pykeen.insert``; null for methods
+#: without it. ``told``: maximum number of insert triples per entity (null: all). ``asked``: the answer is the ``known``
+#: or the ``hidden`` end of a triple of a hidden entity, or (``earlier``) either end of a validation triple of known
+#: entities. All entities are candidates. ``entities``: number of hidden ones.
 HIDDEN_ENTITIES = Table(
     "data/beyond/hidden/{graph}.parquet",
     {"method": NAME, "initializer": NAME.optional, "told": FROM_1.optional, "seed": FROM_0,
@@ -30,59 +30,59 @@ HIDDEN_ENTITIES = Table(
 
 
 def seconds_path(graph: str) -> Path:
-    """Path of the seconds that each method took, beside ``HIDDEN_ENTITIES``."""
+    """Path of a JSON file beside ``HIDDEN_ENTITIES``: mean CPU seconds of each method by ``told``."""
     return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
 
 
 class HiddenTraining(Section):
-    """``training`` of an entry of ``hidden``: how PyKEEN trains."""
+    """``training`` in an entry of ``hidden``: the settings of PyKEEN's training."""
 
     dimension: Count
     batch_size: Count
     learning_rate: Positive
-    negatives: Count  #: wrong triples beside each right one
-    valid: Fraction  #: share of the known triples that says when to stop
+    negatives: Count  #: negative triples per positive triple
+    valid: Fraction  #: share of the known triples, the validation set of early stopping
     max_epochs: Count
-    frequency: Count  #: epochs between two looks
-    patience: Count  #: looks without a better one before it stops
+    frequency: Count  #: epochs between two evaluations
+    patience: Count  #: evaluations without improvement before training stops
 
 
 class Hidden(Section):
-    """An entry of ``hidden`` in the params of the second pipeline."""
+    """An entry of ``hidden`` in the params of the second pipeline: a graph, and which of its entities are hidden."""
 
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
-    title: str  #: in the report
-    source: Literal["pykeen", "graphs"]  #: of PyKEEN's package, or the entry of that name in ``graphs``
-    words: Words | None  #: of its entities, if they have any
+    title: str  #: in the table of the documentation
+    source: Literal["pykeen", "graphs"]  #: PyKEEN's dataset or the entry of ``graphs`` that has the entry's name
+    words: Words | None  #: word vectors of the entities; None: the graph has none
     seeds: Count
     fraction: Fraction  #: share of the entities that is hidden
-    fewest: Annotated[int, Field(ge=2)]  #: triples with a known end that a hidden entity has, at least
-    queries: Fraction  #: share of these triples that become queries; at least one
-    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]  #: most insert triples; null: all others
-    initializers: list[Name]  #: set beside the one that ``isi.pykeen.insert`` takes where none is named
+    fewest: Annotated[int, Field(ge=2)]  #: minimum number of a hidden entity's triples with a known end
+    queries: Fraction  #: share of those triples that become queries (rounded down, at least one triple)
+    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]  #: per entity; null: all but the queries
+    initializers: list[Name]  #: compared with the default initializer of ``isi.pykeen.insert``
     training: HiddenTraining
-    epochs: Count  #: of training with the new entities' triples
+    epochs: Count  #: of training after insertion
 
 
 @dataclass(frozen=True)
 class HiddenSplit:
-    """A graph renumbered with known entities before hidden ones; triples have shape (…, 3)."""
+    """A graph whose entities are renumbered: known ones first, then hidden ones; triples have the new ids."""
 
-    order: np.ndarray  #: of known and hidden entities, in the graph's own ids; shape (E,)
-    known: int
-    triples: np.ndarray  #: among known entities
-    rest: np.ndarray  #: insert candidates, (I, 3): a hidden and a known end; by entity, in random order
-    place: np.ndarray  #: index of each row of ``rest`` within its entity
-    queries: np.ndarray  #: the other triples of a hidden and a known entity, likewise; shape (Q, 3)
-    true: np.ndarray  #: all triples of the graph
+    order: np.ndarray  #: the graph's id of each entity by new id; shape (E,)
+    known: int  #: number of known entities
+    triples: np.ndarray  #: triples between known entities; shape (T, 3)
+    rest: np.ndarray  #: insert triples: a hidden and a known end; sorted by hidden entity, then random; shape (I, 3)
+    place: np.ndarray  #: index of each row of ``rest`` among the rows of its hidden entity; shape (I,)
+    queries: np.ndarray  #: query triples: a hidden and a known end; sorted as ``rest``; shape (Q, 3)
+    true: np.ndarray  #: all triples of the graph; shape (N, 3)
 
     def insert_triples(self, number: int | None) -> np.ndarray:
-        """The first ``number`` insert triples of each hidden entity, null: all; shape (I', 3)."""
+        """The first ``number`` insert triples of each hidden entity (None: all); shape (≤ I, 3)."""
         return self.rest if number is None else self.rest[self.place < number]
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Sample hidden entities of ``fewest`` triples or more with known ends; known entities keep a known triple."""
+    """Sample hidden entities such that known entities and all relations keep a known triple; else ``InputError``."""
     rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True
@@ -101,7 +101,7 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
     renamed[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]
     ends = (renamed[:, [HEAD, TAIL]] >= known).sum(1)
     rest = rng.permutation(renamed[ends == 1])
-    entity = rest[:, [HEAD, TAIL]].max(1)  # the hidden end: hidden ones are numbered behind the known
+    entity = rest[:, [HEAD, TAIL]].max(1)  # the hidden end: hidden entities have higher ids than known ones
     rest, entity = rest[np.argsort(entity, kind="stable")], np.sort(entity)
     _, first, inverse, number = np.unique(entity, return_index=True, return_inverse=True, return_counts=True)
     place, queried = np.arange(len(rest)) - first[inverse], np.maximum(1, (settings.queries * number).astype(int))

@@ -1,4 +1,4 @@
-"""Hidden entities inserted into PyKEEN's models, by ``isi.pykeen.insert`` and by PyKEEN's own means."""
+"""Insert hidden entities into a model of PyKEEN: by ``isi.pykeen.insert``, by PyKEEN's initializer, by retraining."""
 
 import gc
 import logging
@@ -30,17 +30,17 @@ from isi.pykeen import enlarge, inserted, read_model, warm
 
 Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]
-BATCH = 256  #: Triples whose answers are ranked at once.
+BATCH = 256  #: Number of triples in a batch of evaluation.
 
 
 def hidden_in(
     points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Answers of each method with one seed (``HIDDEN_ENTITIES``), and the seconds it took (method, told, seconds)."""
+    """Rows of ``HIDDEN_ENTITIES`` for one seed, and the CPU seconds of each method (method, told, seconds)."""
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
-    gc.freeze()  # PyKEEN collects garbage after every epoch
+    gc.freeze()  # PyKEEN collects garbage after every epoch; frozen objects are skipped
     graph, (seed,), training = points.graph, points.seeds, settings.training
     split = hide(graph.triples.numpy(), len(graph.entities), settings, key, root, seed)
     names = [graph.entities[row] for row in split.order]
@@ -82,10 +82,10 @@ class Case:
         self, insert_triples: np.ndarray, initializer: str | None = None, pykeen_rows: bool = False,
         then: Literal["new_rows", "all_rows", "retrain"] | None = None,
     ) -> tuple[Model, Inserted | None]:  # fmt: skip
-        """The model with the hidden entities, and the result of the insertion if there was one.
+        """The model with the hidden entities, and the result of ``isi.pykeen.insert`` (None for other methods).
 
-        New rows start by an initializer of ``isi.pykeen.insert``, null: its default, or by PyKEEN's own;
-        ``then`` trains the new rows or all rows; or a model of all triples is trained from scratch.
+        The rows of hidden entities come from ``initializer`` (None: the default) or, with ``pykeen_rows``, from
+        PyKEEN's initializer. ``then`` trains the new rows, or all rows, or instead retrains a model from scratch.
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
@@ -113,7 +113,7 @@ class Case:
 
 
 def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:
-    """PyKEEN's ``TriplesFactory`` for labels in the order of their ids."""
+    """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3); labels are listed in the order of ids."""
     entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
     return TriplesFactory(torch.from_numpy(triples), entity_ids, relation_ids)
 
@@ -124,7 +124,7 @@ def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> M
 
 
 def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
-    """Train a model with early stopping on the validation triples."""
+    """Train ComplEx, with early stopping on the MRR of the validation triples."""
     model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
@@ -136,7 +136,7 @@ def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTrai
 
 
 def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any) -> None:
-    """Train with PyKEEN's negative sampling; the optimizer is ready to continue a trained model."""
+    """Train with PyKEEN's negative sampling and Adam; ``warm`` lets PyKEEN continue a trained model."""
     SLCWATrainingLoop(
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
@@ -144,12 +144,12 @@ def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs:
 
 
 def evaluator() -> RankBasedEvaluator:
-    """MRR and Hits@10: PyKEEN's other measures take most of the time of an evaluation."""
+    """An evaluator of MRR and Hits@k alone; PyKEEN's other measures take most of the time of an evaluation."""
     return RankBasedEvaluator(metrics=["mrr", "hits_at_k"], add_defaults=False)
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """Filtered ranks of the true answers; a tie counts half."""
+    """For each value of ``asked`` (``HIDDEN_ENTITIES``): queries, MRR and Hits@10 of filtered realistic ranks."""
     by_head = split.queries[:, HEAD] >= split.known
     of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)
     queries: dict[str, list[tuple[Slot, np.ndarray]]] = {

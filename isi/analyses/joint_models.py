@@ -25,14 +25,14 @@ from isi.tables.table import Table
 from isi.training.trainer import train
 
 RATE = at_least(0, REAL.type)
-#: The best evaluation of each setting on each held-out fold (section 5.3).
+#: Measures of each setting on each held-out fold, at the best epoch (section 5.3).
 CROSS_VALIDATION = Table(
     "data/analyses/cross_validation/{experiment}.parquet",
     {"dimension": FROM_1, "ratio": FROM_1, "learning_rate": RATE, "weight_decay": RATE, "fold": FROM_0,
      **dict.fromkeys(MEASURES, SHARE), "epoch": FROM_1},
     key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"], ordered=True, checks=[HALVES],
 )  # fmt: skip
-#: Measures of the joint models of one scoring function.
+#: Test measures of the joint model with one scoring function, by seed.
 MODEL_COMPARISON = Table(
     "data/analyses/models/{experiment}/{model}.parquet",
     {"seed": FROM_0, "epochs": FROM_1, **MEASURE_COLUMNS, "valid_mrr_star": SHARE, "queries": FROM_0},
@@ -41,7 +41,7 @@ MODEL_COMPARISON = Table(
 
 
 class Setting(Section):
-    """A setting that cross-validation compares."""
+    """Training options that cross-validation varies."""
 
     dimension: Count
     ratio: Count
@@ -50,7 +50,7 @@ class Setting(Section):
 
 
 class CrossValidation(Study):
-    """``cross_validation`` in params: for each factor, the values to compare with the choice."""
+    """``cross_validation`` in params: the number of folds, and for each factor the values to try."""
 
     folds: Annotated[int, Field(ge=2)]
     dimension: list[Count]
@@ -59,20 +59,20 @@ class CrossValidation(Study):
     weight_decay: list[NotNegative]
 
     def settings(self, choice: Setting) -> list[Setting]:
-        """The choice, then the choice with one factor changed, for each factor and listed value."""
+        """``choice``, then a copy of it for each factor and listed value, which differs in that factor."""
         changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
         return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
 
 
 class ModelTraining(Section):
-    """How the joint model of an embedding model is trained."""
+    """Training options of the joint model with one embedding model."""
 
     learning_rate: Positive
     weight_decay: NotNegative
 
 
 class ModelComparison(Study):
-    """``compare_models`` in params."""
+    """``compare_models`` in params: the number of seeds, and training options by embedding model."""
 
     renamed: ClassVar = {"families": "models"}
     seeds: Count
@@ -80,30 +80,30 @@ class ModelComparison(Study):
 
 
 def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
-    """Stacks of folds: each is the validation set of the model with its number as seed; InputError if one is empty."""
+    """Grid points of up to ``stack`` models; fold i validates the model of seed i; InputError if a fold is empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
-        expected = "expected at most as many folds as triples that may leave train (each entity keeps one)"
+        expected = "expected fewer folds: each entity and relation keeps a training triple, and a fold has no other"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
     numbers = [list(range(first, min(first + stack, number))) for first in range(0, number, stack)]
     return [GridPoints.without_insertion(experiment, graph, part, splits[part]) for part in numbers]
 
 
 def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
-    """The training configuration of a setting."""
+    """The configuration ``choice`` with the options of a setting."""
     negatives = choice.negatives.model_copy(update=setting.model_dump(include={"ratio"}))
     training = choice.training.model_copy(update=setting.model_dump(include={"learning_rate", "weight_decay"}))
     return replace(choice, dimension=setting.dimension, negatives=negatives, training=training)
 
 
 def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
-    """The best validation measures on each fold (``CROSS_VALIDATION``)."""
+    """Rows of ``CROSS_VALIDATION`` for the folds of a stack: validation measures at the best epoch."""
     best = trained.log[trained.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
     return best.assign(**setting.model_dump())
 
 
 def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
-    """Measures of joint models over all test triples, their epochs, and the validation MRR* (``MODEL_COMPARISON``)."""
+    """Train joint models; rows of ``MODEL_COMPARISON``: test measures, epochs trained, best validation MRR*."""
     trained, no_novel = train_stack(points, config), torch.empty(len(points.seeds), 0, dtype=torch.int64)
     results = evaluate(trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]})
     by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
@@ -112,7 +112,7 @@ def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
 
 
 def usual_epochs(log: pd.DataFrame) -> int:
-    """The (lower) median of the best epochs of joint models (``TRAINING_LOG``), or an ``InputError`` without any."""
+    """Lower median over seeds of the best epoch in ``log`` (``TRAINING_LOG``); ``InputError`` if no epoch is best."""
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
         raise InputError("joint.log.parquet", "column 'kept'", "expected true for the best epoch of a model")
@@ -126,6 +126,6 @@ def whole_graph(experiment: str, graph: Graph) -> GridPoints:
 
 
 def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> Embedding:
-    """The final model: trained on all triples of a graph for a fixed number of epochs."""
+    """Train the final model on the training triples of ``points`` for a fixed number of epochs."""
     optimizer = config.training.model_copy(update={"max_epochs": epochs})
     return train(*training_start(points, config), config.negatives, optimizer, config.root)

@@ -1,4 +1,4 @@
-"""Measures right after insertion, broken down by relation, hidden slot and novel end; and answers of Table 3."""
+"""Measures right after insertion by relation, hidden slot and role of the novel entity; ranks for Table 3."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -25,16 +25,16 @@ from isi.models.stack import Embedding
 from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, not_above, one_of
 from isi.tables.table import Table, concat
 
-NOVEL_AT = ("none", "given", "answer", "both")  #: 1: among what is given; 2: as the answer.
+NOVEL_AT = ("none", "given", "answer", "both")  #: Slots with a novel entity; index: 1 if given, plus 2 if answer.
 USED = 1e-3  #: Magnitude above which a coordinate of a relation counts as used.
 GROUP = ["place", "relation", "hidden", "novel"]
 
 
 def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Table:
-    """Means of MRR* and MRR over queries, grouped by what is given and what is hidden.
+    """A table of mean MRR* and MRR over the queries of each relation, hidden slot and role of the novel entity.
 
-    ``filter``: ``learned``, that of the scope, or ``true``, all true triples. ``hidden``: the slot that is predicted.
-    ``novel``: where a novel entity is. ``observations``: of the relation in D¹, its weight in equation 7.
+    ``filter``: ``learned`` is the scope's filter, ``true`` is all true triples. ``hidden``: the slot to predict.
+    ``novel``: of ``NOVEL_AT``. ``observations``: count of the relation in D¹, its weight in equation 7.
     """
     return Table(
         template,
@@ -46,9 +46,9 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
     )  # fmt: skip
 
 
-#: Of every model, right after insertion.
+#: The query breakdown of every model right after insertion.
 QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
-#: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
+#: Coordinates (scalars or blocks) that a relation uses, out of ``of``; ``relation`` null: that any relation uses.
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
@@ -71,7 +71,7 @@ class Affordances(Study):
 def break_down(
     points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
-    """Means of groups of queries (``QUERY_BREAKDOWN``), with inserted vectors, (M, n, d), and for the joint model."""
+    """Rows of ``QUERY_BREAKDOWN`` for Θ⁰ with inserted vectors (M, n, d) by initializer, and for the joint model."""
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
     models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
@@ -93,7 +93,7 @@ def break_down(
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
-    """Scopes all, novel_heldout and novel of session 1 with both filters; query sets of one mapping share rows."""
+    """Query sets of session 1 by (scope, filter): all and novel_heldout, then novel; a mapping shares ``triples``."""
     session, novel = points.session(1), points.novel_in(1)
     epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
     heldout = {name: epochs[name] for name in ("all", "novel_heldout")}
@@ -106,10 +106,10 @@ def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Qu
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
-    """A row for each query: model, relation, hidden slot, and its terms of the means; ``is_novel``: (M, E), bool."""
+    """A row for each query: columns ``GROUP``, its term of MRR*, its reciprocal rank; ``is_novel``: (M, E), bool."""
     (heads, relation, tails), (by_head, by_relation, by_tail) = ranked.rows.ids, ranked.slots
     head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
-    model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
+    model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # without padding
 
     def column(values: Tensor) -> np.ndarray:
         return values[model, query].cpu().numpy()
@@ -119,7 +119,7 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
             "place": model.cpu().numpy(), "relation": column(relation), "hidden": hidden, "novel": column(novel),
             "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
         })
-        for hidden, terms, novel in (  # in this order: a mean of floats goes by the order of rows
+        for hidden, terms, novel in (  # in a fixed order, which sets the last bits of the means
             ("head", by_head, tail + 2 * head), ("tail", by_tail, head + 2 * tail),
             ("relation", by_relation, head | tail),
         )
@@ -127,7 +127,7 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
 
 def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """How many coordinates each relation, (M, R, w), uses (``USED_COORDINATES``); empty for models without blocks."""
+    """Rows of ``USED_COORDINATES`` for relation vectors (M, R, w); no rows for models without blocks."""
     parts, by = [], pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
     for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
@@ -139,7 +139,7 @@ def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names
 def rank_answers(
     points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
 ) -> pd.DataFrame:
-    """Ranks of all entities of D¹ as answers about each novel one with vectors (M, n, d) (``AFFORDANCES``)."""
+    """Rows of ``AFFORDANCES``: entities of D¹ ranked for (novel, relation, ?), with novel vectors (M, n, d)."""
     session, novel = points.session(1), points.novel_in(1)
     embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, relation))

@@ -24,9 +24,9 @@ from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, REAL, SHARE, one_of, 
 from isi.tables.table import Table, TensorFile
 from isi.training.trainer import never_stop
 
-#: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
+#: ``entity`` (1,), ``known`` (E,), ``theta0`` (E, d); for each initializer ``NAME.path`` and ``NAME.indicators``.
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
-TRUE = (None, "told", "learned", "held_out")  #: How an answer is true to a session; none: not true.
+TRUE = (None, "told", "learned", "held_out")  #: Triple with an answer: false, inserted, in train, held out.
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
 HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}  #: By hidden slot: columns of the hidden and of the given entity.
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
@@ -36,22 +36,22 @@ SINGLE_INSERTIONS = Table(
     {"entity": ENTITY, "seed": FROM_0, "told": FROM_0, "shown": SHARE, "fitted": SHARE},
     key=["entity"], ordered=True,
 )  # fmt: skip
-#: Indicators of each entity with their weights; ``fallback``: of the initializer that it fell back to. ``by_words``:
-#: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
+#: Indicators of each entity with their weights. ``fallback``: the initializer that was used instead. ``by_words``:
+#: cosine of word vectors. ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
 SINGLE_INDICATORS = Table(
     "data/analyses/explorer/{experiment}.indicators.parquet",
     {"entity": ENTITY, "model": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, "indicator": ENTITY,
      "weight": SHARE, "by_words": within(-1, 1).optional, "by_relations": within(-1, 1).optional},
     key=["entity", "model", "indicator"],
 )  # fmt: skip
-#: Places on the map of a seed: the known entities in Θ⁰, others in a model after an epoch.
+#: Positions on the map of a seed: known entities in Θ⁰ (epoch 0), novel ones in ``model`` after ``epoch``.
 SINGLE_PLACES = Table(
     "data/analyses/explorer/{experiment}.places.parquet",
     {"seed": FROM_0, "entity": ENTITY, "model": NAME, "epoch": FROM_0, "x": REAL, "y": REAL},
     key=["seed", "entity", "model", "epoch"],
 )
-#: The first answers to (entity, relation, ?) and (?, relation, entity), and the true ones, ranked among all entities
-#: of the session. ``true``: in which way an answer is true; null: it is not.
+#: The best answers to (entity, relation, ?) and (?, relation, entity), and all true ones, ranked among all entities
+#: of the session. ``true``: a value of ``TRUE``; null: a false answer.
 SINGLE_ANSWERS = Table(
     "data/analyses/explorer/{experiment}.answers.parquet",
     {"entity": ENTITY, "model": NAME, "epoch": FROM_0, "relation": NAME, "hidden": one_of(*HIDDEN), "answer": ENTITY,
@@ -60,10 +60,10 @@ SINGLE_ANSWERS = Table(
     checks=[unique("entity", "model", "epoch", "relation", "hidden", "rank")],
 )  # fmt: skip
 
-#: The paper's initializers whose path is traced, and those that are shown beside the one that params name.
+#: Initializers whose path Figure 1 shows, and those that the explorer shows in addition to ``explorer.best`` of params.
 TRACED, SHOWN = ("xavier", "iu", "es", "rs", "ers"), ("xavier", "es", "rs", "ers")
-THETA0 = "theta0"  #: What a map shows of the known entities.
-#: Each table by name, and what it is sorted by.
+THETA0 = "theta0"  #: ``model`` of known entities in ``SINGLE_PLACES``.
+#: By name: a table of the explorer, and the column that its rows are sorted by.
 TABLES = {
     "entities": (SINGLE_INSERTIONS, "entity"), "indicators": (SINGLE_INDICATORS, "entity"),
     "places": (SINGLE_PLACES, "seed"), "answers": (SINGLE_ANSWERS, "entity"),
@@ -71,7 +71,7 @@ TABLES = {
 
 
 class Trajectories(Study):
-    """``trajectory`` in params: which novel set is traced, and for how many epochs."""
+    """``trajectory`` in params: |ξ| and seed of the novel set, kind of the traced entity, epochs of fine-tuning."""
 
     size: Count
     seed: Seed
@@ -80,19 +80,19 @@ class Trajectories(Study):
 
 
 class ExplorerParams(Study):
-    """``explorer`` in params: which insertions are shown, and how much of each."""
+    """``explorer`` in params: |ξ| and epochs of the insertions shown, and limits of their lists."""
 
     size: Count
     epochs: Count
-    best: Name  #: the initializer that is shown beside ``SHOWN``
-    indicators: Count  #: of a centre, at most
-    answers: Count  #: of a query, beside those that are true
+    best: Name  #: the initializer that is shown in addition to ``SHOWN``
+    indicators: Count  #: maximum number per entity and initializer
+    answers: Count  #: number of best answers per query; true answers are listed in any case
 
 
 def trace_trajectory(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, place: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The vector of a novel entity before training and after each epoch, (epochs + 1, d), and its indicators, (E,)."""
+    """Vectors of the novel entity at ``place`` at epochs 0, 1, ..., (epochs + 1, d), and its indicators, (E,) bool."""
     novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
@@ -108,7 +108,7 @@ def trace_trajectory(
 def place_of_traced(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
-    """Place in the set of the first novel entity of a kind with a word vector and insert triples; null if none has."""
+    """Index in ``novel`` of the first entity of a kind that has a word vector and insert triples; None without one."""
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
@@ -117,11 +117,11 @@ def place_of_traced(
 
 @dataclass(frozen=True)
 class Plane:
-    """The two principal axes of vectors."""
+    """The plane of the two principal axes of vectors."""
 
     centre: Tensor  #: shape: (d,)
     axes: Tensor  #: shape: (2, d)
-    share: float  #: of the vectors' variance that is on them
+    share: float  #: share of the vectors' variance in the plane
 
     @classmethod
     def of(cls, vectors: Tensor) -> Plane:
@@ -138,7 +138,7 @@ class Plane:
 
 
 def procrustes(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Procrustes fit (rotation, scale, shift) of (M, E, d) vectors over known ones; explained variance, (M,)."""
+    """Rotate, scale and shift ``vectors`` (M, E, d) to fit ``onto`` on known entities; explained variance, (M,)."""
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
         centre, target_centre = model[mask].mean(0), target[mask].mean(0)
@@ -152,7 +152,7 @@ def procrustes(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Te
 
 @dataclass(frozen=True)
 class ShownEntities:
-    """The novel entities that the explorer shows: model, place in ``novel``, id and seed; shapes (K,)."""
+    """The novel entities that the explorer shows: index of the model, index in ``novel``, id and seed; shapes (K,)."""
 
     model: Tensor
     place: Tensor
@@ -161,25 +161,25 @@ class ShownEntities:
 
     @classmethod
     def of(cls, points: GridPoints, seeds: Mapping[int, int]) -> ShownEntities:
-        """The shown entities of session 1; ``seeds``: the seed in which each entity is shown."""
+        """The shown entities of session 1; ``seeds``: for each entity, the seed in which it is shown."""
         novel, of_model = points.novel_in(1), torch.tensor(points.seeds)
         shown_in = torch.tensor([[seeds[entity] for entity in row] for row in novel.tolist()])
         model, place = (shown_in == of_model[:, None]).nonzero(as_tuple=True)
         return cls(model, place, novel[model, place], of_model[model])
 
     def pick(self, values: Tensor) -> Tensor:
-        """Values of novel entities, (M, n, ...), restricted to these; shape (K, ...)."""
+        """Select the values of the shown entities from those of all novel entities, (M, n, ...); shape (K, ...)."""
         return values[self.model, self.place]
 
 
 def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
-    """For each entity, the first seed whose session 1 inserts it at this size (``NOVEL``)."""
+    """For each entity, the first seed whose session 1 inserts it at ``size``; ``novel``: rows of ``NOVEL``."""
     rows = novel[(novel["size"] == size) & (novel["session"] == 1)]
     return rows.groupby("entity")["seed"].min().to_dict()  # type: ignore[return-value]
 
 
 def columns(**of: Any) -> pd.DataFrame:
-    """A frame of columns, arrays or tensors."""
+    """A data frame of named columns, each an array or a tensor."""
     return pd.DataFrame({name: c.cpu().numpy() if isinstance(c, Tensor) else c for name, c in of.items()})
 
 
@@ -187,7 +187,7 @@ def single_insertions(
     points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, configs: Sequence[InsertConfig],
     seeds: Mapping[int, int], settings: ExplorerParams,
 ) -> dict[str, pd.DataFrame]:  # fmt: skip
-    """Indicators, positions and answers of the shown entities, for each initializer (``TABLES``)."""
+    """Rows of each table in ``TABLES`` for the shown entities of a stack, for the joint model and all initializers."""
     shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
     turned, fitted = procrustes(joint.entity, theta.entity, known)
@@ -201,7 +201,7 @@ def single_insertions(
         steps += [(config.initializer, settings.epochs, trained, trained.entity)]
         if initial.weights is not None:
             rows = indicator_rows(init_context(points, theta, words, config.root), initial, initial.weights, shown)
-            # most similar first, of equal weights
+            # largest weight first; among equal weights, the most similar first
             similar = ["by_words", "by_relations"] if config.initializer == "es" else ["by_relations", "by_words"]
             rows = rows.sort_values(["weight", *similar], ascending=False, kind="stable")
             first = rows.groupby("entity", sort=False).head(settings.indicators).sort_values("entity", kind="stable")
@@ -219,7 +219,7 @@ def single_insertions(
 
 
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
-    """A row for each indicator with a weight; weights of shape (M, n, E)."""
+    """Rows of ``SINGLE_INDICATORS`` without ``model``: the entities with positive weights; weights: (M, n, E)."""
     k, indicator = (shown.pick(weights) > 0).nonzero(as_tuple=True)
     worded = similarity.has_words(context)[..., None] & similarity.word_eligible(context)
     observed = similarity.has_insert_triples(context)[..., None]
@@ -236,7 +236,7 @@ def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, s
 
 
 def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
-    """Positions of the known entities in Θ⁰ of each seed that is shown (``SINGLE_PLACES``)."""
+    """Rows of ``SINGLE_PLACES``: positions of the known entities in Θ⁰, for each seed of a shown entity."""
     known, parts = points.session(0).entities, []
     for model in sorted(set(shown.model.tolist())):
         x, y = planes[model].project(entity[model, known[model]]).T
@@ -245,7 +245,7 @@ def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, pl
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Queries that fit each entity's kind, (K, R, 2), bool; index of each answer in ``TRUE``, (K, R, 2, E), int8."""
+    """Queries that occur with an entity's kind, (K, R, 2), bool; index of each answer in ``TRUE``, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
@@ -263,7 +263,7 @@ def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor
 def first_answers(
     embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
 ) -> pd.DataFrame:
-    """The ``first`` best answers to ``queried``, (K, R, 2), and all of ``truth``, (K, R, 2, E), by rank; ties by id."""
+    """Rows of the ``first`` best and of all true answers to ``queried`` (K, R, 2); ties in rank go to the lower id."""
     novel, pick = points.novel_in(1), shown.pick
     scores = torch.stack([
         torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)

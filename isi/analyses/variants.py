@@ -1,4 +1,4 @@
-"""Variants of an experiment: other params, other words, fewer insert triples, or another graph."""
+"""Variants of an experiment: other params, other word vectors, fewer insert triples, or another graph."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ from isi.tables.rules import NAME
 if TYPE_CHECKING:
     from isi.params import Params
 
-#: Runs of each model of experiments under other conditions, the joint model's among them, and its queries at epoch 0.
+#: Runs of the initializers and the joint model of a variant, by experiment, and the query breakdown at epoch 0.
 VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
 VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.queries.parquet", {"experiment": NAME})
-#: The same of the experiment of a graph.
+#: The same for an entry of ``graphs``.
 GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
 GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/queries.parquet")
 
-LEARNED = ("embedding", "models", "negatives", "training")  #: Sections that decide Θ⁰ and the joint model.
-CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")  #: By a variant.
+LEARNED = ("embedding", "models", "negatives", "training")  #: Sections on which Θ⁰ and the joint model depend.
+CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")  #: Sections that a variant may change.
 
-Changes = Annotated[dict[str, Any], Field(default_factory=dict)]  #: By dotted key.
+Changes = Annotated[dict[str, Any], Field(default_factory=dict)]  #: New values by dotted key.
 
 
 class Variant(Section):
     """An entry of ``variants`` in the params of the second pipeline."""
 
     renamed: ClassVar = {"told": "max_insert_triples", "followed": "full_curves"}
-    title: str  #: what people read
-    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]  #: in the report
+    title: str  #: in the report
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]  #: section of the report
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
-    seeds: Count  #: how many of the sessions' seeds, from the first on
-    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]  #: in place of those of params.yaml
+    seeds: Count  #: number of seeds of the sessions, from the first on
+    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]  #: replace those of params.yaml
     changes: Changes
     max_insert_triples: Annotated[int, Field(ge=0)] | None = None  #: of each novel entity; null: all
     finetuned: bool = True  #: whether to fine-tune; else only measure right after insertion
@@ -70,7 +70,7 @@ class OneSize(SessionsOf):
 class GraphExperiment(Section):
     """An entry of ``graphs`` in the params of the second pipeline: an experiment on a graph of its own."""
 
-    title: str  #: what people read
+    title: str  #: in the report
     source: dict[str, Any]  #: a reader and its settings, as under ``sources``
     min_count: Count = 1  #: unique triples observed less often are dropped
     words: Words
@@ -79,7 +79,7 @@ class GraphExperiment(Section):
     changes: Changes
 
     def variant(self, name: str) -> Variant:
-        """The variant that runs this experiment and trains all it needs."""
+        """This experiment as a variant, which trains Θ⁰ and the joint model itself."""
         return Variant(
             title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
             size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
@@ -87,7 +87,7 @@ class GraphExperiment(Section):
 
 
 def changed(params: Params, changes: Mapping[str, Any]) -> Params:
-    """Params with changed values at dotted keys; ``InputError`` where a key may not change or a value does not fit."""
+    """Params with new values at dotted keys; ``InputError`` for a key outside ``CHANGEABLE`` or an invalid value."""
     for key, value in changes.items():
         name, _, within = key.partition(".")
         if name not in CHANGEABLE or not within:
@@ -106,7 +106,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 
 
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and its query breakdown right after insertion; ``params`` have the variant's changes."""
+    """Runs of a variant, and its query breakdown right after insertion; ``params`` include the variant's changes."""
     parts = [
         [frame.assign(experiment=store.experiment) for frame in frames]
         for store in stores
@@ -123,7 +123,7 @@ VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, I
 
 
 def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
-    """The tasks of a variant over the grid of one experiment."""
+    """Arguments of ``run_variant`` for each stack of grid points of one experiment."""
     model, configs, phrases = model_of(params), dict[str, InsertConfig](), list(store.entities()["phrase"])
     own_words = variant.changes_one_of("words")
     words = look_up(load_vectors(params.words), phrases).vectors if own_words else store.words()
@@ -140,7 +140,7 @@ def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of all initializers and the joint model at grid points, and their breakdown of queries."""
+    """Runs of all initializers and the joint model at grid points, and their query breakdown at epoch 0."""
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
@@ -154,14 +154,14 @@ def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def train_models(points: GridPoints, config: TrainConfig) -> Models:
-    """Θ⁰ and the joint models of grid points."""
+    """Train Θ⁰, and the joint model of each session, at grid points."""
     last, *earlier = joint_tasks([points], config)
     theta0, *joint = (train_stack(*task).theta for task in ((points, config, 0), *earlier, last))
     return theta0, joint
 
 
 def limit_insert_triples(points: GridPoints, most: int | None, root: int) -> np.ndarray:
-    """At most ``most`` random insert triples of each novel entity; smaller sets are subsets of larger ones; (I, 4)."""
+    """At most ``most`` (None: all) random insert triples per novel entity, (I, 4); a lower limit gives a subset."""
     triples = points.insert_triples
     if most is None or not len(triples):
         return triples

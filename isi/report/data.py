@@ -246,7 +246,7 @@ class Results:
         return next((experiment.title for experiment in of_source), source)
 
     def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
-        """The experiments for which an analysis was run, each with its result."""
+        """The experiments for which an analysis was run, each with the tables of the analysis."""
         ran = (experiment for experiment in self.experiments.values() if name in experiment.analyses)
         return [(experiment, experiment.analyses[name]) for experiment in ran]
 

@@ -107,7 +107,7 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
 
 
 def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabel: str = "") -> Canvas:
-    """MRR* by epoch, a panel for each scope; lines at the joint model's mean and, with ``margin``, that minus it."""
+    """MRR* by epoch, a panel for each scope; lines at the joint model's mean J and, if given, at J − ``margin``."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
@@ -137,7 +137,7 @@ def with_band(
 
 
 def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "") -> Canvas:
-    """A panel for each title, rows along x, a line of means (points) for each model; input by title, row, model."""
+    """A panel for each title: rows along x, a line of means (points) for each model; keys: title, row, model."""
     canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
         for model in models:

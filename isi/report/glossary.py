@@ -59,7 +59,7 @@ class Marker:
         self._pattern = re.compile(rf"(?<![\w*(>/])(?:{either})(?![\w*])") if spelled else None
 
     def anew(self) -> str:
-        """Begin a new section; returns "", since templates print what they call."""
+        """Begin a new section; returns "", since a template prints the value of a call."""
         self._seen.clear()
         return ""
 
@@ -72,7 +72,7 @@ class Marker:
                        for place, part in enumerate(parts))  # fmt: skip
 
     def cell_text(self, text: str) -> Markup:
-        """A text as HTML: a link if the whole text is a term that is new to the section."""
+        """A text as HTML: a link if the whole text is a term that the section has not linked yet."""
         term = self._of.get(text)
         if term is None or term.id in self._seen:
             return escape(text)

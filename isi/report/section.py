@@ -33,14 +33,14 @@ from isi.report.tables import ReportTable
 
 @dataclass(frozen=True)
 class Content:
-    """What a section shows, once or for each experiment: numbers for its template, tables, figures and a heading."""
+    """The content of a section, once or for each experiment: numbers for its template, tables, figures, a heading."""
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
     tables: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, Canvas] = field(default_factory=dict)
     heading: str = ""
-    #: end of the names of tables and figures; title of the experiment, which theirs get in brackets
+    #: end of the names of tables and figures; title of the experiment, put in brackets behind their titles
     suffix: str = ""
     title: str = ""
 

@@ -30,7 +30,7 @@ ByScope = dict[str, dict[str, float]]
 
 @dataclass(frozen=True)
 class Difference(Estimate):
-    """The mean difference of two initializers over ``seeds``; ``p`` of the sign-flip test on the ``differing`` ones."""
+    """A mean difference over ``seeds`` seeds; ``p``: sign-flip test on the ``differing`` seeds with a difference."""
 
     p: float = np.nan
     seeds: int = 0
@@ -209,7 +209,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Compare all pairs of models, ISI first, in each measure: a frame with a row for each run, a column a model."""
+    """Compare all pairs of models, ISI first; ``measures``: for each, a frame with rows of runs, columns of models."""
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
         names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
@@ -251,7 +251,7 @@ def difference(values: np.ndarray) -> Difference:
 
 
 def sign_flip(values: np.ndarray) -> float:
-    """The p of n differences: the share of the 2ⁿ choices of signs whose mean is at least as far from zero.
+    """The p of n differences: the share of the 2ⁿ choices of signs with |mean| at or above that of ``values``.
 
     Exact up to n = ``_COUNTED``: each signed sum of one half of the differences is looked up in the sorted sums of the
     other half, in integers of 1e-9, so that ties are exact. Differences of zero are dropped; NaN if none is left.

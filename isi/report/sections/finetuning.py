@@ -17,7 +17,7 @@ from isi.report.stats import CELL, Pair, compare, difference, epochs_summary, pa
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 
-#: The main runs have the fine-tuning rate of params times this factor.
+#: Factor on the fine-tuning learning rate of params in the main runs.
 AS_CHOSEN = 1.0
 #: Scopes of Figure 3b.
 CURVES = ("all", "novel_heldout")
@@ -116,7 +116,7 @@ def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs about known entities minus MRR* of Θ⁰, which is that of any initializer in known_closed at epoch 0."""
+    """Runs in ``EARLIER`` minus MRR* of Θ⁰, which equals any initializer's MRR* in known_closed at epoch 0."""
     shown = runs[runs["scope"].isin(EARLIER)]
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
@@ -170,7 +170,7 @@ def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, An
 
 
 def transfer(results: Results) -> Iterator[Content]:
-    """From simulation to the real: entities of another source in an embedding that never saw them (section 6.3)."""
+    """Transfer: entities of a second source are inserted into an embedding of the first source (section 6.3)."""
     for experiment in results.extended:
         settings, name, runs, figures = experiment.settings, experiment.name, experiment.immediate, {}
         extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
@@ -224,7 +224,7 @@ def mining_steps(
     steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Rows of counts, from ``steps`` of mining a source (``seen``) to its objects that ``base`` lacks and to ξ."""
+    """Rows of counts: the ``steps`` of mining the source ``seen``, its objects that ``base`` lacks, candidates, |ξ|."""
     unknown = new_entities(seen, entities[entities["source"] != seen.source])
     counts = dict(steps) | {
         f"{'of these, of' if steps else 'instances of'} objects that {base} has not": int(unknown.sum()),

@@ -81,7 +81,7 @@ def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names
 
 
 def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
-    """Triangles, each with its name in the margin at the right: last, since it reads the panel's limits."""
+    """Draw triangles with names in the right margin; call it last in a panel, since it reads the panel's limits."""
     axes.plot(*points.T, ls="", marker="^", ms=5, color=color, mec="white", mew=0.4, zorder=3)
     order = points[:, 1].argsort(kind="stable")
     low, high = axes.get_ylim()
@@ -100,7 +100,7 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
 
 #: A model and an epoch at which the explorer shows it.
 Step = tuple[str, int]
-#: Indicators with a weight below ``LEAST`` are omitted; entities that are in no set are named if at most ``FEW``.
+#: Indicators with a weight below ``LEAST`` are omitted; entities in no novel set are listed if at most ``FEW``.
 LEAST, FEW = 0.005, 12
 
 
@@ -113,7 +113,7 @@ def explorer(results: Results) -> Iterator[Content]:
         try:
             data = _data(experiment, tables, results.params.explorer)
         except KeyError as error:
-            expected = f"expected places and answers of each entity after each step, but {error} lacks"
+            expected = f"expected places and answers of each entity after each step, but {error} is missing"
             path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
             raise InputError(path, "", expected) from error
         yield Content({"experiment": experiment, "data": data, "absent": absent if len(absent) <= FEW else []})

@@ -236,7 +236,7 @@ def causes(results: Results) -> Iterator[Content]:
 
 
 def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns]) -> Iterator[Line]:
-    """Runs of the first graph at two sizes, in entity MRR*, with the other filter; variants; other graphs."""
+    """Lines of the first graph: two sizes, entity MRR*, filter ``true``; then of variants and of other graphs."""
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
     main = first.of_size(size)
     yield _line(f"this run, {size} novel entities", main)

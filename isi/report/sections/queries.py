@@ -125,7 +125,7 @@ class Answers:
         return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
     def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
-        """Number of ``top`` answers of the right kind, plausible (in ``afforded``) or unlikely, and of a wrong kind."""
+        """Number of ``top`` answers of a right kind (plausible: in ``afforded``, or unlikely) and of a wrong kind."""
         tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
         hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
         counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
