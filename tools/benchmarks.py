@@ -22,12 +22,12 @@ def _count(values: pd.Series) -> pd.Series:
 
 
 def _figures(values: pd.Series) -> pd.Series:
-    """At least three significant figures."""
+    """Numbers as text, with three significant figures, or whole from 100 on."""
     return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
 
 
 def training(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Medians over epochs; ratios are of triples scored in a second."""
+    """Training of one epoch, median over epochs; ratios are of triples scored per second."""
     rate = rows["scored"] / rows["median"]
     of = dict(zip(rows["library"], rate, strict=True))
     return {
@@ -42,7 +42,7 @@ def training(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Medians over repeats; ratios are of triples ranked in a second."""
+    """Ranking, median over repeats; ratios are of triples ranked per second."""
     rate = rows["triples"] / rows["median"]
     return {
         "": rows["what"], "triples": _count(rows["triples"]), "ms": _figures(1000 * rows["median"]),
@@ -52,7 +52,7 @@ def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """An epoch and a ranking on graphs of growing size, by form."""
+    """Time and memory of an epoch and of a ranking, by number of entities and form of the batches."""
     rows = rows.sort_values(["entities", "form"], ascending=[True, False])
     return {
         "entities": _count(rows["entities"]), "triples": _count(rows["triples"]), "batches as": rows["form"],
@@ -64,7 +64,7 @@ def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Mining in one process."""
+    """Time and memory of mining houses in one process, by number of houses."""
     return {
         "houses": _count(rows["houses"]), "observations": _count(rows["observations"]),
         "s": _figures(rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
@@ -72,7 +72,7 @@ def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """``isi.insert`` on one thread, three insert triples for each new entity; medians."""
+    """Median time and memory of ``isi.insert`` on one thread, with three insert triples for each new entity."""
     return {
         "known entities": _count(rows["entities"]), "new ones": _count(rows["new"]), "initializer": rows["initializer"],
         "ms": _figures(1000 * rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
@@ -80,13 +80,13 @@ def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Mean reciprocal rank of models beside PyKEEN's."""
+    """MRR of each model, trained by isi and by PyKEEN."""
     measured = {f"{name}: MRR": rows[name.lower()].map("{:.3f}".format) for name in ("isi", "PyKEEN")}
     return {"": rows["model"], "test triples": _count(rows["triples"]), **measured}
 
 
 def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """MRR and Hits@10 of models beside their authors', in percent."""
+    """MRR and Hits@10 of each model in per cent, as published and as measured by isi."""
     shown = {"": rows["model"]}
     for place, measure in enumerate(("MRR", "Hits@10")):
         for column, whose in (("published", "published"), ("valid", "isi, validation"), ("test", "isi, test")):
@@ -95,7 +95,7 @@ def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """The columns that benchmarks report, for those without a table of their own."""
+    """All columns but the median, for benchmarks that ``TABLES`` does not list."""
     return {name.replace("_", " "): _figures(values) if values.dtype == float else values.astype(str)
             for name, values in rows.drop(columns="median").items()}  # fmt: skip
 
@@ -107,7 +107,7 @@ TABLES = {
 
 
 def crossing(rows: pd.DataFrame) -> float:
-    """Possible triples of a graph on which the two forms cost the same (log-log interpolation)."""
+    """R · E² at which batches as tables and as lists take the same time (log-log interpolation over E)."""
     both = rows.assign(cost=_per_observation(rows)).pivot(index="entities", columns="form", values="cost").dropna()
     ahead = np.log((both["tables"] / both["lists"]).to_numpy())
     last = np.flatnonzero(ahead < 0)[-1]
@@ -117,7 +117,7 @@ def crossing(rows: pd.DataFrame) -> float:
 
 
 def scaling(rows: pd.DataFrame) -> Figure:
-    """Time and memory against entities."""
+    """A figure of time per observation and of peak memory against the number of entities."""
     canvas = Figure(figsize=(8, 3.4), layout="constrained")
     left, right = canvas.subplots(1, 2)
     for form, part in rows.sort_values("entities").groupby("form", sort=False):

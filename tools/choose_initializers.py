@@ -1,9 +1,9 @@
-"""Compare settings of initializers on known entities, hidden as if they were novel, as params.yaml's were chosen.
+"""Compare options of initializers by inserting hidden known entities; the options in params.yaml were chosen so.
 
-Some entities of each D⁰ are hidden, and an embedding is trained without them: in Θ⁰ itself the vectors of their
-neighbours would give them away. A part of their training triples are their insert triples, and the rest of their
-training and validation triples is ranked (scope novel). The novel entities of the grid point have no part in this,
-and neither has a test triple, but for the counts that true ranks come from. Writes the tables of the documentation.
+Some entities of each D⁰ are hidden, and an embedding is trained without them, since the vectors of their neighbours in
+Θ⁰ depend on them. A share of their training triples are insert triples; their other training triples and their
+validation triples are queries (scope novel). The novel entities of the grid point are not used; test triples enter
+only the counts from which true ranks are computed. Writes the tables of the documentation.
 """
 
 import argparse
@@ -36,9 +36,9 @@ Setting = tuple[str, dict[str, Any]]
 def measured(
     points: GridPoints, theta0: Embedding, words: np.ndarray, root: int, settings: list[Setting]
 ) -> np.ndarray:
-    """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2).
+    """MRR* in scope novel, and entity MRR* of its queries that give a novel entity; shape (settings, M, 2).
 
-    The hidden entities of grid points are inserted with each setting, and measured immediately.
+    The hidden entities of grid points are inserted with each setting, and measured right after insertion.
     """
     novel, context = points.novel_in(1), init_context(points, theta0, words, root)
     queries = novel_query_set(points.session(1), novel, points.insert_mask(1))["novel"]
@@ -51,7 +51,7 @@ def measured(
 
 
 def about(queries: Queries, novel: Tensor) -> Queries:
-    """The same, but of the queries for entities those alone that are about a novel one, which is not the answer."""
+    """The queries with the weight of an entity query set to 0 unless it gives a novel entity; ``novel``: (M, n)."""
     rows, is_novel = queries.rows, membership(novel, queries.candidates.shape[1])
     head, _, tail = rows.ids
     weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (tail, head)], 1)
@@ -60,7 +60,7 @@ def about(queries: Queries, novel: Tensor) -> Queries:
 
 
 def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float) -> GridPoints:
-    """Grid points where some entities that D⁰ has trained on are novel in place of their own; no test triples."""
+    """Grid points whose novel entities are ``number`` random entities with training triples in D⁰; no test triples."""
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
     novel = np.stack([
@@ -81,7 +81,7 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
 def tasks_of(
     params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
 ) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
-    """Draws of hidden entities at every grid point of a size, and embeddings that were learned without them."""
+    """Arguments of ``measured`` for samples of hidden entities at grid points of one size; trains the embeddings."""
     store, chosen, fraction = Store(experiment), train_config(params), params.sessions.insert_fraction
     words = store.words()
     drawn = [
@@ -94,7 +94,7 @@ def tasks_of(
 
 
 def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Setting]:
-    """What is compared: what params say of each initializer, then its grid."""
+    """The settings to compare: for each initializer its options in params, then those of its grid; no duplicates."""
     settings = []
     for name in names:
         every = [listed[name]] * (name in listed) + combinations(INITIALIZERS.get(name, name).grid or {})
@@ -105,13 +105,13 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--experiments", nargs="+", help="default: those that have the size")
+    parser.add_argument("--experiments", nargs="+", help="default: all that have sets of this size")
     names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
     parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
-    parser.add_argument("--size", type=int, default=5, help="|ξ| of the points")
+    parser.add_argument("--size", type=int, default=5, help="|ξ| of the grid points")
     parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--draws", type=int, default=2, help="of hidden entities at each grid point")
-    parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
+    parser.add_argument("--draws", type=int, default=2, help="samples of hidden entities at each grid point")
+    parser.add_argument("--hidden", type=int, default=5, help="hidden entities in each sample")
     parser.add_argument("--stack", type=int, default=5)
     given = parser.parse_args()
     params = load()
@@ -129,7 +129,7 @@ def main() -> None:
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
-    """Mean over the experiments, and each one's own; best settings first. Arrays are of shape (settings, sets, 2)."""
+    """A row per setting, best first: means over experiments and per experiment; arrays: (settings, sets, 2)."""
     means = {experiment: np.nanmean(values, 1) for experiment, values in results.items()}
     means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
     columns = {
@@ -145,7 +145,7 @@ def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.Data
 
 
 def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
-    """Standard error of the difference in MRR* between settings and the first of them, over sets of hidden entities."""
+    """Standard error over hidden sets of each setting's MRR* minus that of the first of ``rows``; shape (rows,)."""
     variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in results.values()]
     return (np.sqrt(np.sum(variance, 0)) / len(results)).round(2)
 

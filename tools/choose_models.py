@@ -1,7 +1,7 @@
-"""Compare rates, weight decays and margins of every embedding model on validation MRR*, as params.yaml's were chosen.
+"""Compare learning rates, weight decays and margins of every embedding model; those in params.yaml were chosen so.
 
-Each setting trains the joint model of a few seeds; the best validation MRR* of each is averaged. No test triple
-is used. Writes the table that the documentation shows.
+Each setting trains the joint model with a few seeds; its score is the best validation MRR*, averaged over seeds. No
+test triple is used. Writes the table of the documentation.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def combinations(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
-    """Every combination of the values of some keys."""
+    """All mappings of each key to one of its values."""
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 

@@ -1,7 +1,7 @@
-"""Compare batch sizes and learning rates on validation MRR*, as params.yaml's were chosen.
+"""Compare batch sizes and learning rates on validation MRR*; those in params.yaml were chosen so.
 
-Training is judged by the joint model's best validation MRR*; fine-tuning by validation MRR* on D¹
-averaged over the paper's initializers and over epochs, which favours none by name. No test triple is used.
+The score of training is the joint model's best validation MRR*. The score of fine-tuning is validation MRR* on D¹,
+averaged over epochs and over the paper's initializers, so that no initializer is favoured. No test triple is used.
 """
 
 import argparse
@@ -28,7 +28,7 @@ EVERY = 10
 
 
 def fine_tune(points: GridPoints, theta0: Embedding, words: np.ndarray, config: InsertConfig) -> float:
-    """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
+    """Mean validation MRR* of one initializer during fine-tuning, over models and every ``EVERY``-th epoch."""
     valid, measured = validation(points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
@@ -42,13 +42,13 @@ def fine_tune(points: GridPoints, theta0: Embedding, words: np.ndarray, config: 
 
 
 def best_valid(points: GridPoints, config: TrainConfig) -> np.ndarray:
-    """Best validation MRR* of each joint model."""
+    """Best validation MRR* of each joint model; shape (M,)."""
     return train_stack(points, config).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--experiment", help="default: the first of params")
+    parser.add_argument("--experiment", help="default: the first one in params")
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--size", type=int, default=5)
     parser.add_argument("--batches", type=int, nargs="+", default=[2048])

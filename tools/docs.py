@@ -1,13 +1,13 @@
-"""Put what was made into the README and the pages of docs/: tables, numbers within sentences, and output of commands.
+"""Update the README and the pages of docs/: tables, numbers within sentences, and output of commands.
 
-A table stands between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number, in the same way, after
-``<!-- value: PATH | CELL ... | COLUMN -->``: of the table at PATH, the column of the row that starts with these cells;
-or after ``<!-- value: params | KEY -->``: of ``params.yaml``. Paths of tables go from the root and leave out ``.md``.
-An interval behind a number stays in the table.
+A table is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number is inserted between
+``<!-- value: PATH | CELL ... | COLUMN -->`` and ``<!-- end -->``: from the table at PATH, in the row that starts with
+these cells, without its interval; or, after ``<!-- value: params | KEY -->``, from ``params.yaml``. A PATH is relative
+to the root and has no suffix ``.md``.
 
-python -m tools.docs            tables and numbers (``make readme``)
-python -m tools.docs PAGE ...   what commands print, below each prompt that has output (``make console``); they run in a
-                                folder of their own beside the final model of the pipeline, and want the extra ``words``
+python -m tools.docs            update tables and numbers (``make readme``)
+python -m tools.docs PAGE ...   run the commands of pages and update their output (``make console``), in a temporary
+                                folder with the pipeline's ``data``; needs the extra ``words``
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """The documents that have places to fill."""
+    """The documents that may have marked places."""
     return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
 
 
 def filled(page: str, root: Path = ROOT) -> str:
-    """A page with every marked place as it was made.
+    """The text of a page with the current table or number in every marked place.
 
     Raises:
-        LookupError: where a place names what is not there.
+        LookupError: if a table lacks the row or column of a number.
     """
 
     def fill(place: re.Match[str]) -> str:
@@ -54,7 +54,7 @@ def filled(page: str, root: Path = ROOT) -> str:
 
 
 def value(path: list[str], root: Path = ROOT) -> str:
-    """The number that a place names."""
+    """The text of the number at PATH | CELL ... | COLUMN, or at params | KEY."""
     name, *cells = path
     if name == "params":
         return str(value_of(read(root / "params.yaml"), cells[0]))
@@ -67,10 +67,10 @@ def value(path: list[str], root: Path = ROOT) -> str:
 
 
 def with_output(page: str, folder: Path) -> str:
-    """A page with the output of every command that has some on it; the others run, too, in their order.
+    """The text of a page with new output below commands that have output; all commands run in ``folder``, in order.
 
     Raises:
-        subprocess.CalledProcessError: where a command fails.
+        subprocess.CalledProcessError: if a command fails.
     """
 
     def run(command: re.Match[str]) -> str:
@@ -83,7 +83,7 @@ def with_output(page: str, folder: Path) -> str:
 
 
 def write_table(path: Path, table: pd.DataFrame, left: int | None = None, behind: str = "") -> None:
-    """Print a table, and write it in Markdown with what stands behind it; ``left`` columns are aligned so."""
+    """Print a table; write it in Markdown, followed by the text ``behind``. The first ``left`` columns align left."""
     align = None if left is None else ["left"] * left + ["right"] * (table.shape[1] - left)
     text = table.astype(str).to_markdown(index=False, disable_numparse=True, colalign=align) + "\n"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def write_table(path: Path, table: pd.DataFrame, left: int | None = None, behind
 
 
 def main(named: list[str]) -> None:
-    """Rewrite the pages."""
+    """Update the commands' output in the named pages; without names, the tables and numbers of all pages."""
     for page in map(Path, named) if named else pages():
         text = page.read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,7 @@
 """Embed the phrases of data/raw/words/{definitions,wordnet}.csv with all-MiniLM-L6-v2, as word2vec binary files.
 
-A phrase keeps the bytes of its stored vector where its text still gives that vector, up to the rounding
-in which machines and batches differ: a new phrase changes no result of the others.
+A phrase keeps the bytes of its stored vector if the new vector differs from it by rounding alone, which depends on the
+machine and the batch. So a new phrase does not change the results of other phrases.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from isi.tables import paths
 from isi.tables.io import atomically
 
 WORDNET = paths.RAW / "words" / "wordnet.csv"
-#: Of a coordinate of a vector of unit length; those of two texts are some hundredths apart.
+#: Maximum rounding error of a coordinate of a unit vector; coordinates of different texts differ by some hundredths.
 ROUNDING = 1e-5
 
 
@@ -32,17 +32,17 @@ def main() -> None:
         words = KeyedVectors(vectors.shape[1])
         words.add_vectors(tokens, vectors)
         atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
-        print(f"{path}: {len(words)} vectors of {words.vector_size}, {reused} of them as they were")
+        print(f"{path}: {len(words)} vectors of {words.vector_size}, {reused} of them unchanged")
 
 
 def read(path: Path) -> pd.DataFrame:
-    """Phrases and definitions, by the tokens that phrases are looked up as."""
+    """Columns ``phrase`` and ``definition``, indexed by token: the phrase with underscores for spaces."""
     table = pd.read_csv(path, keep_default_na=False, dtype=str)
     return table.set_index(table["phrase"].str.replace(" ", "_"))
 
 
 def defined(table: pd.DataFrame) -> pd.Series[str]:
-    """Phrases with their definitions behind them, if they have one."""
+    """Texts "PHRASE: DEFINITION", or "PHRASE" without a definition, by token."""
     return table["phrase"].where(table["definition"] == "", table["phrase"] + ": " + table["definition"])
 
 
@@ -57,7 +57,7 @@ def embed(sentences: list[str]) -> np.ndarray:
 
 
 def reuse(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
-    """Put stored vectors in place of those, (tokens, dimension), that are the same but for rounding; gives how many."""
+    """Replace in ``vectors``, (tokens, d), those that equal the stored one up to ``ROUNDING``; returns their number."""
     same = [row for row, token in enumerate(tokens)
             if token in stored and np.allclose(stored[token], vectors[row], rtol=0, atol=ROUNDING)]  # fmt: skip
     for row in same:

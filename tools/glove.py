@@ -1,4 +1,4 @@
-"""Take the GloVe vectors of every word in the phrases of data/raw/words, as the word2vec binary file glove.bin there.
+"""Write the GloVe vectors of all words in the phrases of data/raw/words to the word2vec binary file glove.bin there.
 
     python -m tools.glove FILE
 
@@ -32,11 +32,11 @@ def main() -> None:
     words.add_vectors(listed, np.array([known[word][:dimension] for word in listed], dtype=np.float32))
     atomically(path, lambda temporary: words.save_word2vec_format(str(temporary), binary=True))
     without = [phrase for phrase in phrases if not any(word in words for word in phrase.split())]
-    print(f"{path}: {len(words)} vectors of {words.vector_size}", *without, sep="\n  no word known of: ")
+    print(f"{path}: {len(words)} vectors of {words.vector_size}", *without, sep="\n  no known word in: ")
 
 
 def read_wink(path: Path) -> tuple[int, Mapping[str, Sequence[float]]]:
-    """The dimension, and by word a vector with its length and its rank behind it."""
+    """The dimension d, and for each word a list: the d coordinates of its vector, its length and its rank."""
     try:
         content = json.loads(path.read_bytes())
         return int(content["dimensions"]), content["vectors"]

@@ -1,4 +1,4 @@
-"""Say where a report is, and its headline numbers."""
+"""Print the headline numbers of a report and its path."""
 
 import json
 import sys
@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-#: Title in two lines, and where its numbers are in ``metrics.json``.
+#: Columns: two lines of the title, and the keys of the numbers in ``metrics.json``.
 COLUMNS = (
     ("immediate MRR*", "all", "immediate_mrr_star", "all"), ("immediate MRR*", "novel", "immediate_mrr_star", "novel"),
     ("gain %", "all", "improvement_over_xavier_percent", "all"),
@@ -19,14 +19,14 @@ COLUMNS = (
 
 
 def headline(metrics: Mapping[str, Any]) -> str:
-    """One experiment's numbers, a line a model."""
+    """The numbers of one experiment as text, a line for each model."""
     columns = {(upper, lower): metrics.get(section, {}).get(scope, {}) for upper, lower, section, scope in COLUMNS}
     models = list(dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope))
     return pd.DataFrame(columns, index=models).to_string(float_format="{:.2f}".format, na_rep="")
 
 
 def main(folder: Path) -> None:
-    """Those of the first experiment, then of each other under its name."""
+    """Print the numbers of the first experiment, then those of each other experiment under its name."""
     path = folder / "metrics.json"
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Turn what the stage `hide` found into the table of docs/benchmarks/hidden.md, with who is first in words."""
+"""Write docs/benchmarks/hidden.md from the results of the stage `insert_hidden`: a table, and the best methods."""
 
 import json
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ from isi.process import errors_in_one_line
 from tools.docs import BENCHMARKS, write_table
 
 ALL = "all"
-#: Queries for known and for hidden answers, and how the columns of their measures begin.
+#: Values of ``asked`` (known or hidden answers), and the first words of the titles of their columns.
 QUERIES = {"known": "known ends", "hidden": "hidden ones"}
 
 
 def label(method: str, settings: Hidden, default: str) -> str:
-    """Title of a method; ``default`` is the initializer that ``isi.pykeen.insert`` chooses by itself."""
+    """Title of a method; ``default``: the default initializer of ``isi.pykeen.insert``."""
     insert = "`isi.pykeen.insert`"
     return {
         "insert": f"{insert}: `{default}`, its default",
@@ -29,7 +29,7 @@ def label(method: str, settings: Hidden, default: str) -> str:
 
 
 def means(results: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
-    """Means over seeds by method; columns: measure, queries, number of insert triples."""
+    """Means over seeds: a row for each method, columns (measure, ``asked``, maximum number of insert triples)."""
     numbers = results["told"].map({number: str(number) for number in settings.max_insert_triples if number}).fillna(ALL)
     rows = results.assign(told=numbers).astype({"method": str, "asked": str})
     mean = rows.groupby(["method", "asked", "told"])[["mrr", "hits_at_10"]].mean().unstack([1, 2])
@@ -37,7 +37,7 @@ def means(results: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
 
 
 def table_of(mean: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden, default: str) -> pd.DataFrame:
-    """The rows of a graph."""
+    """The rows of a graph: MRR and Hits@10 as text, and CPU seconds with all insert triples, by method."""
     took = seconds[seconds["told"].isna()].set_index("method")["seconds"].loc[mean.index]
     columns = {f"{title}, {number or ALL}": mean["mrr", queries, str(number or ALL)]
                for queries, title in QUERIES.items() for number in settings.max_insert_triples}  # fmt: skip
@@ -48,7 +48,7 @@ def table_of(mean: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden, defaul
 
 
 def sentences_of(mean: pd.DataFrame, settings: Hidden, default: str) -> Iterator[str]:
-    """Which method is first, of all and of those that train nothing, and where the default stands."""
+    """The best method of all and the best without training, by number of insert triples; the rank of the default."""
     for number in settings.max_insert_triples:
         ranked = mean["mrr", "known", str(number or ALL)].dropna().sort_values(ascending=False)
         untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]

@@ -1,7 +1,7 @@
-"""Make houses in the format of ProcTHOR-10K, of what the installed package ``procthor`` says of rooms and assets.
+"""Sample random houses in the format of ProcTHOR-10K from the databases of the installed package ``procthor``.
 
-They stand in for ProcTHOR-10K where it is not at hand, and are as large. What may stand in which room, and what on
-what, is the package's; each object stands in the room that its id names.
+They replace ProcTHOR-10K where it is not available, and are of similar size. The package's databases determine which
+objects a room may contain and which objects may lie on or in others; the id of an object names its room.
 
 python -m tools.make_houses 10000 houses.jsonl.gz
 """
@@ -19,11 +19,11 @@ from isi.sources.readers import packaged
 
 ROOMS = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")
 MOST_ROOMS = 10
-#: Objects on the floor of a room, and on its walls.
+#: Number of objects on the floor of a room, and on its walls.
 ON_FLOOR, ON_WALL = 7, 2
-#: From walls, metres.
+#: Minimum distance of objects from the bounds of a room, in metres.
 MARGIN = 0.05
-#: How much likelier than in the package's scenes something is on something else.
+#: Added to the package's probability that an object is on or in another one.
 BIAS = 0.05
 
 COLOUR = {"b": 0.25882352941176473, "g": 0.26666666666666666, "r": 0.2627450980392157}
@@ -33,18 +33,18 @@ Rectangle = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What the package says of rooms and types of objects."""
+    """The package's data on room types and object types."""
 
-    assets: Mapping[str, list[str]]  #: ids, by type
-    floor: Mapping[str, Mapping[str, float]]  #: weights of types, by room, as of ``wall``
-    wall: Mapping[str, Mapping[str, float]]
-    #: how likely something is on or in something else, by the type of the latter, then of the former
+    assets: Mapping[str, list[str]]  #: asset ids by object type
+    floor: Mapping[str, Mapping[str, float]]  #: weights of types on the floor, by room type, then object type
+    wall: Mapping[str, Mapping[str, float]]  #: weights of types on walls, likewise
+    #: probability that an object is on or in another one: by type of the latter, then of the former
     holds: Mapping[str, Mapping[str, float]]
-    fitting: Mapping[str, Mapping[str, float]]  #: weights of all types that may be there, by room
+    fitting: Mapping[str, Mapping[str, float]]  #: positive weights of all object types, by room type
 
 
 def catalogue() -> Catalogue:
-    """The databases of the installed package, which is not imported."""
+    """Read the databases of the installed package, without importing it."""
     folder = packaged("procthor", "procthor/databases", "what houses are made of")
     assets, places, holds = (
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
@@ -63,7 +63,7 @@ def catalogue() -> Catalogue:
 
 
 def house(known: Catalogue, random: Random) -> dict[str, Any]:
-    """A house whose rooms lie in a row, every other one with a corner in the next."""
+    """A random house with 1 to ``MOST_ROOMS`` rooms in a row (``layout``)."""
     areas = layout(random, random.randint(1, MOST_ROOMS))
     rooms = [(number, random.choice(ROOMS), area) for number, area in enumerate(areas, 2)]
     return {
@@ -92,7 +92,7 @@ def house(known: Catalogue, random: Random) -> dict[str, Any]:
 
 
 def layout(random: Random, number: int) -> list[list[Rectangle]]:
-    """Rooms beside each other, each of one or two rectangles."""
+    """``number`` rooms in a row along x: pairs of L-shaped rooms, of two rectangles each; a last odd room has one."""
     depth, start, areas = round(random.uniform(3, 7), 3), 0.0, []
     for _ in range(number):
         end = round(start + random.uniform(3, 7), 3)
@@ -107,13 +107,13 @@ def layout(random: Random, number: int) -> list[list[Rectangle]]:
 
 
 def outline(area: list[Rectangle]) -> list[dict[str, float]]:
-    """Corners of a room, in order."""
+    """The corners of a room of one or two rectangles, in order along its walls."""
     x0, z0, x1, z1 = area[0]
     corners = [(x0, z0), (x0, z1), (x1, z1), (x1, z0)]
     for left, below, right, above in area[1:]:
-        if below == z0:  # a corner in the next room
+        if below == z0:  # the second rectangle is to the right
             corners[3:] = [(x1, above), (right, above), (right, z0)]
-        else:  # the room before has the other corner
+        else:  # to the left
             corners[1:2] = [(x0, below), (left, below), (left, z1)]
     return [point(x, z) for x, z in corners]
 
@@ -121,7 +121,7 @@ def outline(area: list[Rectangle]) -> list[dict[str, float]]:
 def furniture(
     known: Catalogue, random: Random, room: int, kind: str, area: list[Rectangle]
 ) -> Iterator[dict[str, Any]]:
-    """Objects of a room, with those on or in them."""
+    """Random objects of a room, each with the objects on or in it as ``children``."""
     drawn: list[str] = []
     for weights, number in ((known.floor[kind], ON_FLOOR), (known.wall[kind], ON_WALL)):
         drawn += random.choices(list(weights), list(weights.values()), k=number) if weights else []
@@ -136,7 +136,7 @@ def furniture(
 
 
 def item(known: Catalogue, random: Random, identifier: str, kind: str, area: list[Rectangle]) -> dict[str, Any]:
-    """An object somewhere in a room."""
+    """An object at a random position in a room."""
     x0, z0, x1, z1 = random.choice(area)
     position = point(random.uniform(x0 + MARGIN, x1 - MARGIN), random.uniform(z0 + MARGIN, z1 - MARGIN), 0.7)
     return {
@@ -150,7 +150,7 @@ def point(x: float, z: float, y: float = 0) -> dict[str, float]:
 
 
 def write(path: Path, number: int, seed: int = 0) -> None:
-    """Houses of one to ten rooms, one a line; compressed where the path ends in ``.gz``."""
+    """Write houses of 1 to ``MOST_ROOMS`` rooms as JSON Lines; compressed if the path ends in ``.gz``."""
     known = catalogue()
     with gzip.open(path, "wb", compresslevel=1) if path.suffix == ".gz" else path.open("wb") as file:
         for place in range(number):
@@ -160,6 +160,6 @@ def write(path: Path, number: int, seed: int = 0) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("houses", type=int)
-    parser.add_argument("file", type=Path, help="JSON Lines; compressed where it ends in .gz")
+    parser.add_argument("file", type=Path, help="JSON Lines; compressed if it ends in .gz")
     given = parser.parse_args()
     write(given.file, given.houses)

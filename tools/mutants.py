@@ -1,4 +1,4 @@
-"""Sum up what became of mutants (``make mutants``) in docs/benchmarks/mutants.md, and list those that live."""
+"""Count the mutants that tests killed (``make mutants``) in docs/benchmarks/mutants.md, and list the others."""
 
 import json
 from collections import Counter
@@ -8,12 +8,12 @@ import pandas as pd
 
 from tools.docs import BENCHMARKS, write_table
 
-#: By the exit status of its tests, as mutmut has it; what has another was killed.
+#: Result of a mutant by the exit status in mutmut's files; any other status: killed.
 FATES = {0: "live", 5: "met by no test", 33: "met by no test", None: "not tried", 34: "not tried"}
 
 
 def main() -> None:
-    """Write a row for each package, and one for all; print the mutants that were not killed."""
+    """Write a row for each package and a row "all"; print the mutants that were not killed."""
     counts: dict[str, Counter[str]] = {}
     survivors = []
     for path in sorted(Path("mutants").rglob("*.py.meta")):

@@ -1,6 +1,6 @@
 """Initial vectors and MRR* right after insertion, computed from the pipeline's tables as docs/method.md defines them.
 
-A second way of computing: nothing here is the library's, and nothing is clever. Of ANALOGY alone.
+A second, simple implementation for ANALOGY alone, which uses no code of the library.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,7 +20,7 @@ HALVES = ("mrr_star", "mrr_star_entity", "mrr_star_relation")
 
 
 def rows_of(path: str, *names: str) -> list[tuple[Any, ...]]:
-    """Columns of a Parquet table, row by row; null numbers are NaN."""
+    """Rows of a Parquet table below ``data``, restricted to the columns ``names``; null numbers are NaN."""
     table = pq.read_table(Path("data") / path, columns=list(names))
     return list(zip(*(np.asarray(table[name].to_pandas()) for name in names), strict=True))
 
@@ -47,7 +47,7 @@ class Experiment:
             of_seed[split].add(self.triples[triple])
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
-        """Rows of a table of sessions, by size, seed and session, in their order."""
+        """Rows of a table in ``data/sessions``, by size, seed and session, in the order of the table."""
         by_cell: dict[tuple[int, int, int], list[Any]] = {}
         path = f"sessions/{self.name}/{table}.parquet"
         for size, seed, session, *row in rows_of(path, "size", "seed", "session", *names):
@@ -55,12 +55,12 @@ class Experiment:
         return by_cell
 
     def row(self, size: int, seed: int) -> int:
-        """Where a seed stands in the tensors of a size."""
+        """Index of a seed in the tensors of a size."""
         return sorted(s for z, s, session in self.novel if (z, session) == (size, 1)).index(seed)
 
     @cached_property
     def runs(self) -> dict[str, dict[tuple[int, int, int, str], list[tuple[int, Any]]]]:
-        """Epochs with their MRR* and halves, in order, by model and then by size, seed, session and scope."""
+        """By model, then by (size, seed, session, scope): a list of (epoch, [MRR*, entity half, relation half])."""
         by_cell: dict[str, Any] = {}
         for model in [*self.initializers, "joint"]:
             group, names = by_cell.setdefault(model, {}), ("size", "seed", "session", "scope", "epoch", *HALVES)
@@ -70,7 +70,7 @@ class Experiment:
 
 
 class Session:
-    """Entities and triples of a cell once its first session has inserted."""
+    """Entities and triples at a grid point after its first session (D¹)."""
 
     def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
         self.experiment = experiment
@@ -94,7 +94,7 @@ class Session:
         return {t for t in triples if not {t[0], t[2]} & self.novel}
 
     def scopes(self) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
-        """Of each scope the queried triples, the filtered triples, and the candidate entities."""
+        """By scope: queried triples, filtered triples, candidate entities."""
         true, learned = self.train | self.valid | self.test, self.train | self.valid
         given = {triple for triples in self.insert_triples.values() for triple in triples}
         heldout = self.valid | self.test
@@ -111,7 +111,7 @@ class Session:
 
 
 def parts(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scalars, a-halves and b-halves of ANALOGY's vectors, (..., d)."""
+    """Scalars (..., d / 2), a-halves (..., d / 4) and b-halves (..., d / 4) of ANALOGY's vectors (..., d)."""
     d = vector.shape[-1]
     return vector[..., : d // 2], vector[..., d // 2 : 3 * d // 4], vector[..., 3 * d // 4 :]
 
@@ -123,7 +123,7 @@ def there(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
 
 
 def back(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
-    """vᵀW⁻¹, with divisors of at least ``CLAMP``."""
+    """vᵀW⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``."""
     (s, a, b), (r, x, y) = parts(vector), parts(relation)
     size = np.maximum(x**2 + y**2, CLAMP)
     scalar = np.where(r < 0, -1, 1) * s / np.maximum(abs(r), CLAMP)
@@ -134,22 +134,22 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
-#: Scores by entity, and those that may be indicators.
+#: Scores of all entities, (E,), and the ids of the entities that may be indicators.
 Ranked = tuple[np.ndarray, set[int]]
 
 
 @dataclass(frozen=True)
 class Around:
-    """One novel entity, with the scores by which its indicators are chosen."""
+    """A novel entity in its session, and the scores by which its indicators are chosen."""
 
     session: Session
     entity: int
-    vectors: np.ndarray  #: Θ⁰ of the cell, as ``relations``
-    relations: np.ndarray
+    vectors: np.ndarray  #: entities of Θ⁰, (E, d)
+    relations: np.ndarray  #: relations of Θ⁰, (R, d)
 
     @cached_property
     def by_words(self) -> Ranked | None:
-        """Cosine of word vectors, among entities that have one; null where there is none to compare."""
+        """Cosines of word vectors; None if the entity or all eligible entities lack a word vector."""
         words = self.session.experiment.words
         candidates = {e for e in self.session.eligible if words[e].any()}
         units = unit(words)
@@ -157,7 +157,7 @@ class Around:
 
     @cached_property
     def by_relations(self) -> Ranked | None:
-        """Sum over relations of the cosine with the mean of where insert triples put the entity; null without any."""
+        """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples; None without insert triples."""
         placed: dict[int, list[np.ndarray]] = {}
         for head, relation, tail in self.session.insert_triples[self.entity]:
             way, other = (there, head) if tail == self.entity else (back, tail)
@@ -167,12 +167,12 @@ class Around:
         return (scores, self.session.eligible) if placed and self.session.eligible else None
 
 
-#: Indicators, and how far the last of them is ahead of the first that is none.
+#: Indicators, and the score of the last indicator minus that of the next entity.
 Chosen = tuple[set[int], float]
 
 
 def best(scores: np.ndarray, among: set[int], k: int) -> Chosen:
-    """The k of highest score, ties to the lower id."""
+    """The ``k`` entities in ``among`` with the highest scores; ties go to the lower id."""
     order = sorted(among, key=lambda e: (-scores[e], e))
     gap = scores[order[k - 1]] - scores[order[k]] if len(order) > k else np.inf
     return set(order[:k]), float(gap)
@@ -198,7 +198,7 @@ def ers(around: Around, k: int, candidates: int) -> Chosen:
     return chosen, min(gap, last)
 
 
-#: Those that draw nothing at random and learn nothing.
+#: The initializers without randomness and without training.
 RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs, "ers": ers}
 
 
@@ -208,11 +208,11 @@ RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs
 def mrr_star(
     session: Session, scores: np.ndarray, scope: tuple[set[Triple], set[Triple], set[int]], tie: float = TIE
 ) -> tuple[float, float, float]:
-    """MRR* and its halves (equation 7) of a scope; null without queries.
+    """MRR*, entity half and relation half in [0, 1] of one scope (equation 7); NaN without queries.
 
     Args:
-        scores: by relation, head and tail.
-        tie: below which share of the largest score of a row a difference is none.
+        scores: of all triples, shape (R, E, E): relation, head, tail.
+        tie: two scores are tied if they differ by at most this share of the largest |score| in their row.
     """
     queried, filtered, candidates = scope
     if not queried:
@@ -241,7 +241,7 @@ def mrr_star(
 def term(
     scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int, tie: float
 ) -> float:
-    """1 / (|R_G - R_P| + 1) of one query; arrays by candidate."""
+    """1 / (|R_G - R_P| + 1) of one query; arrays have an entry for each entity or relation."""
     rivals = able & ~barred
     rivals[answer] = False
     ahead, width = scores - scores[answer], tie * np.abs(scores).max()

@@ -1,4 +1,4 @@
-"""Run ``dvc repro``, saying which stage of how many runs, and how long the rest may take."""
+"""Run ``dvc repro``, and print the number of the running stage, the total, and an estimate of the minutes left."""
 
 import fcntl
 import json
@@ -19,28 +19,28 @@ if not (find_spec("dvc") and find_spec("isi")):
 from isi.errors import InputError
 from isi.process import errors_in_one_line, tie_to_parent
 
-#: Seconds that each stage took when it last ran here; before that, those of the documented run (``SHIPPED``).
+#: Seconds of the last run of each stage in this folder; stages without one take those of ``SHIPPED``.
 HERE = Path(".dvc/tmp/stage_seconds.json")
-#: DVC's notes of which process reads and writes which path.
+#: DVC's file of read and write locks: which process uses which path.
 NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
 PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
-#: Names a stage, behind its pipeline where that is not the one of this folder.
+#: The lines in which DVC begins or skips a stage; the name follows the pipeline file, unless that is ./dvc.yaml.
 BEGINS = re.compile(
     r"^Running stage '(?:\S+:)?(?P<stage>[^':]+)'|^Stage '(?:\S+:)?(?P<same>[^':]+)' (didn't change|is cached)"
 )
 
 
 class Progress:
-    """Stages that are still to come, and how long each takes."""
+    """Progress of a run: the number of stages seen, the stages still to come, and the seconds of each stage."""
 
     def __init__(self, stages: list[str], seconds: dict[str, float]) -> None:
         self.seen, self.waiting, self.seconds = 0, set(stages), seconds
         self.start, self.running, self.since = time.monotonic(), "", 0.0
 
     def begin(self, stage: str, runs: bool) -> str | None:
-        """Note that a stage begins or is skipped; if it begins, a line that says how far the run is."""
+        """Record that a stage begins (``runs``) or is skipped; returns a line of progress if it begins, else None."""
         self.end()
         self.seen += 1
         self.waiting.discard(stage)
@@ -53,14 +53,14 @@ class Progress:
         return f"[{self.seen} of {self.seen + len(self.waiting)}; {gone:.0f} min gone{about}]"
 
     def end(self) -> None:
-        """Note how long the stage that ran took."""
+        """Record the seconds of the stage that ran, if any."""
         if self.running:
             self.seconds[self.running] = round(time.monotonic() - self.since, 1)
         self.running = ""
 
 
 def main(arguments: list[str]) -> int:
-    """Run DVC, passing its output on; its exit status."""
+    """Run ``dvc repro`` with the arguments, and print its output with lines of progress; returns its exit status."""
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
     pipeline = next((path for path in PIPELINES if str(path) in arguments), PIPELINES[0])
     lock = LockFile(pipeline.with_name("dvc.lock"))
@@ -72,47 +72,47 @@ def main(arguments: list[str]) -> int:
     finally:
         lock.mend()
         names = {name for path in PIPELINES if path.exists() for name in stages(path)}
-        with suppress(OSError):  # no room
+        with suppress(OSError):  # no space on the disk
             seconds = {name: took for name, took in progress.seconds.items() if name in names}
             HERE.write_text(json.dumps(seconds, indent=1, sort_keys=True), encoding="utf-8")
 
 
 class LockFile:
-    """DVC's lock file, which DVC writes in place: where DVC is stopped meanwhile, it cannot be read again."""
+    """A dvc.lock with a backup: DVC writes it in place, so the file is broken if DVC is stopped during a write."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._copy = path, HERE.with_name("_".join([*path.parts, "whole"]))
 
     def back_up(self) -> None:
-        """Copy it while DVC does not write it; the copy of none is empty."""
-        with suppress(OSError):  # no room
+        """Copy the file while DVC does not write it; the copy of a missing file is empty."""
+        with suppress(OSError):  # no space on the disk
             self._copy.write_bytes(self.path.read_bytes() if self.path.exists() else b"")
 
     def mend(self) -> None:
-        """Put the copy back where the lock file is not whole, and remove the copy."""
+        """Replace a broken lock file by its copy (remove it if the copy is empty), and delete the copy."""
         if self._copy.exists() and self.path.exists() and not self._is_whole():
             self._copy.replace(self.path)
             if not self.path.stat().st_size:
                 self.path.unlink()
-            print(f"repro: {self.path} was cut short by the end of DVC: it is as before the last stage", flush=True)
+            print(f"repro: {self.path} was cut short when DVC ended: restored as before the last stage", flush=True)
         self._copy.unlink(missing_ok=True)
 
     def _is_whole(self) -> bool:
-        from dvc.schema import COMPILED_LOCKFILE_SCHEMA  # which takes a while to import, as the next does
+        from dvc.schema import COMPILED_LOCKFILE_SCHEMA  # here, since both imports are slow
         from dvc.utils.serialize import load_yaml
 
-        if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):  # DVC takes no stage away
+        if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):  # DVC removes no stage
             return False
-        with suppress(Exception):  # whatever is wrong with it
+        with suppress(Exception):  # any error: the file is broken
             COMPILED_LOCKFILE_SCHEMA(load_yaml(self.path))
             return True
         return False
 
 
 def mend_notes(path: Path = NOTES) -> None:
-    """Remove DVC's notes where they are cut short, since DVC would refuse to run.
+    """Remove DVC's file of locks if it is broken, since DVC would refuse to run.
 
-    Another DVC may be writing them just now: they must stay broken for a second.
+    It must stay broken for a second, since another DVC may be writing it.
     """
     with suppress(FileNotFoundError):
         for _ in range(10):
@@ -125,7 +125,7 @@ def mend_notes(path: Path = NOTES) -> None:
 
 
 def run(command: list[str], progress: Progress, lock: LockFile) -> int:
-    """Run DVC in its own group of processes: Ctrl-C reaches this process alone, which ends DVC and its stage."""
+    """Run DVC in its own process group: Ctrl-C reaches this process alone, which then ends DVC and its stage."""
     tied = partial(tie_to_parent, os.getpid()) if sys.platform == "linux" else None
     piped = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
     with subprocess.Popen(command, process_group=0, preexec_fn=tied, **piped) as dvc:
@@ -146,7 +146,7 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Refuse to run beside another run in this folder; the system releases the lock when the process ends."""
+    """Lock this folder; InputError if another run holds the lock. The system releases it when the process ends."""
     HERE.parent.mkdir(parents=True, exist_ok=True)
     with (HERE.parent / "isi.repro").open("a+", encoding="ascii") as file:
         try:
@@ -160,11 +160,11 @@ def alone() -> Iterator[None]:
 
 
 def stages(pipeline: Path) -> list[str]:
-    """Names of a pipeline's stages: those of its lock file, which is quick to read, or else as DVC lists them."""
+    """Names of a pipeline's stages, from its lock file, which is quick to read, or else from DVC."""
     lock = pipeline.with_name("dvc.lock")
     if lock.exists():
         return _stage_names(lock)
-    from dvc.repo import Repo  # which takes seconds to import
+    from dvc.repo import Repo  # here, since it takes seconds to import
 
     path = str(pipeline.resolve())
     return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == path]

@@ -1,7 +1,7 @@
-"""Run every source at its full size: docs/benchmarks/sources.md says what it gives, docs/sources/ where things are.
+"""Read every source in full; write its counts to docs/benchmarks/sources.md, and its pictures to docs/sources/.
 
-Sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of files that are named (``--params``). Where none
-of them reads ProcTHOR's houses, such houses are made. A source that cannot be run here is left out, and a line says so.
+The sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of the files of ``--params``. If none of them
+reads ProcTHOR's houses, random houses are made. A source that cannot be read here is skipped with a message.
 
 python -m tools.sources [NAME ...]
 """
@@ -32,23 +32,23 @@ from tools import make_houses
 from tools.docs import BENCHMARKS, write_table
 
 TRIPLE = ["head", "relation", "tail"]
-#: Name of the houses that are made, and how many: as ProcTHOR-10K has in its training set.
+#: Name and number of the random houses; the training set of ProcTHOR-10K has the same number.
 MADE, HOUSES = "procthor_made", 10_000
-#: Objects in a picture, or as many as it has rooms.
+#: Maximum number of objects in a picture, or the number of its rooms if that is larger.
 SHOWN = 25
 NONE = "–"
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A source, run to its end."""
+    """The counts of a source that was read in full, and the seconds that it took."""
 
     name: str
     scenes: int
     instances: int
-    counts: pd.Series[int]  #: observations of each unique triple
-    kinds: pd.DataFrame  #: entities (``tables.KINDS``)
-    left: Mapping[str, int]  #: what mining counted
+    counts: pd.Series[int]  #: number of observations of each unique triple
+    kinds: pd.DataFrame  #: entities (rows of ``isi.sources.KINDS``)
+    left: Mapping[str, int]  #: number of instances that each step of mining leaves
     seconds: float
 
     def of_kind(self, kind: str) -> list[str]:
@@ -56,7 +56,7 @@ class Measured:
 
 
 def source_settings(files: Iterable[Path]) -> dict[str, Any]:
-    """Settings of the sources and graphs that files of params have, by name; an ``InputError`` where one is broken."""
+    """Settings of all sources and graphs in files of params, by name; ``InputError`` for a broken or repeated entry."""
     settings: dict[str, Any] = {}
     for file in files:
         params = read(file)
@@ -71,7 +71,7 @@ def source_settings(files: Iterable[Path]) -> dict[str, Any]:
 
 
 def run(name: str, settings: Any, seed: int) -> Measured:
-    """Read a whole source; InputError where that cannot be done."""
+    """Read a source in full; ``InputError`` if it cannot be read."""
     counts, seen = [], []
     start = time.perf_counter()
     source = Source(settings, f"sources.{name}", seed)
@@ -87,7 +87,7 @@ def run(name: str, settings: Any, seed: int) -> Measured:
 
 
 def table(measured: Iterable[Measured]) -> pd.DataFrame:
-    """A row for each source."""
+    """A table of counts as text, with a row for each source."""
     return pd.DataFrame([
         {
             "source": source.name,
@@ -107,7 +107,7 @@ def table(measured: Iterable[Measured]) -> pd.DataFrame:
 
 
 def picture(measured: Measured) -> Figure | None:
-    """Where things are: observations of the most frequent objects of each room, by room; none without rooms."""
+    """A heat map of the observations of the most frequent objects by room; None for a source without rooms."""
     rooms = measured.counts[measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))]
     if rooms.empty:
         return None
@@ -125,9 +125,9 @@ def picture(measured: Measured) -> Figure | None:
 
 
 def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
-    """Observations (a row for each object, a column for each room) of the most frequent objects, at least one a room.
+    """Restrict ``seen``, (objects, rooms), to the most frequent objects, with at least one object of each room.
 
-    Objects that one room has most of stand together; rooms are in the order of their number of kinds, and bear it.
+    Objects are grouped by their most frequent room; rooms are sorted by number of objects, in labels (room, number).
     """
     kinds = (seen > 0).sum().sort_values(ascending=False)
     ordered = seen[kinds.index]
@@ -143,10 +143,10 @@ def _number(value: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="run these alone, and write nothing without --docs")
-    parser.add_argument("--params", type=Path, action="append", default=[], help="YAML with more sources")
-    parser.add_argument("--houses", type=int, default=HOUSES, help=f"how many are made ({HOUSES:,})")
-    parser.add_argument("--docs", type=Path, help="where the table and the pictures go (docs)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="read these alone, and write no file without --docs")
+    parser.add_argument("--params", type=Path, action="append", default=[], help="a YAML file with more sources")
+    parser.add_argument("--houses", type=int, default=HOUSES, help=f"number of random houses ({HOUSES:,})")
+    parser.add_argument("--docs", type=Path, help="folder of the table and the pictures (docs)")
     given = parser.parse_args()
     docs = given.docs or (None if given.names else BENCHMARKS.parent)
     try:
@@ -167,7 +167,7 @@ def main() -> None:
                 try:
                     measured.append(run(name, settings, seed))
                 except InputError as error:
-                    print(f"left out {name}: {error}", file=sys.stderr)
+                    print(f"skipped {name}: {error}", file=sys.stderr)
         if docs is None:
             print(table(measured).to_markdown(index=False, disable_numparse=True))
             return

@@ -1,7 +1,7 @@
 """Recompute numbers of the pipeline and the report from the pipeline's tables alone, and compare.
 
-By code that shares nothing with the library: initial vectors of some initializers and MRR* right after insertion, of
-cells chosen at random, and mean epochs to convergence. Vectors and MRR* of ANALOGY alone. Run it where dvc.yaml lies.
+Code that shares nothing with the library computes mean epochs to convergence and, for ANALOGY alone, initial vectors of
+some initializers and MRR* right after insertion at random grid points. Run it in the folder of dvc.yaml.
 """
 
 import argparse
@@ -17,23 +17,23 @@ from safetensors.numpy import load_file
 
 from tools.recomputed import RECOMPUTED, TIE, Around, Experiment, Session, mrr_star, there
 
-#: Scores closer than this leave open who is the last indicator: such an entity is not compared.
+#: A novel entity is not compared if scores of the last indicator and of the next entity differ by less than this.
 UNDECIDED = 1e-5
 
 
 @dataclass
 class Check:
-    """How far recomputed numbers are from those of a table."""
+    """The comparison of recomputed numbers with those of a table."""
 
     about: str
-    #: of a difference, in the units of the numbers
+    #: maximum absolute difference of two equal numbers, in their unit
     tolerance: float
     number: int = 0
     worst: float = 0.0
     disagreements: list[str] = field(default_factory=list)
 
     def compare(self, where: str, here: Any, there: Any) -> None:
-        """Note a pair of numbers or arrays; where both are null they agree."""
+        """Compare two numbers or two arrays, and record a disagreement; two nulls agree."""
         self.number += 1
         here, there = np.asarray(here, dtype=float), np.asarray(there, dtype=float)
         equal = here.shape == there.shape and (np.isnan(here) == np.isnan(there)).all()
@@ -48,9 +48,9 @@ class Check:
 def check_cell(
     experiment: Experiment, size: int, seed: int, options: dict[str, Any], initial: Check, immediate: Check
 ) -> int:
-    """Compare initial vectors, and MRR* and its halves of every model in every scope; how many vectors are left out.
+    """Compare initial vectors, and MRR* and its halves by model and scope; returns the number of vectors skipped.
 
-    Where a tie begins depends on how scores are rounded, so a slightly wider or narrower one may agree as well.
+    Rounding of scores decides which scores are tied, so MRR* may also agree with a tie width of 0.9 or 1.1 ``TIE``.
     """
     session, row = Session(experiment, size, seed), experiment.row(size, seed)
     theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
@@ -80,7 +80,7 @@ def check_cell(
 
 
 def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check) -> None:
-    """Compare Table 2 and its rows by size with mean epochs and unconverged shares of the runs."""
+    """Compare mean epochs and unconverged shares of the runs with Table 2 and the table by size."""
     margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
     shown, by_size = (
         list(csv.DictReader(Path(f"reports/tables/{table}{suffix}.csv").read_text(encoding="utf-8").splitlines()))
@@ -106,7 +106,7 @@ def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], me
 
 
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
-    """Compare cells that are chosen at random, and all epochs; prints what is left out."""
+    """Compare ``number`` random grid points, and all epochs to convergence; print which vectors are skipped."""
     experiments = []
     for name, settings in params["experiments"].items():
         listed = settings.get("initializers", "all")
@@ -121,10 +121,10 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
         left_open = sum(check_cell(*cell, params["initializers"], initial, immediate) for cell in chosen)
         others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
-        print(f"Not computed again: vectors of {others or 'none'}, which are random or another matter; and {left_open} "
-              f"vectors whose last indicator is less than {UNDECIDED:.0e} ahead of the next.")  # fmt: skip
+        print(f"Not computed again: vectors of {others or 'none'}, which are random or trained; and {left_open} "
+              f"vectors whose last indicator scores less than {UNDECIDED:.0e} above the next entity.")  # fmt: skip
     else:
-        print("Not computed again: vectors and MRR*, which is done for ANALOGY alone.")
+        print("Not computed again: vectors and MRR*, which are computed for ANALOGY alone.")
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
             check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged)
@@ -133,8 +133,8 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=12, help="cells whose vectors and MRR* are computed again")
-    parser.add_argument("--seed", type=int, default=0, help="of the choice of cells")
+    parser.add_argument("--cells", type=int, default=12, help="grid points whose vectors and MRR* are computed again")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the choice of grid points")
     given = parser.parse_args()
     try:
         checks = verify(YAML(typ="safe", pure=True).load(Path("params.yaml")), given.cells, given.seed)

@@ -1,9 +1,9 @@
-"""Put WordNet's definitions of the synsets in data/raw/words/wordnet.csv beside them.
+"""Fill the column ``definition`` of data/raw/words/wordnet.csv with WordNet's definitions of its synsets.
 
     python -m tools.wordnet FOLDER
 
-FOLDER has WordNet's own files (index.noun, data.noun, ...) of version 3.0, whose senses the synsets are numbered by.
-A phrase without a synset has no definition.
+FOLDER has the files of WordNet 3.0 (index.noun, data.noun, ...), whose senses the synsets number. A phrase without a
+synset gets an empty definition.
 """
 
 import argparse
@@ -23,7 +23,7 @@ FILES = {"n": "noun", "v": "verb", "a": "adj", "s": "adj", "r": "adv"}
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.wordnet", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path, help="with WordNet's own files: index.noun, data.noun, ...")
+    parser.add_argument("folder", type=Path, help="the files of WordNet 3.0: index.noun, data.noun, ...")
     folder, table = parser.parse_args().folder, pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
     with errors_in_one_line("wordnet"):
         definitions = [definition(folder, synset) if synset else "" for synset in table["synset"]]
@@ -33,14 +33,14 @@ def main() -> None:
 
 
 def definition(folder: Path, synset: str) -> str:
-    """The definition of a word's sense, by the name that NLTK gives it, such as ``mug.n.04``: the fourth of ``mug``.
+    """The definition of a synset named as in NLTK: ``mug.n.04`` is the fourth sense of the noun ``mug``.
 
     Raises:
-        InputError: where WordNet has no such sense.
+        InputError: if the name is malformed or WordNet has no such sense.
     """
     named = re.fullmatch(r"(\S+)\.([nvasr])\.([0-9]{2})", synset)
     if not named:
-        raise InputError(WORDNET, f"synset {synset!r}", "expected a word, a part of speech and a sense, as mug.n.04")
+        raise InputError(WORDNET, f"synset {synset!r}", "expected WORD.PART_OF_SPEECH.SENSE, such as mug.n.04")
     file, sense = FILES[named[2]], int(named[3])
     senses = _index(folder / f"index.{file}").get(named[1], [])
     if not 1 <= sense <= len(senses):
@@ -51,7 +51,7 @@ def definition(folder: Path, synset: str) -> str:
 
 @cache
 def _index(path: Path) -> dict[str, list[int]]:
-    """Where the synsets of each word stand, by sense."""
+    """For each word, the byte offsets of its synsets in WordNet's data file, in the order of senses."""
     offsets = {}
     for line in _content(path).decode("latin-1").splitlines():
         if not line.startswith(" "):

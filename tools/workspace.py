@@ -1,4 +1,4 @@
-"""Copy the pipeline into a folder of its own, with some params changed, ready for ``dvc repro`` there."""
+"""Copy the pipeline with changed params into a folder, in which ``dvc repro`` can then run."""
 
 import argparse
 import shutil
@@ -18,9 +18,9 @@ ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 
 YAML_1_2 = YAML()  # keeps the comments
-#: Value of a key that is to be removed.
+#: The value that means: remove the key.
 DROP = "<dropped>"
-#: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
+#: Changes for a run of about five minutes: fewer seeds, sizes and epochs, and the mean as the only control.
 QUICK: dict[str, Any] = {
     "experiments.published": DROP, "sources.published": DROP,
     "initializers.gaussian": DROP, "initializers.gaussian_centred": DROP, "initializers.es_permuted": DROP,
@@ -35,7 +35,7 @@ QUICK: dict[str, Any] = {
 
 
 def make(folder: Path, changes: dict[str, Any]) -> None:
-    """Lay out or refresh a workspace; what its last run made stays."""
+    """Create or refresh a workspace; the outputs of its last run stay."""
     for name in COPIED:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +52,7 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
         subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
         for option in ("core.analytics", "core.check_update"):
             subprocess.run([*dvc, "config", option, "false"], cwd=folder, check=True)
-    shutil.copy2(ROOT / ".dvcignore", folder)  # over the empty one of `dvc init`: bytecode is no dependency
+    shutil.copy2(ROOT / ".dvcignore", folder)  # replaces the empty file of `dvc init`: bytecode is no dependency
 
 
 def change(params: dict[str, Any], key: str, value: Any) -> None:
@@ -67,7 +67,7 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
 
 
 def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Make the changes whose parent key is in params; a name whose key is dropped is removed from all lists, too."""
+    """Apply the changes whose parent key exists; a name whose key is dropped is also removed from all lists."""
     for key, value in changes.items():
         parent = key.rpartition(".")[0]
         if not parent or value_of(params, parent) is not None:
@@ -86,8 +86,8 @@ def forget(values: Any, names: set[str]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change, values in YAML")
-    parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to leave out")
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change; values in YAML")
+    parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to remove")
     given = parser.parse_args()
     with errors_in_one_line("workspace"):
         try:
