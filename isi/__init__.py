@@ -1,7 +1,7 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``insert`` adds new entities to any trained embedding; ``fit_new`` trains them; ``isi.pykeen`` extends PyKEEN models.
-Each is imported on first use (types are in ``__init__.pyi``).
+``insert`` adds new entities to a trained embedding; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
+They are imported on first use (types are in ``__init__.pyi``).
 """
 
 import importlib

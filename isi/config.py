@@ -1,4 +1,4 @@
-"""Reading ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins have names."""
+"""Read ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins register by name."""
 
 import importlib
 import inspect
@@ -19,7 +19,7 @@ from isi.tables import paths
 Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
-Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within single precision.
+Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within the range of single precision.
 NotNegative = Annotated[float, Field(ge=0, le=1e30)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: Name of an experiment, source or initializer; names of files and stages contain it.
@@ -27,7 +27,7 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
 T = TypeVar("T")
-#: What validates values of a type, made once, since that takes a millisecond; a cache loses the type.
+#: The validator of a type, cached because building it takes 1 ms; annotated because ``cache`` loses the type.
 adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignore[assignment]
 
 
@@ -38,7 +38,7 @@ def distinct(values: Iterable[Any]) -> bool:
 
 
 def ensure(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """A pydantic validator: where ``hold`` of the value is false, the error is "expected ..."."""
+    """A pydantic validator that raises the error "expected {expected}" if ``hold(value)`` is false."""
 
     def checked(value: Any) -> Any:
         if not hold(value):
@@ -56,7 +56,7 @@ class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-    renamed: ClassVar[dict[str, str]] = {}  #: New names of renamed keys, by old name.
+    renamed: ClassVar[dict[str, str]] = {}  #: new name of a renamed key, by old name
     rules: ClassVar[Sequence[tuple[Callable[[Any], bool], str]]] = ()  #: condition, message
 
     @model_validator(mode="before")
@@ -79,13 +79,13 @@ class Section(BaseModel):
 
 
 class Study(Section):
-    """A study beside the main pipeline, on the experiments that it lists."""
+    """A study in addition to the main pipeline, on the experiments that it lists."""
 
     experiments: Names
 
     @property
     def experiment(self) -> str | None:
-        """The experiment that the report shows."""
+        """The experiment that the report shows: the first of the list; null if the list is empty."""
         return self.experiments[0] if self.experiments else None
 
 
@@ -99,7 +99,7 @@ def read(path: Path) -> dict[str, Any]:
         raw = YAML(typ="safe", pure=True).load(text)  # YAML 1.2, as DVC reads it
     except RecursionError as error:
         raise InputError(path, "", "expected YAML with fewer nested levels") from error
-    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # the latter: of a value
+    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # from a malformed value
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else ""
         raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', None) or error}") from error
@@ -109,7 +109,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
-    """Validate a value as a type; InputError names the key that is unknown, missing or wrong."""
+    """Validate a value as a type; InputError names the key, below ``key``, that is unknown, missing or wrong."""
     with at(path, key):
         return adapter(kind).validate_python(value, strict=True)
 
@@ -127,13 +127,13 @@ def options(function: Callable[..., Any]) -> type[Section]:
 
 
 def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Validated options as keyword arguments of a function; InputError names the key that does not fit."""
+    """Validated keyword arguments of a function; InputError names the key that is unknown, missing or wrong."""
     checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
 
 def value_of(values: Any, key: str) -> Any:
-    """The value at a dotted key; null where there is none."""
+    """The value at a dotted key of nested mappings; null if a key is missing."""
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None
     return values
@@ -150,14 +150,14 @@ class Plugins(Generic[T]):
         self._registered[name] = thing
 
     def get(self, name: str, key: str = "") -> T:
-        """The object registered under a name; ``InputError`` at this key of params for an unknown name."""
+        """The object registered under a name; for an unknown name, an InputError at ``key`` of ``params.yaml``."""
         if name not in self._registered and name not in (known := self.names()):
             expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
             raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]
 
     def names(self) -> list[str]:
-        """All names that are registered, by the package's modules or by others."""
+        """Import the package's modules, and return all registered names, sorted."""
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
             if module.name not in self._skipped and not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")

@@ -1,4 +1,4 @@
-"""A user's mistake as one line: the file, the place in it, what was found, what was expected, the way out."""
+"""Errors in a user's input, in one line: file, place in it, value found, value expected, remedy."""
 
 import errno
 import os
@@ -13,31 +13,31 @@ from typing import Any
 
 from pydantic import ValidationError
 
-LONGEST = 270  #: Characters of a message, at most: what is longer repeats the input, and is cut.
+LONGEST = 270  #: Maximum number of characters of a message; a longer one loses its middle.
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 class InputError(Exception):
-    """A mistake in what the user supplied: the file, the place in it, and what was found and expected."""
+    """An error in the user's input: the file, the place in it, and a message (value found and value expected)."""
 
     def __init__(self, file: object, place: object, message: str) -> None:
         super().__init__(str(file), str(place), message)
         self.file, self.place, self.message = str(file), str(place), message
 
     def __str__(self) -> str:
-        line = cut(" ".join(": ".join(filter(None, self.args)).split()), LONGEST)  # without what moves a cursor
+        line = cut(" ".join(": ".join(filter(None, self.args)).split()), LONGEST)  # no line ends or tabs
         return cut("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), LONGEST)
 
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Name a file and a place in the errors raised within, also those of pydantic, pyarrow and the system::
+    """Turn an error raised inside (InputError, pydantic, pyarrow, system) into an InputError with file and place::
 
         with at("log.csv", "line 3"):  # log.csv: line 3, column 'head': expected a name, got ''
             raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
 
-    An error that names another file is quoted whole.
+    If the error names another file, its whole text becomes the message.
     """
     try:
         yield
@@ -64,11 +64,11 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
 
 
 def _first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Place and text of pydantic's first error, and how many more there are."""
+    """Place and text of pydantic's first error (an unknown key, if any), with the number of further errors."""
     first: Any = min(error.errors(), key=lambda mistake: mistake["type"] not in ("unknown_key", "list_type"))
     kind, got, context = first["type"], first["input"], first.get("ctx", {})
     loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]
-    place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # types of a union
+    place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # not the types of a union
     message = first["msg"].removeprefix("Value error, ")
     if kind == "list_type" and isinstance(got, str):
         message = f"expected a list, got the text {short(got)}: write [{cut(got, 60)}]"
@@ -98,12 +98,12 @@ def short(value: object) -> str:
     """The ``repr`` of a value, shortened where it is long or deeply nested."""
     try:
         return cut(_SHORT.repr(value), 100)
-    except ValueError:  # Python writes no number of more than 4,300 digits
+    except ValueError:  # Python does not print integers of more than 4,300 digits
         return "a number of thousands of digits"
 
 
 def cut(text: str, most: int = 80) -> str:
-    """A text of at most ``most`` characters; a longer one loses its middle."""
+    """Shorten a text to at most ``most`` characters: ``...`` replaces its middle."""
     behind = max(0, most - 3) // 3
     return text if len(text) <= most else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
 

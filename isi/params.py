@@ -1,4 +1,4 @@
-"""All of ``params.yaml`` and of ``beyond/params.yaml``: the model of each section, and checks across sections."""
+"""The models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
@@ -33,7 +33,7 @@ from isi.training.trainer import Optimizer, Training
 
 S = TypeVar("S", bound=Section)
 
-MOST_SETTINGS = 13  #: In cross-validation, which trains a model for each setting and fold.
+MOST_SETTINGS = 13  #: Maximum number of settings in cross-validation; a setting trains one model per fold.
 
 
 class ExperimentOf(Section):
@@ -42,10 +42,10 @@ class ExperimentOf(Section):
     renamed: ClassVar = {"at_once": "immediate_only", "followed": "full_curves"}
     rules = (
         (lambda entry: (entry.sessions.novel == "added") == (entry.graph.extend is not None),
-         "expected sessions.novel: added if there is graph.extend, and only then"),
+         "expected sessions.novel: added with graph.extend, and another value without it"),
         (lambda entry: not entry.graph.extend
          or entry.sessions.steps * max(entry.sessions.sizes) <= entry.graph.extend.candidates,
-         "sessions: expected steps times the largest of sizes not above graph.extend.candidates"),
+         "sessions: expected steps × max(sizes) ≤ graph.extend.candidates"),
     )  # fmt: skip
     title: str
     graph: GraphOf
@@ -62,7 +62,7 @@ class Plots(Section):
 
 
 class Params(Section):
-    """Everything in ``params.yaml``."""
+    """All sections of ``params.yaml``."""
 
     renamed: ClassVar = {
         "families": "models", "nothing": "finetune_only", "rates": "rate_sweep", "approach": "trajectory",
@@ -96,12 +96,12 @@ class Params(Section):
 
     @property
     def studies(self) -> dict[str, Study]:
-        """The studies beside the main pipeline, by section of params."""
+        """The studies in addition to the main pipeline, by section of params."""
         return {name: section for name, section in self if isinstance(section, Study)}
 
     @property
     def settings(self) -> list[Setting]:
-        """The settings that cross-validation compares; the first is the choice that all experiments train with."""
+        """The settings that cross-validation compares; the first is the setting of all experiments."""
         rates = self.training.model_dump(include={"learning_rate", "weight_decay"})
         choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
         return self.cross_validation.settings(choice)
@@ -112,7 +112,7 @@ class Params(Section):
 
 
 class Beyond(Section):
-    """Everything in ``beyond/params.yaml``."""
+    """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
     hidden: dict[Name, Hidden] = Field(default_factory=dict)
@@ -120,12 +120,12 @@ class Beyond(Section):
 
 
 def load(path: Path = paths.PARAMS) -> Params:
-    """Read and check all of ``params.yaml``; an InputError gives the path of the key that is wrong."""
+    """Read and check ``params.yaml``; InputError names the dotted key that is wrong."""
     return _load(path, Params, check_params)
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
-    """Read ``beyond/params.yaml`` and check it, alone and against ``params.yaml``; empty without the file."""
+    """Read ``beyond/params.yaml``, and check it alone and against ``params``; empty if the file does not exist."""
     if path is None or not path.exists():
         return Beyond()
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
@@ -136,14 +136,14 @@ def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
     with at(path):
         try:
             agree(section)
-        except InputError as error:  # plug-ins name params.yaml, but these params may stand in another file
+        except InputError as error:  # plug-ins name params.yaml, but the file may be another
             file = "" if error.file == str(paths.PARAMS) else error.file
             raise InputError(file, error.place, error.message) from error
     return section
 
 
 def check_params(params: Params) -> None:
-    """Check sections against each other and the code; InputError for an unknown name, size or option."""
+    """Check sections against each other and the plug-ins; InputError for an unknown name, size or option."""
     if "joint" in params.initializers:
         raise InputError("", "initializers.joint", "expected another name: joint is the joint model")
     for key, listed, known in _listed_names(params):
@@ -205,12 +205,12 @@ def _check_study(study: Study, params: Params, name: str) -> None:
         if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
             raise InputError("", f"{name}.size", f"expected one of the sizes of {experiment}")
         if seeds > sessions.seeds:
-            expected = f"expected less: {experiment} has {sessions.seeds} seeds, counted from 0"
+            expected = f"expected a smaller number: {experiment} has {sessions.seeds} seeds, numbered from 0"
             raise InputError("", f"{name}.{last}", expected)
 
 
 def check_beyond(beyond: Beyond, params: Params) -> None:
-    """Check the entries of ``beyond/params.yaml`` against each other and against ``params.yaml``."""
+    """Check ``beyond`` against itself and ``params``; InputError for a wrong name, title, size or option."""
     for name, variant in beyond.variants.items():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")
@@ -242,6 +242,6 @@ def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any]
             raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}")
 
 
-if __name__ == "__main__":  # `make` checks before DVC, which reads the keys that its stages name and no others
+if __name__ == "__main__":  # `make` runs this before DVC, which reads only the keys that its stages name
     with errors_in_one_line("params"):
         load_beyond(load())

@@ -1,4 +1,4 @@
-"""How processes end: no worker outlives its parent, and a command that ends early says why in one line."""
+"""Ends of processes: no worker outlives its parent; a command that fails or is stopped prints one line."""
 
 import argparse
 import ctypes
@@ -18,15 +18,15 @@ from typing import NoReturn
 from isi.errors import InputError, cut, os_message
 
 _PR_SET_PDEATHSIG = 1
-STOPPING = (signal.SIGINT, signal.SIGTERM)  #: By Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
+STOPPING = (signal.SIGINT, signal.SIGTERM)  #: Sent by Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
 
 
 def tie_to_parent(parent: int | None = None) -> None:
-    """Have this process end when its parent does: by a signal on Linux, elsewhere by polling twice a second."""
+    """Kill this process when its parent ends: by a signal on Linux, elsewhere by polling every 0.5 s."""
     parent = parent or os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it ended before the call
+        if os.getppid() != parent:  # the parent ended before the call
             os._exit(1)
     else:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
@@ -41,7 +41,7 @@ def _watch(parent: int) -> None:
 def is_running(process: str) -> bool:
     """Whether another process with this id runs on this machine."""
     try:
-        with suppress(PermissionError):  # someone else's
+        with suppress(PermissionError):  # a process of another user
             os.kill(int(process), 0)
     except (ValueError, ProcessLookupError, OverflowError):
         return False
@@ -82,9 +82,9 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """End the process with one line instead of a traceback; ``then`` says how to go on after a signal."""
+    """Exit with one line on InputError, OSError, MemoryError or a stop signal; ``then``: advice after a signal."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may lack letters of a name
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}
     handle_stop_signals(name, then)
     try:
@@ -93,7 +93,7 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
     except InputError as error:
         sys.exit(f"{name}: {error}")
     except OSError as error:
-        if isinstance(sys.stdout, io.TextIOWrapper):  # let nothing more be written, which Python would try at its end
+        if isinstance(sys.stdout, io.TextIOWrapper):  # discard the output that Python flushes at exit
             with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
         sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_of_system(error)}")
@@ -101,14 +101,14 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
         sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or use less input")
     finally:
         for stopping, handler in before.items():
-            if signal.getsignal(stopping) is not signal.SIG_DFL:  # a second signal ends what a first one interrupted
+            if signal.getsignal(stopping) is not signal.SIG_DFL:  # a second signal must still kill
                 signal.signal(stopping, handler)
 
 
 def _of_system(error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
-        from isi.stage import missing  # which few commands need
+        from isi.stage import missing  # imported here: few commands need it
 
         return missing(Path(error.filename))
-    full = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
+    full = "standard output or shared memory" if error.errno == errno.ENOSPC else ""
     return InputError(error.filename or full, "", f"cannot be written or read ({os_message(error)})")

@@ -47,12 +47,12 @@ def insert(
         model: has one vector per entity, no inverse triples. TransE (L1, L2, squared), DistMult, ComplEx and RotatE
             support all initializers; others only those without the inverse of a relation (mean, es, soft_es, ...).
         factory: the triples factory that the model was trained on.
-        triples: of the new entities, by labels (if the factory has labels) or ids.
-        arguments: of ``inserted``.
+        triples: (head, relation, tail) of the new entities, as labels (if the factory has labels) or ids.
+        arguments: keyword arguments of ``inserted``.
 
     Returns:
-        copies of the model and the factory, with the new entities as last rows, and their labels and triples. Both can
-        predict, evaluate, train further and be saved.
+        copies of the model, with the vectors of new entities as last rows, and of the factory, with their labels and
+        triples. PyKEEN can predict with, evaluate, train and save them.
 
     Raises:
         InputError: names the wrong argument and the expected value.
@@ -66,7 +66,7 @@ def inserted(
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
     seed: int = 0,
 ) -> Inserted:  # fmt: skip
-    """Compute the vectors of new entities as ``isi.insert``, which documents the other arguments.
+    """Compute the vectors of new entities with ``isi.insert``, which documents the other arguments.
 
     Args:
         new: labels of the new entities (null: all labels in ``triples`` that the factory lacks); their number if the
@@ -104,7 +104,7 @@ def inserted(
 
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Copies of a model and its factory, with the new entities of ``done``, their labels and their triples."""
+    """Copies of a model and its factory, with the vectors, labels and triples of the new entities of ``done``."""
     larger = deepcopy(model)
     larger.num_entities = len(done.entities)
     table = table_of(larger)
@@ -124,10 +124,10 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
 
 
 def warm(optimizer: Optimizer) -> Optimizer:
-    """The same optimizer, prepared for PyKEEN's ``train(..., continue_training=True)``, which keeps the vectors."""
+    """Prepare an optimizer, in place, for PyKEEN's ``train(continue_training=True)``, which does not reset vectors."""
     for group in optimizer.param_groups:
         for parameter in group["params"]:
-            optimizer.state[parameter]  # creates an empty entry: PyKEEN refuses no state
+            optimizer.state[parameter]  # creates an empty entry; PyKEEN refuses an optimizer without state
     return optimizer
 
 
@@ -144,7 +144,7 @@ class Form:
         return prod(self.shape) * (1 + self.is_complex)
 
     def values(self, rows: Tensor) -> Tensor:
-        """Convert rows, (..., size), to values, (..., *shape)."""
+        """Convert rows of shape (..., size) to values of shape (..., *shape)."""
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         return rows.reshape(*rows.shape[:-1], *self.shape)
@@ -152,13 +152,13 @@ class Form:
 
 @dataclass(frozen=True, eq=False)
 class InteractionModel(Model):
-    """f(h, r, t) = offset + score of a PyKEEN interaction. It has no ``transform`` and no ``inverse``."""
+    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction. It has no ``transform`` and no ``inverse``."""
 
     interaction: modules.Interaction[Any, Any, Any]
     entity: Form
     relations: tuple[Form, ...]
     offset: float
-    #: see ``isi.insert``
+    #: initializers that need an inverse refuse this model
     invertible: ClassVar[bool] = False
 
     def width(self, dimension: int) -> int:  # noqa: ARG002
@@ -179,7 +179,7 @@ class InteractionModel(Model):
 
 
 def table_of(model: PykeenModel) -> Table:
-    """The entity table of a model. An ``InputError`` refuses a model without exactly one."""
+    """The entity table of a model; InputError unless the model has exactly one."""
     parts = model.entity_representations if isinstance(model, ERModel) else []
     if len(parts) != 1 or not isinstance(parts[0], Table):
         raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
@@ -187,7 +187,7 @@ def table_of(model: PykeenModel) -> Table:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """Read a model as a stack of one embedding. A null margin is estimated from ``triples``, (T, 3)."""
+    """Read a model as a stack of one embedding; a null margin is estimated from ``triples``, shape (T, 3)."""
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:
         raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
@@ -207,7 +207,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 def _closed_form(
     interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """The equivalent ``Model`` of an interaction, as a function of the margin, and its relation rows; null if none."""
+    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w); null if there is none."""
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
         is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
@@ -223,7 +223,7 @@ def _closed_form(
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:
-    """The form and all rows, (N, size), of a representation in evaluation mode (no dropout, normalized)."""
+    """Form and all rows, shape (N, size), of a representation in evaluation mode (no dropout; normalized)."""
     training = representation.training
     with torch.no_grad():
         values = representation.eval()().detach().cpu()

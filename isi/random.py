@@ -1,4 +1,4 @@
-"""Random streams, keyed by their purpose and never by what ran before them."""
+"""Random streams; each depends on a root seed, a purpose and a key, not on earlier calls."""
 
 import zlib
 
@@ -6,9 +6,8 @@ import numpy as np
 
 
 def stream(root: int, purpose: str, *key: int) -> np.random.Generator:
-    """A generator that depends on its key alone.
+    """A new generator, seeded by root seed, purpose and key (such as size, seed, epoch) alone.
 
-    Two calls with the same root seed, purpose and key (size, seed, epoch, ...) draw the same
-    numbers, whatever else was drawn, in whatever order and in whichever process.
+    Equal arguments give equal random numbers, in any process and any order of calls.
     """
     return np.random.default_rng(np.random.SeedSequence([root, zlib.crc32(purpose.encode()), *key]))

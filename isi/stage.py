@@ -1,4 +1,4 @@
-"""Runs a stage of the pipelines: arguments, params, errors in one line; finds the stage that makes a file."""
+"""Run a stage of the pipelines: arguments, params, one-line errors. Find the stage that writes a file."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from isi.tables import paths
 if TYPE_CHECKING:
     from isi.params import Beyond, Params
 
-#: Each pipeline with the params that its matrices run over.
+#: Pipeline file → params file, whose keys are the values of the pipeline's matrices.
 PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS}
 
 
 @dataclass(frozen=True)
 class StageContext:
-    """Input of a stage: its name, which the metadata of its files has, and the params of both pipelines."""
+    """Input of a stage: its name, for the metadata of the files it writes, and the params of both pipelines."""
 
     stage: str
     params: Params
@@ -34,7 +34,7 @@ class StageContext:
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Turn a function of a context and names into the command of its DVC stage; its module's docstring is the help."""
+    """Turn ``body(context, **names)`` into the command of its DVC stage; the docstring of its module is the help."""
     name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
     description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 
@@ -50,8 +50,8 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage; InputError where params are wrong or do not list an argument."""
-    from isi import params  # here: its classes are of all packages, of which a stage needs a few
+    """The context of a stage; InputError if params are invalid, or do not list the value of an argument."""
+    from isi import params  # imported here: it loads all packages, and a stage needs a few
 
     pipeline, entry = _entry(name)
     values = _read(PIPELINES[pipeline])
@@ -66,7 +66,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
 
 
 class _StageParser(Parser):
-    """A parser whose help lists the choices of each argument, and what the stage reads and writes."""
+    """A parser whose help lists the choices of each argument, and the files that the stage reads and writes."""
 
     def format_help(self) -> str:
         with suppress(InputError):
@@ -80,7 +80,7 @@ class _StageParser(Parser):
 
 
 def missing(path: Path) -> InputError:
-    """An ``InputError`` for a file that is missing, with the stage that makes it."""
+    """An ``InputError`` for a missing file, with the command that makes the file."""
     with suppress(InputError):
         for name in () if path.is_absolute() else makers(path):
             return InputError(path, "", f"missing: run `dvc repro {name}`, which makes it")
@@ -88,7 +88,7 @@ def missing(path: Path) -> InputError:
 
 
 def makers(path: Path) -> Iterator[str]:
-    """The stages that write a file or a folder above it under the current params, as ``dvc repro`` names them."""
+    """Arguments for ``dvc repro``: the stages that write a file, or a folder above it, under the current params."""
     for pipeline in filter(Path.exists, PIPELINES):
         values, before = _read(PIPELINES[pipeline]), "" if pipeline == paths.PIPELINE else f"{pipeline}:"
         for name, entry in _stages(pipeline).items():
@@ -101,7 +101,7 @@ def makers(path: Path) -> Iterator[str]:
 
 
 def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
-    """The section of params whose keys each argument of a stage takes."""
+    """By argument of a stage: the dotted key of params that lists its values."""
     return {item: str(values).strip("${}") for item, values in (entry.get("matrix") or {}).items()}
 
 
@@ -126,7 +126,7 @@ def _stages(pipeline: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The parsed content of a file; cached, since parsing is slow."""
+    """The parsed content of a YAML file; cached until the file changes, since parsing is slow."""
     stat = path.stat() if path.exists() else None
     return _parsed(path.absolute(), path, stat and (stat.st_mtime_ns, stat.st_size))
 

@@ -1,7 +1,7 @@
-"""Sources of graphs: readers give observations (head, relation, tail) of scenes, tallies or tables.
+"""Sources of graphs: a reader turns scenes, tallies or tables into observations (head, relation, tail, count).
 
-Each module registers its readers by the names that ``reader`` has in params; a source is a reader with its settings.
-An ``InputError`` refuses a file that is missing, broken or of another form, and names the file and the place.
+A source is a reader with its settings. Each module registers its readers by name; ``reader`` in params is such a name.
+A reader raises an ``InputError``, with file and place, if a file is missing, is broken or has another format.
 """
 
 from collections import Counter
@@ -19,57 +19,57 @@ from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, name_fa
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
 from isi.tables.table import Table
 
-#: One row per instance, or per tally with its number.
+#: One row per triple of an instance, or per tally; ``count`` is the number of observations.
 OBSERVATIONS = Table(
     "data/observations/{source}.parquet",
     {"scene": ColumnType(NAME.type, nullable=True), "room": NAME.optional,
      "instance": ColumnType(TEXT.type, nullable=True), "head": NAME, "relation": NAME, "tail": NAME, "count": COUNT},
 )  # fmt: skip
-#: The entities of a source.
+#: One row per entity of a source; ``phrase`` is looked up in the word vectors.
 KINDS = Table(
     "data/observations/{source}.entities.parquet",
     {"entity": TEXT, "kind": NAME, "phrase": TEXT},
     key=["entity"],
 )
-#: How many instances each step of mining leaves.
+#: Number of instances that remain after each step of mining, or that were dropped for the reason in ``step``.
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
 )
-CHUNK = 65_536  #: Maximum number of observations in memory.
+CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.tables`` yields.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
-#: Gives the entities of a source (``KINDS``) from its unique triples and the names of its rooms.
+#: Unique triples (columns head, relation, tail) and names of rooms → entities (``KINDS``).
 NameEntities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
 Read = Callable[..., Iterable[Observation]]
 
 
 @dataclass
 class Mining:
-    """Arguments of a reader besides its settings: a seed, and fields in which the reader reports results."""
+    """First argument of a reader: a seed, and two fields that the reader fills."""
 
     seed: int  #: root of every random stream
-    counts: Counter[str] = field(default_factory=Counter)  #: what is dropped, or left after each step
-    name_entities: NameEntities | None = None  #: set where settings or the file say it, in place of the reader's own
+    counts: Counter[str] = field(default_factory=Counter)  #: dropped items, or instances after a step, by description
+    name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless null
 
 
 @dataclass(frozen=True)
 class Reader:
-    """A function that reads observations, and which settings and files it takes."""
+    """A function that reads observations, and the settings and files that it accepts."""
 
-    read: Read  #: gives observations from a ``Mining`` and settings, which are its other parameters
+    read: Read  #: called with a ``Mining`` and the settings as keywords; yields observations
     name_entities: NameEntities
-    path: str | None = None  #: the setting that names the file or folder to read; null where it reads what ships
+    path: str | None = None  #: name of the setting that holds the path to read; null: shipped files
     suffixes: Collection[str] = ()  #: suffixes of the files that it reads
-    reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON that begins with this value
-    defaults: Mapping[str, Any] = field(default_factory=dict)  #: settings for a file alone, beside those of ``read``
+    reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON with this first value
+    defaults: Mapping[str, Any] = field(default_factory=dict)  #: default settings in ``isi graph FILE``
 
 
-#: The recorder loads the simulator's package, and registers nothing.
+#: The module ``recorder`` is not imported: it loads the package ``ai2thor`` and registers no reader.
 READERS: config.Plugins[Reader] = config.Plugins("isi.sources", skipped=["recorder"])
 
 
 def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:
-    """Register a function as a reader; ``known`` are the other fields of ``Reader``."""
+    """A decorator that registers a function as a reader; ``known`` are the other fields of ``Reader``."""
 
     def register(read: Read) -> Read:
         READERS.register(name, Reader(read, name_entities, **known))
@@ -84,13 +84,13 @@ def all_readers() -> dict[str, Reader]:
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
-    """The reader that a section of params names, and its settings as keyword arguments; ``key`` is for errors."""
+    """Reader and validated keyword arguments from the params at ``key``; InputError names the key that is wrong."""
     given = dict(config.check(section, dict[str, Any], key))
     name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
     chosen = READERS.get(name, f"{key}.reader")
     for setting, value in given.items():
-        if isinstance(value, str) and "\0" in value:  # which is in no path
-            raise InputError(f"{key}.{setting}", "", f"expected text without null, got {short(value)}")
+        if isinstance(value, str) and "\0" in value:  # no path contains it
+            raise InputError(f"{key}.{setting}", "", f"expected text without a null character, got {short(value)}")
     return chosen, config.keywords(chosen.read, given, key)
 
 
@@ -98,7 +98,7 @@ def observed(
     scene: str, room: str | None, instance: str, head: str, receptacles: Iterable[str] = (),
     materials: Iterable[str] = (), affordances: Iterable[str] = (), count: int = 1,
 ) -> Iterator[Observation]:  # fmt: skip
-    """The observations of an object: one each for its room, if known, receptacles, materials and affordances."""
+    """Yield one row for each location (``room`` unless null, receptacles), material and affordance of an object."""
     locations = [room, *receptacles] if room else receptacles
     tails = {AT_LOCATION: locations, HAS_MATERIAL: materials, HAS_AFFORDANCE: affordances}
     for relation, names in tails.items():
@@ -107,19 +107,19 @@ def observed(
 
 
 class Source:
-    """A reader with its settings: gives observations in tables, and then the entities."""
+    """A reader with its settings: ``tables`` yields the observations, and then ``kinds`` holds the entities."""
 
-    kinds: pd.DataFrame  #: entities with kind and phrase (``KINDS``), once all observations have been read
+    kinds: pd.DataFrame  #: entities (``KINDS``); set after the last table of ``tables``
 
     def __init__(self, section: object, key: str, seed: int) -> None:
-        """Choose the reader (see ``settings_of``); nothing is read yet. ``seed`` is the root of random streams."""
+        """Check the section (``settings_of``) without reading a file; ``seed`` is the root of all random streams."""
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
-        """Observations (``OBSERVATIONS``), at most ``CHUNK`` a table; InputError also for an entity without a kind."""
+        """Yield ``OBSERVATIONS`` in parts; InputError for no or too many rows, or an entity without one kind."""
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()

@@ -1,4 +1,4 @@
-"""AI2-THOR's and RoboTHOR's scenes, from recordings or single files, mined into observations (section 5.1)."""
+"""Observations of AI2-THOR's and RoboTHOR's scenes, from recordings or single files (section 5.1 of the paper)."""
 
 import re
 from collections import Counter
@@ -21,26 +21,26 @@ from isi.tables import paths
 
 FLOOR = "floor"
 Materials = Literal["suncg", "simulator"]  #: Setting: where materials come from.
-#: Settings: whether containment that cannot be is dropped. It is broken where the receptacle or the content is not in
-#: the scene, is the object itself, or does not agree; and circular where a receptacle lies in what it holds.
+#: Settings for invalid containment. Broken: the receptacle or the content is not in the scene or is the object itself,
+#: or a listed content does not list the receptacle. Circular: two objects contain each other, perhaps through others.
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
-ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
-#: Containment that cannot be is counted under these names where it is dropped, and else is an error in these words.
+ROOMLESS = "objects without a room: neither the scene's name nor the setting room gives it"
+#: Problems of containment: name of the count where it is dropped, and message of the error where it is refused.
 PROBLEMS = {
-    "receptacles dropped that their scene lacks": "its parent receptacle {} is not in the scene",
-    "receptacles dropped that are what they hold": "it is its own parent receptacle",
-    "receptacles dropped that lie in what they hold": "its parent receptacle {} lies in it",
-    "contents of receptacles dropped that their scene lacks": "it holds {}, which is not in the scene",
-    "contents of receptacles dropped that lie elsewhere": "it holds {}, which lies elsewhere",
+    "receptacles dropped that are not in the scene": "its parent receptacle {} is not in the scene",
+    "receptacles dropped that are the object itself": "it is its own parent receptacle",
+    "receptacles dropped that lie in the object": "its parent receptacle {} lies in it",
+    "contents dropped that are not in the scene": "it holds {}, which is not in the scene",
+    "contents dropped that do not list the receptacle": "it holds {}, which does not list it as receptacle",
 }
 MISSING, ITSELF, IN_CYCLE, NOT_THERE, ELSEWHERE = PROBLEMS
-#: Gives the materials of each object of a scene, whose number it takes, too.
+#: Number of a scene, and its objects → the materials of each object.
 MaterialsOf = Callable[[int, Sequence[SceneObject]], list[Sequence[str]]]
 
 
 def _register(simulator: str, **known: Any) -> None:
-    """A reader of a simulator's recorded scenes."""
+    """Register a reader of a simulator's recorded scenes, under the simulator's name."""
     file_alone = {"sha256": None, "materials": "simulator", "broken": "error"}
 
     @reader(simulator, household, path="from_", defaults=file_alone, **known)
@@ -50,9 +50,9 @@ def _register(simulator: str, **known: Any) -> None:
     ) -> Iterator[Observation]:  # fmt: skip
         """Observations of recorded scenes.
 
-        ``from_`` is ``recording``, the one in the package ``procthor``; ``simulator``, the one of ``make record``; or
-        the path of a file of either form, which must hash to ``sha256`` where that is given. Fourteen observations of
-        the package's iTHOR are ``circular``, of cabinets that overlap.
+        ``from_`` is ``recording`` (in the package ``procthor``), ``simulator`` (of ``make record``), or the path of a
+        file in either format. ``sha256`` is the expected hash of the file; null: no check. The package's iTHOR has
+        fourteen ``circular`` observations, of cabinets that overlap.
         """
         path = locate(from_, simulator)
         scenes = read_recording(path, sha256, SIMULATORS[simulator])
@@ -74,8 +74,8 @@ def ai2thor_scene(
 ) -> Iterator[Observation]:
     """Observations of one scene, with the materials that the simulator reports.
 
-    ``path`` is of JSON (``.gz`` behind it or not): a list of objects, ``event.metadata``, or a line of a recording.
-    ``room`` is the scene's room; null: the one that its name stands for, such as ``FloorPlan1``.
+    ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a recording.
+    ``room`` is the scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
     content: Any = read_json(Any, file, "a scene")
@@ -99,7 +99,7 @@ def mine(
     scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, counts: Counter[str], broken: Broken = "error",
     circular: Circular = "keep",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of scenes, which are read one by one; ``counts`` counts what is dropped, errors name ``file``."""
+    """Yield observations, scene by scene; ``counts`` counts dropped containment by problem; errors name ``file``."""
     for scene in scenes:
         things = {thing.id: thing for thing in scene.objects}
         receptacles: dict[str, list[str]] = {name: [] for name in things}
@@ -117,11 +117,11 @@ def mine(
 
 
 def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Id of an object, id of a receptacle (the floor left out) or of its content, and the fault if this cannot be."""
+    """Yield (object, its receptacle or invalid content, key of ``PROBLEMS`` or null), by id; floors are omitted."""
     inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
-    cycle_of: dict[str, int] = {}  # alike for objects that lie, themselves or through others, in each other
+    cycle_of: dict[str, int] = {}  # equal for objects that contain each other, perhaps through others
     if find_cycles:
-        import networkx as nx  # here, since few ask for it
+        import networkx as nx  # imported here: few calls need it
 
         graph = nx.DiGraph((name, other) for name, others in inside.items() for other in others if other in things)
         parts = enumerate(nx.strongly_connected_components(graph))
@@ -139,7 +139,7 @@ def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterat
 
 
 def materials_of(materials: Materials, seed: int) -> MaterialsOf:
-    """How objects get their materials: drawn by SUNCG's shares, or as the simulator reports them."""
+    """The function that gives objects their materials: sampled from SUNCG's shares, or reported by the simulator."""
     if materials == "simulator":
         return reported_materials
     return suncg_materials(read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES), seed)
@@ -151,12 +151,12 @@ def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[Sequ
 
 
 def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
-    """Draw each material of an object by the share of its category in SUNCG; one random stream per scene."""
+    """Sample each material of an object with probability shares[object, material]; one random stream per scene."""
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
         names = pd.Index([thing.name for thing in objects], dtype=shares.index.dtype)
-        rows = shares.index.get_indexer(names)  # -1 is the last row
+        rows = shares.index.get_indexer(names)  # without shares: -1, the last row, all 0
         drawn = stream(root, "materials", scene).random((len(rows), shares.shape[1])) < table[rows]
         return [list(compress(shares.columns, has_material)) for has_material in drawn.tolist()]
 
@@ -164,9 +164,9 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 
 
 def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
-    """Share of instances with each material: one row per object name, one column per material.
+    """Share of instances with each material, in [0, 1]: one row per object name, one column per material.
 
-    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``.
+    ``shares``: CSV ``concept,material,share``. ``categories``: CSV ``object,category``; a category must be a concept.
     """
     listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
     wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)

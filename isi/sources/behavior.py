@@ -1,4 +1,4 @@
-"""BEHAVIOR-1K's scenes: which kinds of objects stand in which rooms, and what can be done with them."""
+"""Observations of BEHAVIOR-1K's scenes: the rooms and the affordances of objects."""
 
 import re
 from collections.abc import Iterator
@@ -14,12 +14,12 @@ from isi.sources.readers import check_settings, packaged, read_json, read_table,
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
 PROPERTIES = "propagated_annots_canonical.json"
-STEPS = ("instances", "without structure")  #: After each step of mining, what is left is counted.
+STEPS = ("instances", "without structure")  #: Descriptions of counts: the instances that remain after each step.
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
-#: The number of objects of each model in a room; the name of a model is a category and six letters.
+#: Number of objects in a room by name of their 3D model: category, hyphen and six letters.
 _Model = Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")]
 _Models = dict[_Model, Annotated[int, Field(ge=1, le=1_000_000)]]
-#: Models by room, whose name is its type and a number; and rooms by scene.
+#: Models by name of a room (type, underscore and number); rooms by scene.
 _Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annotated[_Models, Field(min_length=1)]]
 _Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
 
@@ -32,11 +32,11 @@ class _SceneList(BaseModel):
 def behavior(
     mining: Mining, from_: str, structure: list[str], names: dict[str, Name], affordances: dict[str, list[Name]]
 ) -> Iterator[Observation]:
-    """Observations of the scenes. An object has the name of its synset; there are no materials.
+    """Observations of the scenes, without materials. The name of an object is the word of its synset.
 
-    ``from_`` is ``package``, the data in the package ``bddl``, or the path of a folder of the same files; ``structure``
-    are synsets of parts of the building, which are left out; ``names`` renames synsets and types of rooms;
-    ``affordances`` lists the affordances of an object with a property.
+    ``from_`` is ``package`` (the data in the package ``bddl``) or a folder with the same files. ``structure`` lists
+    synsets to omit: parts of the building. ``names`` maps synsets and types of rooms to other names.
+    ``affordances`` lists the affordances that each property of a synset implies.
     """
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
@@ -57,7 +57,7 @@ def behavior(
     ):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:
-            expected = f"expected a category listed in {CATEGORIES}, whose synset {PROPERTIES} lists"
+            expected = f"expected a category in {CATEGORIES} with a synset in {PROPERTIES}"
             raise InputError(path, f"{scene}: {room}: model {short(model)}", expected)
         mining.counts[STEPS[0]] += count
         if synset in structure:
@@ -69,7 +69,7 @@ def behavior(
         if fault := name_fault(head) or name_fault(place):
             raise InputError(path, f"{scene}: {room}: {short(synset)}", fault)
         if synset_named.setdefault(head, synset) != synset:
-            expected = f"{synset_named[head]} has this name, too: give {synset} another one in the setting names"
+            expected = f"{synset_named[head]} has this name, too: give {synset} another name in the setting names"
             raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
         yield from observed(scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count)

@@ -1,4 +1,4 @@
-"""Matterport3D's objects by room, from published tallies or from its own houses, in AI2-THOR's words (section 6.3)."""
+"""Observations of Matterport3D's objects in rooms, with AI2-THOR's names, from tallies or houses (section 6.3)."""
 
 import re
 from collections import Counter
@@ -17,26 +17,26 @@ from isi.sources.names import AT_LOCATION, check_name, household, name_fault
 from isi.sources.readers import COUNT, check_names, check_settings, read_table, read_text, reading, refuse
 from isi.tables import paths
 
-#: After each step of mining, what is left is counted.
+#: Descriptions of counts: the instances that remain after each step.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
-#: Kinds of records as a house's header counts them, in its order; panoramas and portals are both ``P``.
+#: By version of the format: kinds of records in the order of the header's counts (``P`` occurs twice).
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
 RECORD_KINDS = {
     "I": "images", "P": "panoramas and portals", "V": "vertices", "S": "surfaces", "E": "segments", "O": "objects",
     "C": "categories", "R": "regions", "L": "levels",
 }  # fmt: skip
-#: The field of a record ``C``, behind its letter, that holds the name of a category.
+#: Place of a category's name among the fields of a record ``C``; 0 is the field after the letter.
 CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
 #: Scene and instance (null in published tallies), region and category (empty if unknown), and the number of objects.
 Tally = tuple[str | None, str | None, str, str, int]
-#: These settings give the room of each type of region, or of each label in a house; other regions are left out.
+#: Settings: room by type of region (tallies) or by label of region (houses); other regions are omitted.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
 Category = Literal["category_mapping_name", "mpcat40"]
 
 
 class Vocabulary(Section):
-    """Which categories are left out, and what AI2-THOR calls those that it has under another name."""
+    """Categories to omit (``structure``), and AI2-THOR's name of a category where it differs (``same_as``)."""
 
     structure: list[str]
     same_as: dict[str, str]
@@ -51,7 +51,7 @@ class Vocabulary(Section):
 
 @reader("mp3d_tallies", household)
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
-    """Observations from published tallies; ``rooms`` maps types of regions to rooms; ``vocabulary`` is a path."""
+    """Observations from published tallies; ``rooms``: room by type of region; ``vocabulary``: path of a YAML file."""
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
 
@@ -59,9 +59,9 @@ def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Obse
 def mp3d_houses(
     mining: Mining, folder: str, category: Category, rooms: HouseRooms, vocabulary: str
 ) -> Iterator[Observation]:
-    """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and below.
+    """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and its subfolders.
 
-    ``category`` chooses one of the two names of an object; ``rooms`` maps labels of regions to rooms.
+    ``category`` selects one of the two names of each category; ``rooms`` maps labels of regions to rooms.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 
@@ -69,10 +69,10 @@ def mp3d_houses(
 def mine(
     batches: Iterable[Iterable[Tally]], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
 ) -> Iterator[Observation]:
-    """Observations of batches of tallies, such as houses; equal observations of a batch are added up.
+    """Observations of batches of tallies (a house is a batch); equal observations of a batch become one row.
 
-    ``counts`` grows by the instances that are left after each of ``STEPS``. The vocabulary is a file, since DVC parses
-    the params once a stage.
+    Adds to ``counts`` the instances that remain after each of ``STEPS``. ``vocabulary`` is a file, not part of params,
+    since DVC parses all params for every stage.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:
@@ -93,7 +93,7 @@ def _category_name(category: str) -> str:
 
 
 def read_tallies(path: Path, regions: Iterable[str]) -> Iterator[Tally]:
-    """Published counts from a CSV ``object,room,count``; InputError where a room of the setting is not in it."""
+    """Tallies from a CSV ``object,room,count``; InputError if one of ``regions`` is not in the column ``room``."""
     table = read_table(path, ["object", "room", COUNT])
     table["object"] = table["object"].map(_category_name)
     check_names(table, path)
@@ -103,7 +103,7 @@ def read_tallies(path: Path, regions: Iterable[str]) -> Iterator[Tally]:
 
 
 def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
-    """The objects of each ``*.house`` file in a folder and its subfolders, sorted by path."""
+    """Objects by ``*.house`` file in a folder and its subfolders, sorted by path; InputError for a repeated house."""
     content = "a folder with *.house files, unpacked"
     with reading(folder, content):
         files = sorted(path for path in folder.rglob("*.house") if path.is_file())
@@ -123,7 +123,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:
         raise InputError(path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1")
-    layouts: dict[str, tuple[Callable[[str], Any], list[int]]] = {  # fields behind a record's number
+    layouts: dict[str, tuple[Callable[[str], Any], list[int]]] = {  # conversion, fields
         "R": (str, [4]), "C": (_category_name, [category_field]), "O": (_integer, [1, 2]),
     }  # fmt: skip
     numbered: dict[str, dict[int, list[Any]]] = {kind: {} for kind in layouts}
@@ -145,7 +145,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
                     raise ValueError(f"{kind} {number} is in the file twice")
                 numbered[kind][number] = [line, *(convert(fields[place]) for place in places)]
             elif kind not in RECORD_KINDS:
-                raise ValueError(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {short(kind)}")
+                raise ValueError(f"expected a record of one of the kinds {', '.join(RECORD_KINDS)}, got {short(kind)}")
     except (ValueError, IndexError) as error:
         too_few = f"{len(fields) + 1} fields are too few for a record {kind}"
         raise InputError(path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)) from error
@@ -158,7 +158,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
         for kind, end in zip("RC", ends, strict=True):
             names.append(numbered[kind].get(end, [0, ""])[1])
             if (fault := name_fault(names[-1])) and (end in numbered[kind] or end != -1):
-                problem = f"object {number} is of {kind} {end}, which the file lacks or does not name: {fault}"
+                problem = f"object {number} is of {kind} {end}, a record that is missing or has no valid name: {fault}"
                 raise InputError(path, f"line {line}", problem)
         tallies.append((house, str(number), names[0], names[1], 1))
     return house, tallies

@@ -12,13 +12,13 @@ from pydantic import AfterValidator, Field
 from isi.config import Section
 from isi.errors import InputError, short
 
-LONGEST = 200  #: A name has at most so many characters.
-ENTITY = "entity"  #: The kind of an entity if nothing says its kind.
+LONGEST = 200  #: Maximum number of characters of a name.
+ENTITY = "entity"  #: The kind of an entity without a given kind.
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
 
 
 def name_fault(name: object) -> str | None:
-    """What is wrong with a name, or null."""
+    """The message of the error for an invalid name; null for a valid one."""
     if not isinstance(name, str) or not name:
         return "expected a name, got none"
     if len(name) > LONGEST:
@@ -58,7 +58,7 @@ class Ends(Section):
 
 
 KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
-#: The relations of a household; a location is a room where it bears a room's name.
+#: Kinds by relation of a household; the tail of ``atLocation`` has the kind room if it is the name of a room.
 HOUSEHOLD = {
     relation: Ends(head="object", tail=tail)
     for relation, tail in ((AT_LOCATION, "object"), (HAS_MATERIAL, "material"), (HAS_AFFORDANCE, "affordance"))
@@ -67,17 +67,17 @@ HOUSEHOLD = {
 
 @dataclass
 class Naming:
-    """Gives each entity a phrase and a kind: by its name, else by its relations, else ``ENTITY``."""
+    """Assign each entity a phrase, and a kind: from ``kind_of``, else from its relations, else ``ENTITY``."""
 
     kinds: KindsByRelation | None = None
-    household: bool = False  #: whether relations and kinds are those of a household
-    kind_of: dict[str, str] = field(default_factory=dict)  #: of entities that a table or the file itself describes
-    phrase_of: dict[str, str] = field(default_factory=dict)
-    strict: bool = False  #: whether every entity must be given a kind
-    words: Callable[[str], str] = phrase  #: gives the phrase of any other entity
+    household: bool = False  #: use ``HOUSEHOLD`` for ``kinds``, refuse other relations
+    kind_of: dict[str, str] = field(default_factory=dict)  #: by entity, from a table or the file itself
+    phrase_of: dict[str, str] = field(default_factory=dict)  #: as ``kind_of``
+    strict: bool = False  #: whether an entity without a kind is refused
+    words: Callable[[str], str] = phrase  #: gives the phrase of an entity that is not in ``phrase_of``
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """The entities of unique triples, sorted, each with one kind and a phrase (``KINDS``)."""
+        """Entities (``KINDS``) of unique triples, sorted; InputError for an unknown relation, two kinds or none."""
         relations = set(triples["relation"])
         if unknown := set(self.kinds or ()) - relations:
             raise InputError("kinds", f"relation {min(unknown)!r}", "expected a relation of the triples")
@@ -87,12 +87,12 @@ class Naming:
         names = sorted({*triples["head"], *triples["tail"]})
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
-            raise InputError(f"entity {without!r}", "", "expected a kind, in the table of entities or by relation")
+            raise InputError(f"entity {without!r}", "", "expected a kind, from the table of entities or its relations")
         phrases = [self.phrase_of.get(name) or self.words(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 
     def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
-        """The kind of each entity by its relations; those that a table describes are checked in a household only."""
+        """Kind by entity, from its relations; InputError for two kinds. Skips ``kind_of`` unless ``household``."""
         ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
         described = () if self.household else self.kind_of
         slots = {

@@ -1,4 +1,4 @@
-"""ProcTHOR's houses: rooms by position, materials and affordances from recorded objects of the same type."""
+"""Observations of ProcTHOR's houses: rooms from positions, affordances from recorded objects of the same type."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from isi.sources.names import Name, entity_name, household
 from isi.sources.readers import json_lines, packaged, parse_json, read_json
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
-#: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
-#: thousand, hundred and dozen at most.
+#: Maximum size of a house: bytes, objects, and corners of all its floors. In ProcTHOR-10K, no house has more than a few
+#: hundred thousand bytes, a few hundred objects and a few dozen corners.
 LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
-ROUNDED = 0.001  #: Corners of floors are rounded to it (metres).
+ROUNDED = 0.001  #: Precision of the corners of floors (metres); tolerance of borders.
 SCHEMAS = ("0.0.1", "1.0.0")  #: Versions of the format.
 INSTANCES = "instances"
 OUTSIDE = "dropped, in no room of their house"
 TAKEN = "dropped, with the id of another one in their house"
 UNNAMED = "with an id that names no room of their house"
 ELSEWHERE = "in another room than their id names"
-#: Followed by the name of the type: these have no affordances, and no materials but SUNCG's.
+#: The name of the type follows; such objects get no affordances, and materials only from SUNCG's shares.
 UNRECORDED = "of a type that was never recorded: "
 
 
 class _Fields(BaseModel):
-    """A JSON object; other keys are skipped."""
+    """A JSON object; unknown keys are ignored."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
@@ -56,7 +56,7 @@ class Room(_Fields):
 
 
 class Item(_Fields):
-    """An object, with the objects on or in it."""
+    """An object, with the objects on and in it (``children``)."""
 
     id: Name
     asset: Annotated[Name, Field(alias="assetId")]
@@ -73,7 +73,7 @@ class House(_Fields):
         ensure(
             lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS, f"at most {MOST_CORNERS:,} corners"
         ),
-        ensure(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
+        ensure(lambda rooms: distinct(room.id for room in rooms), "a different id for each room"),
     ]
     objects: list[Item] | None
     metadata: Annotated[dict[str, Any], ensure(lambda data: data.get("schema") in SCHEMAS, "a known schema")] | None = (
@@ -81,9 +81,9 @@ class House(_Fields):
     )
 
 
-#: An object of a house, where it stands, and the id of the room that its own id names.
+#: An object of a house, its position, and the id of the room that its id contains (null: none).
 HouseObject = tuple[SceneObject, Point, str | None]
-RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: By name of a type, the objects that were recorded of it.
+RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: Recorded objects by name of their type.
 
 
 @reader(
@@ -96,8 +96,8 @@ RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: By name of a type, the o
 def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials: Materials) -> Iterator[Observation]:
     """Observations of objects in houses; walls, doors, windows and floors are not among the objects.
 
-    ``path`` names a file in ProcTHOR-10K's format, one house per line, plain or gzip; or ``*.json`` of one house.
-    ``materials`` are drawn by SUNCG's shares, or are those of a random recorded object of the same type.
+    ``path`` is a file in ProcTHOR-10K's format, with one house per line (plain or gzip), or one house as ``*.json``.
+    ``materials``: ``suncg`` samples SUNCG's shares, ``simulator`` copies a random recorded object of the same type.
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
@@ -125,7 +125,7 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
 
 
 def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
-    """The objects of scenes by type."""
+    """The objects of all scenes, by name of their type."""
     objects: dict[str, list[SceneObject]] = {}
     for thing in (thing for scene in scenes for thing in scene.objects):
         objects.setdefault(thing.name, []).append(thing)
@@ -133,13 +133,13 @@ def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
 
 
 def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
-    """What can be done with more than half of these objects. Objects of one type hardly differ."""
+    """Affordances that more than half of the objects have, in the order of ``AFFORDANCES``."""
     counts = Counter(action for thing in objects for action in thing.affordances)
     return [action for actions in AFFORDANCES.values() for action in actions if 2 * counts[action] > len(objects)]
 
 
 def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
-    """Take the materials of a random recorded object of the same type, if any; one random stream per house."""
+    """Copy the materials of a random recorded object of the same type (else none); one random stream per house."""
 
     def draw(house: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
         draws = stream(root, "recorded materials", house).random(len(objects)).tolist()
@@ -150,7 +150,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """The room whose floor an object is above, else the one it borders; of several, that of its id, or the first."""
+    """Room of each object, or null: its floor holds, else borders the object; ties: that in its id, else the first."""
     x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
@@ -172,7 +172,7 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 
 
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
-    """The houses of a file (JSON Lines, or ``*.json`` of one house): line, house and objects."""
+    """Yield (line, house, its objects) from a file; InputError for too many objects, or one of unknown type."""
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
@@ -184,11 +184,11 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
             raise InputError(path, f"line {line}, object {short(unknown)}", expected)
         yield line, house, objects
     if not line:
-        raise InputError(path, "", "expected houses, found none")
+        raise InputError(path, "", "expected houses, got none")
 
 
 def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Sequence[str] = ()) -> Iterator[HouseObject]:
-    """All objects, each before those on or in it. The type is that of the id, else that of the asset."""
+    """Yield each object, then its children. Its type is that in its id, else ``types[asset]``, else empty."""
     for item in items:
         kind, room = type_and_room(item.id)
         name = entity_name(kind or types.get(item.asset, ""))
@@ -198,7 +198,7 @@ def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Seque
 
 @lru_cache(maxsize=2**16)
 def type_and_room(identifier: str) -> tuple[str | None, str | None]:
-    """The type and the room's id in an object's id: ``Bed|2|0``, ``Book|surface|2|0``, ``small|2|0``, ``2|0``."""
+    """Type and room id in an object's id, or null: ``Bed|2|0`` → ``Bed``, ``room|2``; ``2|0`` → null, ``room|2``."""
     first, *rest = identifier.split("|")
     kind = first if first.isascii() and first.isalnum() and not first[0].isdigit() and first != "small" else None
     number = next((text for text in (first, *rest) if text.isascii() and text.isdigit()), None)
@@ -206,7 +206,7 @@ def type_and_room(identifier: str) -> tuple[str | None, str | None]:
 
 
 def asset_types() -> dict[str, str]:
-    """The type of each asset, from the package ``procthor``."""
+    """Type by asset, from the package ``procthor``."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
     listed = read_json(dict[str, list[dict[str, Any]]], path, content)

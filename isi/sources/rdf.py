@@ -1,4 +1,4 @@
-"""Triples of one's own, from RDF: N-Triples or Turtle."""
+"""Observations of a user's RDF graph, in N-Triples or Turtle."""
 
 import logging
 import re
@@ -19,11 +19,11 @@ from isi.sources.names import KindsByRelation, Naming, name_fault
 from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
 
-#: Triples that are no observations are counted under these names.
+#: Descriptions of counts: triples that give no observation.
 LITERALS = "triples dropped that end in a literal"
-BLANK = "triples dropped with a node that has no name"
-STRUCTURE = "triples dropped of RDF's own structures"
-REPEATED = "triples dropped that are there already"
+BLANK = "triples dropped with a blank node"
+STRUCTURE = "triples dropped with a predicate of RDF's own vocabulary"
+REPEATED = "triples dropped that repeat an earlier one"
 SUFFIXES = (".nt", ".ttl")
 Nodes = tuple[Node, Node, Node]
 
@@ -33,16 +33,16 @@ def rdf(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False, names: Choice["local", "iri"] = "local",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of an RDF graph, ``.nt`` or ``.ttl``, perhaps with ``.gz``. Types are kinds, labels are phrases.
+    """Observations of an RDF graph (``.nt``, ``.ttl``, or either with ``.gz``): types are kinds, labels are phrases.
 
-    Other settings are those of ``table``; its table of ``entities`` overrides the file. ``names`` says
-    whether entities and relations are named by the ``local`` part of their IRI or all of it; names must be unique.
+    The other settings are those of ``table``; the table ``entities`` overrides types and labels. ``names``: a name is
+    the ``local`` part of an IRI, or the whole ``iri``. InputError for two entities or two relations of one name.
     """
-    logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
+    logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
     mining.name_entities = named = naming(entities, kinds, household)
-    iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by what has the name, and by name
-    types = dict[str, list[tuple[str, Node]]]()  # of each IRI, and where they stand
-    labels = dict[str, tuple[str, str]]()
+    iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
+    types = dict[str, list[tuple[str, Node]]]()  # by IRI: places and types
+    labels = dict[str, tuple[str, str]]()  # by IRI: place and label
     seen = set[Triple]()
 
     def name_of(place: str, node: Node, role: str = "") -> str:
@@ -51,7 +51,7 @@ def rdf(
         if fault := name_fault(name):
             raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
         if role and (other := iris[role].setdefault(name, iri)) != iri:
-            also = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
+            also = f"{short(name)} is also the name of <{cut(other)}>; set names: iri to use whole IRIs as names"
             raise InputError(path, place, also)
         return name
 
@@ -78,7 +78,7 @@ def rdf(
     if not seen:
         raise InputError(path, "", "expected triples between entities that have IRIs, got none")
     listed = set(named.kind_of)
-    for name, iri in iris["entity"].items():  # types and labels of relations and others do not matter
+    for name, iri in iris["entity"].items():  # types and labels of relations are ignored
         for place, node in types.get(iri, ()) if name not in listed else ():
             kind = name_of(place, node)
             if (other := named.kind_of.setdefault(name, kind)) != kind:
@@ -105,7 +105,7 @@ class _Sink(list[Nodes], DummySink):
 
 
 def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
-    """Place and nodes of each triple. Turtle is read as a whole; its triples are sorted and have no place."""
+    """Yield (place, nodes) of each triple. Turtle is read as a whole: its triples are sorted, their places empty."""
     if suffix_of(path) == ".nt":
         parser = W3CNTriplesParser(sink := _Sink())
         with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
@@ -122,7 +122,7 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
         text = read_text(path, "Turtle, which is read as a whole,")
         try:
             graph = Graph().parse(data=text, format="turtle", publicID="file:///")
-        except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
+        except Exception as error:  # truncated or deeply nested text raises errors of any type in the parser
             place, problem = "", f"{type(error).__name__}: {error}"
             if isinstance(error, BadSyntax):
                 place, problem = f"line {error.lines + 1}", str(error._why)

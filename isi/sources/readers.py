@@ -1,4 +1,4 @@
-"""Readers of files for all sources: JSON (pydantic), tables (pyarrow), text; each error names its place."""
+"""Functions that read JSON (pydantic), tables (pyarrow) and text for all sources; errors name file and place."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
-#: So many bytes of a text table, or rows of a Parquet table, are read at once; a longer line is refused.
+#: Size of a batch: bytes of a text table, rows of a Parquet table. A line longer than ``BLOCK`` is refused.
 BLOCK, BATCH = 2**20, 65_536
-MOST, MOST_ROWS = 2**26, 1_000_000  #: A file that is read as a whole has at most so many characters, or rows.
+MOST, MOST_ROWS = 2**26, 1_000_000  #: Maximum size of a file that is read as a whole: characters, rows.
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
@@ -38,25 +38,25 @@ T = TypeVar("T")
 
 @contextmanager
 def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterator[None]:
-    """Turn errors in reading a broken file into an ``InputError``, which says what content was expected at a place."""
+    """Turn errors of reading a file into an ``InputError`` with its path, the place, and the expected content."""
     try:
         yield
     except UNREADABLE as error:
-        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # as pyarrow says it
+        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # pyarrow's wording
         line, problem = (f"line {row[1]}", row[2]) if row else (place(), str(error))
         raise InputError(path, line, f"expected {content} ({cut(problem, 120)})") from error
 
 
 def packaged(package: str, path: str, content: str) -> Path:
-    """Path of a package's data, without importing the package; InputError where it is missing."""
+    """Path of a package's data, without importing the package; InputError if the package is not installed."""
     try:
         return Path(str(distribution(package).locate_file(path)))
     except PackageNotFoundError as error:
-        raise InputError(f"package {package}", "", f"not installed; it has {content}") from error
+        raise InputError(f"package {package}", "", f"not installed; it contains {content}") from error
 
 
 def suffix_of(path: Path) -> str:
-    """The suffix of a file's name, compressed or not: ``.csv`` of ``log.csv.gz``."""
+    """The suffix of a file's name, without ``.gz``: ``.csv`` for ``log.csv.gz``."""
     return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
 
 
@@ -68,7 +68,7 @@ def open_text(path: Path) -> TextIO:
 
 
 def read_text(path: Path, content: str) -> str:
-    """All of a text file; InputError where it is missing, broken, no UTF-8, or longer than ``MOST``."""
+    """The whole text of a file; InputError if it is missing, broken, not UTF-8, or longer than ``MOST`` characters."""
     with reading(path, f"{content} in UTF-8"), open_text(path) as file:
         text = file.read(MOST + 1)
     if len(text) > MOST:
@@ -77,16 +77,16 @@ def read_text(path: Path, content: str) -> str:
 
 
 def read_json(form: type[T], path: Path, content: str) -> T:
-    """A JSON file as a type (see ``read_text`` and ``parse_json``)."""
+    """Read a JSON file as a value of type ``form`` (see ``read_text`` and ``parse_json``)."""
     return parse_json(form, read_text(path, content), path)
 
 
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
-    """The lines of a plain or gzip file, at most ``most`` bytes each, with numbers from 1; blank lines are skipped.
+    """Yield (number from 1, line) for each non-blank line of a plain or gzip file; InputError over ``most`` bytes.
 
-    ``whole`` takes the file as one line; ``content`` says what was expected; ``sha256`` is checked unless it is null.
+    ``whole``: the file is one line. ``content`` describes it in errors. ``sha256``: expected hash; null: no check.
     """
     check_sha256(path, sha256)
     number = 0
@@ -101,21 +101,21 @@ def json_lines(
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
-    """Parse JSON as a type; InputError names the place that is broken or of another form, after ``place``."""
+    """Parse JSON as a value of type ``form``; InputError names ``path``, ``place`` and the wrong key."""
     with at(path, place):
         text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
         return config.adapter(form).validate_json(text, strict=True)
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
-    """InputError where a value of a column is wrong; the column's index gives the line of the first."""
+    """InputError for the first ``wrong`` value of a column, with its line or row number, which is in the index."""
     if wrong.any():
         place, value = next(iter(column[wrong].items()))
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
 def check_settings(path: Path, content: str, named: Iterable[str], known: Iterable[str]) -> None:
-    """InputError where settings name a thing that a file lacks; ``content`` is what kind of thing."""
+    """InputError if an item in ``named`` (by settings) is not ``known`` (in the file); ``content``: kind of item."""
     if unknown := set(named).difference(known):
         raise InputError(path, f"{content} {short(min(unknown))}", "a setting names it, but this file lacks it")
 
@@ -134,9 +134,9 @@ def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = (
 def read_table(
     path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Read a whole table of names; its index holds the numbers of lines (see ``read_batches``).
+    """Read a whole table of 1 to ``MOST_ROWS`` rows of valid names; its index holds line numbers (``read_batches``).
 
-    Each key is a list of columns, in which rows are unique. Null as ``optional`` skips any other columns.
+    Each key is a list of columns in which no two rows agree. Null as ``optional`` ignores any other columns.
     """
     batches, rows = [], 0
     for batch in read_batches(path, columns, optional or (), others=optional is None):
@@ -156,11 +156,11 @@ def read_table(
 def read_batches(
     path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False
 ) -> Iterator[pd.DataFrame]:
-    """Rows of a file ``.csv`` or ``.tsv``, either with ``.gz`` behind it, or ``.parquet``, batch by batch.
+    """Yield the rows of a file (``.csv``, ``.tsv``, either with ``.gz``, or ``.parquet``) in batches.
 
-    The required columns and those optional ones that it has (any ``others`` are skipped, or else refused): text, empty
-    where there is none, or ``COUNT`` as whole numbers. The index has the numbers of lines (blank ones not counted), or
-    of Parquet's rows from 1, and their unit as its name.
+    Columns: ``required``, and ``optional`` if present; further columns are ignored if ``others``, else refused. Values:
+    text (null is empty); in ``COUNT``, integers of at least 1. Index: line numbers from 2 (blank lines do not count) or
+    rows of Parquet from 1; its name is ``line`` or ``row``.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
@@ -197,7 +197,7 @@ def _header(path: Path, separator: str | None) -> list[str]:
 def _batches(
     path: Path, separator: str | None, header: Sequence[str], names: Sequence[str]
 ) -> Iterator[dict[str, pa.Array]]:
-    """Columns of text, batch by batch; null is empty text."""
+    """Yield the columns ``names`` as text, in batches; null becomes empty text."""
     if separator is None:
         for batch in pq.ParquetFile(path).iter_batches(BATCH, columns=names):
             yield {name: batch[name].cast(pa.string()).fill_null("") for name in names}

@@ -1,6 +1,6 @@
-"""The recorder of scenes of the live simulator (``make record``), for the readers of AI2-THOR and RoboTHOR.
+"""Record scenes of the live simulator (``make record``) for the readers of AI2-THOR and RoboTHOR.
 
-A recording grows scene by scene: each line is a gzip member of its own, so that a run that is killed loses one scene.
+Scenes are appended to a recording one by one. Each line is a separate gzip member: a killed run loses one at most.
 """
 
 import gzip
@@ -36,21 +36,21 @@ from isi.sources.recordings import MOST_BYTES, Layout, Recorder
 from isi.tables import io, paths
 
 Reported = Mapping[str, Any]  #: An object as the simulator reports it.
-LOOK = 0.2  #: After so many seconds the recorder looks again whether the player lives.
-_LONGEST = 300  #: A longer message of the simulator is cut.
+LOOK = 0.2  #: Interval between checks that the player is alive (seconds).
+_LONGEST = 300  #: Maximum number of characters of a simulator's message.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
-#: Errors that say that the player has died.
+#: Errors that are raised after the player has died.
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
 _NEEDS = "it needs a graphics device and, except with CloudRendering, a display"
 
 
 class Recording:
-    """A recording on disk: a header, which is written with the first scene, then the scenes."""
+    """A recording on disk: a header, then the scenes; the header is written with the first scene."""
 
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
-        """Read which scenes are recorded, and cut off an incomplete last line; InputError for another simulator."""
+        """Read the recorded layouts' names, truncate an incomplete last line; InputError if the header differs."""
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
-        self.names: set[str] = set()  #: of layouts
+        self.names: set[str] = set()  #: names of the recorded layouts
         if not path.exists():
             return
         whole = 0
@@ -67,7 +67,7 @@ class Recording:
                 os.truncate(path, whole)
 
     def append(self, layout: Layout, objects: Iterable[Reported]) -> None:
-        """Add a scene with the fields that mining reads; on disk when this returns, or InputError."""
+        """Append a scene, with ``recordings.FIELDS`` of each object; InputError if it cannot be written."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
         scene = _member(layout.model_dump() | {"objects": fields})
         if not self.path.exists():
@@ -94,7 +94,7 @@ def _member(record: Mapping[str, Any]) -> bytes:
 
 
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
-    """End and content of each complete gzip member of a file; the content is at most the longest line."""
+    """Yield (end in the file, content) of each complete gzip member, in bytes; InputError above ``MOST_BYTES``."""
     unpack, content, end, rest = zlib.decompressobj(_GZIP), b"", 0, b""
     with reading(path, "a recording, compressed by gzip", lambda: f"byte {end:,}"), path.open("rb") as file:
         while chunk := rest or file.read(_CHUNK):
@@ -109,7 +109,7 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def header(settings: Recorder) -> dict[str, Any]:
-    """The simulator of a recording; a local build goes by its name and the first digits of its SHA-256."""
+    """Build and package version of the simulator; a local build is named by its file and 16 digits of its SHA-256."""
     if program := settings.executable:
         with at(program):
             build = f"{program.name} {hashlib.sha256(program.read_bytes()).hexdigest()[:16]}"
@@ -119,10 +119,10 @@ def header(settings: Recorder) -> dict[str, Any]:
 
 
 class Simulator:
-    """The simulator, which starts with the first scene and must be closed."""
+    """The simulator: the first call of ``objects`` starts a player, ``close`` ends it."""
 
     def __init__(self, settings: Recorder) -> None:
-        """Check that it can start: InputError where there is no such build, or no display or driver for it."""
+        """Check that it can start; InputError if the build does not exist, or its display or driver is missing."""
         self._settings, self._started = settings, Event()
         self._player: Player | None = None
         program, chosen = settings.executable, STR_PLATFORM_MAP.get(settings.platform)
@@ -137,12 +137,12 @@ class Simulator:
         self._folder = tempfile.TemporaryDirectory()
 
     def close(self) -> None:
-        """End the player."""
+        """End the player, and delete the logs of a local build."""
         self._end()
         self._folder.cleanup()
 
     def objects(self, layout: Layout) -> list[Reported]:
-        """The objects of a scene as the simulator reports them; tries again when the player dies."""
+        """Objects of a scene as the simulator reports them; InputError if it fails or dies ``retries`` + 1 times."""
         settings = self._settings
         for _ in range(settings.retries + 1):
             try:
@@ -157,11 +157,11 @@ class Simulator:
 
     def _observed(self, layout: Layout) -> list[Reported]:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what the controller warns of is said here in one line
+            warnings.simplefilter("ignore")  # ``objects`` reports errors in one line
             event = self._player.reset(layout.scene) if self._player else self._start(layout.scene)
             got = str(event.metadata["sceneName"]).removesuffix("_physics")
             if got != layout.scene:
-                raise RuntimeError(f"the scene is {got}")
+                raise RuntimeError(f"it loaded the scene {got}")
             if layout.spawn is not None and self._player:
                 event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)
         objects: list[Reported] = event.metadata["objects"]
@@ -172,7 +172,7 @@ class Simulator:
     def _start(self, plan: str) -> Any:
         """Start the player in a floor plan, and return the first event."""
         settings, program = self._settings, self._settings.executable
-        if program:  # which may do without the display that it is given
+        if program:  # a local build may ignore the display
             command = shlex.quote(str(program.absolute()))
             build = {"local_executable_path": command, "x_display": os.environ.get("DISPLAY", ":0")}
         else:
@@ -203,16 +203,16 @@ class Simulator:
 
 
 def _chain(error: BaseException) -> list[BaseException]:
-    """An error, and the errors that caused it."""
+    """An error, its cause, the cause of that, and so on."""
     before = error.__cause__ or error.__context__
     return [error] if before is None else [error, *_chain(before)]
 
 
 class Player(Controller):  # type: ignore[misc]
-    """A running player. One that cannot start is ended, and the controller never restarts it by itself."""
+    """A running player. It is ended if it cannot start, and the controller cannot restart it."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start; ``started`` is set at the first message; ``local`` is a folder for the logs of a local build."""
+        """Start the player; its first message sets ``started``; ``local`` is the folder of a local build's logs."""
         self._local, self._started = local, started
         self._served: Any = None
         try:
@@ -236,7 +236,7 @@ class Player(Controller):  # type: ignore[misc]
         return first
 
     def _build_server(self, host: str, port: int, width: int, height: int) -> None:
-        if self._served:  # the controller would go on in the scene that was before
+        if self._served:  # the controller would restart and stay in the previous scene
             self.server = self._served
             raise UnityCrashException("the player has died")
         if self.server_class is FifoServer and "FIFO" in self._build.server_types:
@@ -245,7 +245,7 @@ class Player(Controller):  # type: ignore[misc]
         self._served = self.server
 
     def end(self) -> None:
-        """End the process and its server."""
+        """Kill the player's process and stop its server."""
         process = getattr(self.server, "unity_proc", None)
         if process is not None:
             process.kill()
@@ -255,7 +255,7 @@ class Player(Controller):  # type: ignore[misc]
 
 
 class Fifo(FifoServer):  # type: ignore[misc]
-    """Named pipes that notice when the player is gone: a timer signal polls it in the main thread."""
+    """Named pipes; in the main thread, a timer signal raises an error once the player has ended or time is up."""
 
     def receive(self, timeout: float | None = None) -> Any:
         with self._watched(timeout or self.timeout):

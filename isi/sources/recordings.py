@@ -17,10 +17,10 @@ from isi.tables.io import check_sha256
 
 #: Header of a recording of ``make record``: its first line, as JSON. Each line after it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
-#: Most bytes of a line of a recording (a thousand times the largest scene), and of the package's JSON, which is
+#: Maximum bytes of a line of a recording (a thousand times the largest scene), and of the package's JSON file, which is
 #: read as a whole (three times its size).
 MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
-#: Actions that an object with a property affords.
+#: Actions that an object affords, by its property.
 AFFORDANCES = {
     "openable": ("open", "close"), "pickupable": ("pick up", "put"), "toggleable": ("turn on", "turn off"),
     "canFillWithLiquid": ("fill", "empty"), "sliceable": ("slice",), "breakable": ("break",),
@@ -29,7 +29,7 @@ AFFORDANCES = {
 }  # fmt: skip
 
 _Text = Annotated[str, Field(min_length=1)]
-#: What mining reads of an object as the simulator reports it; what is empty or false may be missing.
+#: Fields of a reported object that mining reads: type, and default if the field may be missing.
 _FIELDS: dict[str, Any] = {
     "objectId": (Name, ...),
     "objectType": (Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")], ...),
@@ -43,18 +43,18 @@ _Objects: Any = Annotated[list[_Reported], Field(max_length=100_000)]
 
 
 class SceneObject(NamedTuple):
-    """An object of a scene or a house, as mining sees it."""
+    """An object of a scene or a house, with the fields that mining uses."""
 
     id: str
     name: str  #: lower-case words of its type
-    receptacles: Sequence[str] = ()  #: the receptacles on or in which it is: ids (in houses: names)
+    receptacles: Sequence[str] = ()  #: receptacles that it is on or in: ids (houses: names)
     contents: Sequence[str] = ()  #: ids of the objects on or in it
     materials: Sequence[str] = ()
     affordances: Sequence[str] = ()
 
 
 class Scene(NamedTuple):
-    """One floor plan: its name, its number, its room, and its objects."""
+    """A scene: its name, the number of its floor plan (the key of random streams), its room, and its objects."""
 
     name: str
     number: int
@@ -65,11 +65,11 @@ class Scene(NamedTuple):
 class FloorPlans(NamedTuple):
     """Floor plans of one kind of room."""
 
-    key: str  #: of their list in the package's recording
+    key: str  #: of their list of scenes in the package's recording
     room: str
     first: int  #: number of the first
     names: Sequence[str]  #: in the simulator
-    packaged: Sequence[str] = ()  #: in the package's recording, where it does not say which floor plan each is
+    packaged: Sequence[str] = ()  #: names in the package's recording, if its scenes have other ones
 
 
 ITHOR = tuple(
@@ -81,17 +81,17 @@ ITHOR = tuple(
 )  # fmt: skip
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
-#: Each is one apartment, and nothing says in which of its rooms an object is.
+#: Each floor plan is one apartment; a recording does not contain the rooms of its objects.
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
-SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}  #: By the reader of its recordings.
+SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}  #: Floor plans by simulator, whose reader has the same name.
 
 
 class Layout(BaseModel):
-    """A floor plan, as it is built (null) or with its objects placed anew by a seed."""
+    """A floor plan with its objects as built (``spawn`` null), or placed at random with the seed ``spawn``."""
 
     scene: _Text
     spawn: int | None
-    objects: Any = None  #: of a line of a recording, which ``scene_objects`` checks
+    objects: Any = None  #: in a recording only; ``scene_objects`` validates them
 
     @property
     def name(self) -> str:
@@ -99,7 +99,7 @@ class Layout(BaseModel):
 
 
 def locate(from_: str, simulator: str = "ai2thor") -> Path:
-    """Path of a recording: of the ``procthor`` package (never imported), of ``make record``, or as given."""
+    """Path of a recording: ``recording`` (package ``procthor``), ``simulator`` (``make record``), else ``from_``."""
     if from_ == "simulator":
         return paths.DATA / "recordings" / f"{simulator}.jsonl.gz"
     if from_ != "recording":
@@ -108,7 +108,7 @@ def locate(from_: str, simulator: str = "ai2thor") -> Path:
 
 
 def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] = ITHOR) -> Iterator[Scene]:
-    """The scenes of a recording: JSON of the ``procthor`` package with all ``plans``, or lines of ``make record``."""
+    """Scenes of a recording: lines of ``make record`` (gzip), or JSON as in ``procthor``, which needs all ``plans``."""
     check_sha256(path, sha256)
     with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
         is_compressed = file.read(len(GZIP)) == GZIP
@@ -147,7 +147,7 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
 
 
 def scene_objects(path: Path, scene: str, reported: Any) -> list[SceneObject]:
-    """The objects of a scene from the simulator's report; InputError also where two share an id."""
+    """Validate the reported objects of a scene; InputError for a wrong field or a repeated id."""
     objects: dict[str, SceneObject] = {}
     for thing in config.check(reported, _Objects, scene, path):
         if thing.objectId in objects:
@@ -161,7 +161,7 @@ def scene_objects(path: Path, scene: str, reported: Any) -> list[SceneObject]:
 
 
 def check_header(path: Path, line: bytes, expected: Mapping[str, Any] = FORMAT) -> None:
-    """InputError where the first line of a recording is not a header with all that is expected."""
+    """InputError unless the first line of a recording is a JSON object with all items of ``expected``."""
     header = parse_json(dict[str, Any], line, path, "line 1")
     if differs := next((key for key, value in expected.items() if header.get(key) != value), None):
         got = f"{short(expected[differs])} as {differs} of the recording, got {short(header.get(differs))}"
@@ -174,7 +174,7 @@ GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor"
 
 
 def _floor_plans(items: list[str]) -> list[str]:
-    """The floor plans of groups, names, and ranges such as ``FloorPlan201-230``."""
+    """Floor plans from names of groups, names of floor plans, and ranges such as ``FloorPlan201-230``."""
     plans = []
     for item in items:
         parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
@@ -188,10 +188,10 @@ def _floor_plans(items: list[str]) -> list[str]:
 
 
 class Recorder(Section):
-    """How ``make record`` drives the simulator: the section ``recorder`` of params."""
+    """Settings of ``make record``: the section ``recorder`` of params."""
 
     scenes: Annotated[list[str], Field(min_length=1), AfterValidator(_floor_plans), EachOnce]  #: floor plans
-    #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
+    #: layouts of each floor plan: null (as built), or the seed of ``InitialRandomSpawn``
     spawns: Annotated[list[Seed | None], Field(min_length=1), EachOnce]
     output: _Text
     platform: _Text  #: one of ``PLATFORMS``, or the path of a local build
@@ -199,16 +199,16 @@ class Recorder(Section):
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
     width: Count  #: of a frame, which is square (pixels)
     server: Literal["wsgi", "fifo"]
-    retries: Annotated[int, Field(ge=0)]  #: times that a scene is tried again when the player has died
-    seconds: Positive  #: for an action, and for the start (s)
-    start_seconds: Positive
+    retries: Annotated[int, Field(ge=0)]  #: further attempts at a scene after the player has died
+    seconds: Positive  #: timeout of an action (s)
+    start_seconds: Positive  #: timeout of the start (s)
 
     @property
     def layouts(self) -> list[Layout]:
-        """All that is to be recorded, in order."""
+        """All layouts to record, in order."""
         return [Layout(scene=plan, spawn=spawn) for plan in self.scenes for spawn in self.spawns]
 
     @property
     def executable(self) -> Path | None:
-        """The local build; null where one is downloaded."""
+        """The path of a local build; null if a build is downloaded."""
         return None if self.platform in PLATFORMS else Path(self.platform)

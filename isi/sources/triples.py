@@ -1,4 +1,4 @@
-"""Graphs that are triples already: tables of one's own, files of OpenKE's ids, and the three graphs that ship."""
+"""Observations from triples: a user's tables, OpenKE's files of ids, and the three shipped graphs."""
 
 import re
 from collections import Counter
@@ -16,7 +16,7 @@ from isi.tables import paths
 
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
-#: The kind of an entity by the last part of its name.
+#: The kind of an entity by the suffix of its name, after the last dot.
 KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
 SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
@@ -27,11 +27,11 @@ def table(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False,
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of a table (``.csv``, ``.tsv``, ``.parquet``) of ``TRIPLE``, and perhaps ``count`` and ``PLACES``.
+    """Observations of a table (``.csv``, ``.tsv``, ``.parquet``): ``TRIPLE``, optionally ``count`` and ``PLACES``.
 
-    ``entities`` is the path of such a table with the column ``entity``, and perhaps ``kind`` and ``phrase``; ``kinds``
-    are those of each relation's heads and tails, for other entities; ``household`` takes relations and kinds of homes,
-    where rooms are the names in the column ``room``.
+    ``entities``: path of a table with the column ``entity`` and optionally ``kind`` and ``phrase``. ``kinds``: kinds of
+    each relation's heads and tails, for entities without a kind in that table. ``household``: relations and kinds are
+    ``HOUSEHOLD``; the names in the column ``room`` are rooms.
     """
     mining.name_entities = naming(entities, kinds, household)
     for batch in read_batches(Path(path), TRIPLE, [COUNT, *PLACES]):
@@ -42,7 +42,7 @@ def table(
 
 
 def naming(entities: str | None, kinds: KindsByRelation | None, household: bool) -> Naming:
-    """How entities are named: by a table of them, by their relations, or both; either may be missing."""
+    """``Naming`` by a table of entities (path), by relations, or both; InputError for ``kinds`` with ``household``."""
     if kinds and household:
         raise InputError("kinds", "", "expected no kinds together with household, which has its own")
     named = Naming(kinds, household, strict=bool(kinds) or household)
@@ -57,14 +57,14 @@ def naming(entities: str | None, kinds: KindsByRelation | None, household: bool)
 
 @reader("published", Naming())
 def published(mining: Mining) -> Iterator[Observation]:
-    """Observations of the paper's graph, counted by triple; kinds and phrases of its entities were written by hand."""
+    """Observations of the paper's graph, one row per triple; a shipped table has kinds and phrases of entities."""
     described = published_phrases().set_index("synset")
     of_entity = described.set_index("entity")
     mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
     path = paths.PUBLISHED_TRIPLES
     listed = read_table(path, [*TRIPLE, COUNT], TRIPLE)
     for slot in ("head", "tail"):
-        refuse(path, listed[slot], ~listed[slot].isin(described.index), "expected a synset that has an entity")
+        refuse(path, listed[slot], ~listed[slot].isin(described.index), "expected a synset with an entity")
         listed[slot] = listed[slot].map(described["entity"])
     yield from ((None, None, None, *row) for row in listed.itertuples(index=False, name=None))
 
@@ -76,11 +76,11 @@ def published_phrases() -> pd.DataFrame:
 
 @reader("triples_with_ids", Naming(), path="from_")
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
-    """Observations from OpenKE's files of ids; a triple that repeats is counted.
+    """Observations from OpenKE's files of ids; the count of a triple is its number of lines.
 
-    ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
-    ``relation2id.txt``; ``triples`` are its files of triples (null: ``gt2id.txt``).
-    The kind of an entity comes from the suffix of its name, and its phrase from the words, unless listed otherwise.
+    ``from_`` is a shipped graph (``virtualhome``, ``thor_u``) or a folder with the files ``entity2id.txt`` and
+    ``relation2id.txt``; ``triples`` names the files of triples in the folder (null: ``gt2id.txt``). The suffix of a
+    name gives the kind of the entity; the rest of the name is its phrase, unless a shipped list has another phrase.
     """
     if from_ in SHIPPED:
         shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, COUNT], TRIPLE)
@@ -102,13 +102,13 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
 
 @cache
 def shipped_names() -> pd.DataFrame:
-    """Names of the entities of shipped graphs: columns name (in the file), entity and phrase."""
+    """Entities of the shipped graphs ``SHIPPED``: columns name (in the file), entity and phrase."""
     listed = [read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"]) for name in SHIPPED]
     return pd.concat(listed).drop_duplicates()
 
 
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
-    """How often each triple occurs in files of ids, whose columns are head, tail, relation."""
+    """Number of lines of each triple (by names) in files of ids, whose columns are head, tail, relation."""
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     most = {"head": len(names), "tail": len(names), "relation": len(relations)}
     counts: Counter[Triple] = Counter()
@@ -124,7 +124,7 @@ def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
 
 
 def read_id_names(path: Path) -> list[str]:
-    """Names by id, from lines of name, tab and id; InputError where an id is missing or repeats."""
+    """Names in order of id, from lines of name, tab and id; InputError unless the ids are 0, 1, ..., each once."""
     lines, table = _read_lines(path, r"(.+)\t([0-9]{1,9})\s*", ["name", "id"], "a name, a tab and an id")
     names, ids = table["name"], table["id"].astype(int)
     check_names(table[["name"]], path)
@@ -135,7 +135,7 @@ def read_id_names(path: Path) -> list[str]:
 
 
 def _read_lines(path: Path, pattern: str, columns: Iterable[str], content: str) -> tuple[pd.Series, pd.DataFrame]:
-    """Lines after the first, which holds their number; and what the groups of a pattern match in them, by column."""
+    """Lines after the first, which must be their number, and a table of the groups that a pattern matches in them."""
     first, *rest = read_text(path, "a text file of ids").split("\n")
     filled = {number: line for number, line in enumerate(rest, 2) if line.strip()}
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):

@@ -25,11 +25,11 @@ STAGE = "isi.stage"  #: Key of a file's metadata that names the stage that wrote
 
 @contextmanager
 def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
-    """Turn errors in opening a file into an ``InputError`` that names it."""
+    """Turn errors of opening a file, ``fault`` included, into an ``InputError`` with its path."""
     try:
         yield
     except FileNotFoundError as error:
-        from isi.stage import missing  # here: it knows the pipelines, of which nothing else in a table does
+        from isi.stage import missing  # imported here: only this error needs the pipelines
 
         raise missing(path) from error
     except (OSError, fault) as error:
@@ -58,7 +58,7 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 
 
 def write_parquet(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stage: str) -> None:
-    """Write each part of a table as a row group; equal parts give equal bytes."""
+    """Write each part as a row group, atomically; metadata: ``stage``. Equal arguments give equal bytes."""
 
     def write_parts(temporary: Path) -> None:
         with pq.ParquetWriter(temporary, schema.with_metadata({STAGE: stage}), compression="zstd") as writer:
@@ -107,7 +107,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    from safetensors import SafetensorError, safe_open  # here, since it loads torch
+    from safetensors import SafetensorError, safe_open  # imported here: it loads torch
 
     with _opening(path, "a safetensors file", SafetensorError), safe_open(path, framework="pt") as file:
         yield file
@@ -131,7 +131,7 @@ def _check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
 
 
 def check_sha256(path: Path, expected: str | None) -> None:
-    """Refuse a file whose SHA-256 is not the expected one; null: no check."""
+    """InputError unless the SHA-256 of a file is ``expected`` (64 hexadecimal digits; null: no check)."""
     if expected is not None:
         with at(path), path.open("rb") as file:
             got = hashlib.file_digest(file, "sha256").hexdigest()
@@ -140,7 +140,7 @@ def check_sha256(path: Path, expected: str | None) -> None:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Let a function write a temporary file, then rename it to ``path``; ``InputError`` if that fails."""
+    """Call ``write_to`` with a temporary path, then rename that file to ``path``; InputError if writing fails."""
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -153,7 +153,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
         temporary.replace(path)
     except OSError as error:
         if error.errno is None or (error.filename and Path(error.filename).name not in {temporary.name, *path.parts}):
-            raise  # from reading what was to be written
+            raise  # raised by reading a source of the content
         raise unwritable(path, error) from error
     finally:
         with suppress(OSError):
@@ -161,7 +161,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
 
 
 def keep_only(folder: Path, files: Sequence[Path]) -> None:
-    """Remove all other files of a folder, which an earlier or a killed run has left."""
+    """Remove all files of a folder except ``files``: those of earlier and of killed runs."""
     for path in {*folder.glob("*"), *folder.glob(".*.tmp")} - set(files):
         if path.is_file():
             path.unlink()

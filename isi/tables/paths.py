@@ -1,15 +1,15 @@
-"""Paths of files that are no tables: params, pipelines, shipped data; relative to the folder of ``dvc.yaml``."""
+"""Paths of params, pipelines and shipped data, relative to the folder of ``dvc.yaml``; tables declare their own."""
 
 from pathlib import Path
 
 PARAMS = Path("params.yaml")
 PIPELINE = Path("dvc.yaml")
-BEYOND_PARAMS = Path("beyond") / "params.yaml"  #: Of the second pipeline, beyond the paper.
+BEYOND_PARAMS = Path("beyond") / "params.yaml"  #: params of the second pipeline, beyond the paper
 BEYOND_PIPELINE = Path("beyond") / "dvc.yaml"
 DATA = Path("data")
 RAW = DATA / "raw"
 REPORTS = Path("reports")
-FINAL_MODELS = DATA / "final_models"  #: Embeddings that commands of ``isi`` insert into.
+FINAL_MODELS = DATA / "final_models"  #: Embeddings into which commands of ``isi`` insert.
 
 MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"
@@ -21,7 +21,7 @@ PAPER = RAW / "paper" / "values.yaml"
 
 
 def shipped_vectors(text: str) -> Path:
-    """Word vectors that ship with the product: of definitions or of bare phrases."""
+    """Path of shipped word vectors; ``text`` is definition, phrase, wordnet or glove."""
     return RAW / "words" / f"{text}.bin"
 
 

@@ -11,38 +11,38 @@ import pyarrow as pa
 
 from isi.errors import InputError
 
-LONGEST, SHOWN = 1000, 40  #: Characters of a name, and of a value in a message, at most.
-MOST_OBSERVED = 10**9  #: Observations of a table, at most: an epoch passes over all of them.
-ROUNDING = 1e-6  #: Means in single precision may differ by this.
-Broken = np.ndarray | pd.Series  #: By row, bool.
+LONGEST, SHOWN = 1000, 40  #: Maximum number of characters of a name, and of a value in a message.
+MOST_OBSERVED = 10**9  #: Maximum sum of the counts of a table: an epoch passes over all observations.
+ROUNDING = 1e-6  #: Tolerance for means, which are computed in single precision.
+Broken = np.ndarray | pd.Series  #: Whether each row breaks a rule; shape: (rows,), bool.
 
 
 @dataclass(frozen=True)
 class Rule:
     """A condition on every row of a table."""
 
-    expected: str
-    columns: Sequence[str]  #: a message shows their values in a row that breaks the rule
+    expected: str  #: the message for a row that breaks the rule
+    columns: Sequence[str]  #: the message shows their values in that row
     broken: Callable[[pd.DataFrame], Broken]
 
 
 @dataclass(frozen=True)
 class ColumnType:
-    """The type of a column and the rule for its values; null breaks no rule, but needs a ``nullable`` column."""
+    """The type of a column and the rule for its values; a null breaks no rule, but is refused unless ``nullable``."""
 
     type: pa.DataType
-    expected: str = ""  #: ``{}`` is the column's name
+    expected: str = ""  #: message; ``{}`` is the column's name
     broken: Callable[[pd.Series], Broken] | None = None
     nullable: bool = False
     is_entity: bool = False  #: its values are ids of the experiment's entities
 
     @property
     def optional(self) -> ColumnType:
-        """The same column, which may lack values."""
+        """The same type, with nulls allowed."""
         return replace(self, nullable=True)
 
     def rules(self, name: str) -> Iterator[Rule]:
-        """The rules for the rows of a table that has this column under a name."""
+        """The rules for the rows of a table with a column ``name`` of this type."""
         if not self.nullable:
             yield Rule(f"expected a value in column {name!r}", [name], lambda frame: frame[name].isna())
         if broken := self.broken:
@@ -50,24 +50,24 @@ class ColumnType:
 
 
 def at_least(low: float, kind: pa.DataType) -> ColumnType:
-    """Numbers of at least ``low``."""
+    """Numbers in [low, ∞)."""
     return ColumnType(kind, f"expected {{}} of at least {low:g}", lambda values: values < low)
 
 
 def within(low: float, high: float) -> ColumnType:
-    """Real numbers in an interval."""
+    """Real numbers in [low, high], with the tolerance ``ROUNDING``."""
     expected = f"expected {{}} from {low:g} to {high:g}"
     return ColumnType(pa.float64(), expected, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
 
 
 def one_of(*names: str) -> ColumnType:
-    """Text that is in a list."""
+    """Text that is one of ``names``."""
     expected = f"expected {{}} among {', '.join(names)}"
     return ColumnType(NAME.type, expected, lambda values: ~(values.isin(names) | values.isna()))
 
 
 def _nameless(values: pd.Series) -> pd.Series:
-    """Which texts are blank, too long, or have control characters."""
+    """Whether a text is blank, too long, or contains control characters; shape: (rows,), bool."""
 
     def is_nameless(name: str) -> bool:
         return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
@@ -76,13 +76,13 @@ def _nameless(values: pd.Series) -> pd.Series:
 
 
 _NAMED = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
-#: A name that is a row's own, and one that repeats.
+#: Names: plain, for columns of unique names; dictionary-encoded, for names that repeat.
 TEXT, NAME = (ColumnType(kind, _NAMED, _nameless) for kind in (pa.string(), pa.dictionary(pa.int32(), pa.string())))
 FROM_0, FROM_1 = at_least(0, pa.int32()), at_least(1, pa.int32())
 ENTITY = replace(FROM_0, is_entity=True)
 REAL = ColumnType(pa.float64(), "expected {} to be finite", np.isinf)
 SHARE = within(0, 1)
-#: Numbers of observations.
+#: Numbers of observations: at least 1 in a row, at most ``MOST_OBSERVED`` in all rows.
 COUNT = ColumnType(
     pa.int32(), f"expected {{}} of at least 1, and at most {MOST_OBSERVED:,} observations in all",
     lambda values: (values < 1) | (values.astype(np.int64).cumsum() > MOST_OBSERVED),
@@ -90,7 +90,7 @@ COUNT = ColumnType(
 
 
 def refuse(path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[str], expected: str) -> None:
-    """Raise an InputError that names the first wrong row of a table, if there is one."""
+    """InputError for the first row that is ``wrong``: its number (from 0) and its values in ``columns``."""
     for row in np.flatnonzero(wrong)[:1].tolist():
         values = ", ".join(f"{name} {_shown(frame[name].iloc[row])}" for name in columns)
         raise InputError(path, f"row {row} ({values})", expected)
@@ -108,7 +108,7 @@ def unique(*key: str) -> Rule:
 
 
 def ascending(*key: str) -> Rule:
-    """Rows ascend in these columns, text by its code points, and no two have the same values in them."""
+    """Rows ascend strictly, in the lexicographic order of these columns; text by code points, null first."""
     expected = f"expected rows in ascending order of {', '.join(key)}, each once"
     return Rule(expected, key, lambda frame: _descending([_ranks(frame[name]) for name in key]))
 
@@ -124,7 +124,7 @@ def in_blocks(block: str, *key: str) -> Rule:
 
 
 def null_without(queries: str, *measures: str) -> Rule:
-    """Measures are null where there are no queries, and nowhere else."""
+    """Measures are null in rows where the number of ``queries`` is 0, and in no others."""
 
     def broken(frame: pd.DataFrame) -> pd.Series:
         return frame[list(measures)].isna().ne(frame[queries] == 0, axis=0).any(axis=1)
@@ -133,7 +133,7 @@ def null_without(queries: str, *measures: str) -> Rule:
 
 
 def mean_of(whole: str, *halves: str) -> Rule:
-    """A number is the mean of others; null is allowed."""
+    """``whole`` is the mean of ``halves``, with the tolerance ``ROUNDING``; rows with a null pass."""
 
     def broken(frame: pd.DataFrame) -> np.ndarray:
         mean = frame[list(halves)].to_numpy(np.float64).mean(1)
@@ -149,12 +149,12 @@ def not_above(lesser: str, greater: str) -> Rule:
 
 
 def _descending(columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows that are not above the row before in the order of these columns; shape: (rows,), bool."""
+    """Rows not above the previous row in the lexicographic order of these columns; shape: (rows,), bool."""
     steps = np.stack([np.sign(np.diff(values)) for values in columns])
     first = np.take_along_axis(steps, (steps != 0).argmax(0)[None], 0)[0]
     return np.concatenate([np.zeros(min(len(columns[0]), 1), dtype=bool), ~(first > 0)])
 
 
 def _ranks(values: pd.Series) -> np.ndarray:
-    """Integers in the same order as the values; null is lowest."""
+    """Numbers in the same order as the values; shape: (rows,). Null is lowest."""
     return values.to_numpy() if values.dtype.kind in "biuf" else pd.factorize(values.astype(object), sort=True)[0]

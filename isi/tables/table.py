@@ -30,7 +30,7 @@ def declared() -> list[DataFile]:
 
 @dataclass(frozen=True, eq=False)
 class DataFile:
-    """A file of the pipeline for each combination of names, such as ``data/runs/{experiment}/{model}.parquet``."""
+    """Files with one template of their path, such as ``data/runs/{experiment}/{model}.parquet``; names complete it."""
 
     template: str
 
@@ -38,11 +38,11 @@ class DataFile:
         _DECLARED.append(self)
 
     def path(self, **names: str | int) -> Path:
-        """Where the file of these names lies, relative to the folder that holds ``dvc.yaml``."""
+        """The template completed by ``names``: a path relative to the folder of ``dvc.yaml``."""
         return Path(self.template.format(**names))
 
     def names_in(self, path: Path) -> dict[str, str] | None:
-        """The names that fill the template to give this path; null where none do."""
+        """The names that complete the template to this path; null if the path does not match."""
         parts = [(re.escape(text), name) for text, name, *_ in Formatter().parse(self.template)]
         pattern = "".join(text + (rf"(?P<{name}>\w+)" if name else "") for text, name in parts)
         match = re.fullmatch(pattern, path.as_posix())
@@ -58,9 +58,9 @@ class Table(DataFile):
     """A Parquet table: its path, its columns in order, and the rules for its rows."""
 
     columns: Mapping[str, ColumnType]
-    key: Sequence[str] = ()  #: columns that no two rows share; rows ascend in them where ``ordered``
+    key: Sequence[str] = ()  #: no two rows agree in these columns; rows ascend in them if ``ordered``
     ordered: bool = False
-    checks: Sequence[Rule] = ()  #: beside those of the columns and of the key
+    checks: Sequence[Rule] = ()  #: in addition to the rules of columns and key
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -79,7 +79,7 @@ class Table(DataFile):
             refuse(path, frame, rule.broken(frame), rule.columns, rule.expected)
 
     def read(self, **names: str | int) -> pd.DataFrame:
-        """Read the table of these names, with strings that repeat as categories, or an ``InputError``."""
+        """Read and check the table at ``path(**names)``; dictionary-encoded text becomes categories."""
         return self.read_file(self.path(**names))
 
     def read_text(self, **names: str | int) -> pd.DataFrame:
@@ -92,7 +92,7 @@ class Table(DataFile):
         return frame
 
     def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
-        """Write these columns of a frame, sorted where the table is ordered, or an ``InputError``; metadata: stage."""
+        """Check and write the table's columns of a frame, sorted by key if ``ordered``; metadata: ``stage``."""
         self.write_file(self.path(**names), frame, stage)
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
@@ -101,7 +101,7 @@ class Table(DataFile):
         self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
-        """Write parts that come one by one, each checked by itself, as row groups; returns the number of rows."""
+        """Check and write parts one by one, each as a row group; return the number of rows. No rule spans parts."""
         rows = 0
 
         def checked() -> Iterator[pa.Table]:
@@ -111,7 +111,7 @@ class Table(DataFile):
                     self.check(part.to_pandas(), path)
                     rows += part.num_rows
                     yield part
-            except OSError as error:  # of what is written
+            except OSError as error:  # from a source of the parts
                 why = f"cannot be read ({error.strerror or error})"
                 raise InputError(error.filename or "its source", "", why) from error
 
@@ -145,7 +145,7 @@ def as_text(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def concat(parts: Iterable[pd.DataFrame], *tables: Table) -> pd.DataFrame:
-    """Concatenated parts of a table; without parts, an empty frame with the table's columns."""
+    """Concatenate ``parts``; without parts, return an empty frame with the columns of ``tables``."""
     frames = list(parts)
     names = dict.fromkeys(name for table in tables for name in table.columns)
     return pd.concat(frames) if frames else pd.DataFrame({name: pd.Series(dtype=object) for name in names})
