@@ -48,7 +48,7 @@ def ensure(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
     return AfterValidator(checked)
 
 
-EachOnce = ensure(distinct, "each once")
+EachOnce = ensure(distinct, "each value once")
 Names = Annotated[list[Name], EachOnce]
 
 
