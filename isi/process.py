@@ -56,7 +56,7 @@ def become_worker(parent: int) -> None:
 
 
 def handle_stop_signals(name: str, then: str = "run it again") -> None:
-    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that temporary files go; a second signal kills."""
+    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, to delete temporary files; a second signal kills."""
     process = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:

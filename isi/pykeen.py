@@ -140,7 +140,7 @@ class Form:
 
     @property
     def size(self) -> int:
-        """Length of a row."""
+        """Length of a row: the product of ``shape``, twice that if complex."""
         return prod(self.shape) * (1 + self.is_complex)
 
     def values(self, rows: Tensor) -> Tensor:

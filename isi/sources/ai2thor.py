@@ -20,7 +20,7 @@ from isi.sources.recordings import SIMULATORS, Scene, SceneObject, locate, read_
 from isi.tables import paths
 
 FLOOR = "floor"
-Materials = Literal["suncg", "simulator"]  #: Setting: where materials come from.
+Materials = Literal["suncg", "simulator"]  #: Setting: sample from SUNCG's shares, or use the reported ones.
 #: Settings for invalid containment. Broken: the receptacle or the content is not in the scene or is the object itself,
 #: or a listed content does not list the receptacle. Circular: two objects contain each other, perhaps through others.
 Broken = Literal["error", "drop"]

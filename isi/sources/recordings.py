@@ -67,8 +67,8 @@ class FloorPlans(NamedTuple):
 
     key: str  #: of their list of scenes in the package's recording
     room: str
-    first: int  #: number of the first
-    names: Sequence[str]  #: in the simulator
+    first: int  #: number of the first floor plan
+    names: Sequence[str]  #: names in the simulator
     packaged: Sequence[str] = ()  #: names in the package's recording, if its scenes have other ones
 
 
@@ -197,7 +197,7 @@ class Recorder(Section):
     platform: _Text  #: one of ``PLATFORMS``, or the path of a local build
     #: commit of the build to download; null: the package's own
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
-    width: Count  #: of a frame, which is square (pixels)
+    width: Count  #: width and height of a frame (pixels)
     server: Literal["wsgi", "fifo"]
     retries: Annotated[int, Field(ge=0)]  #: further attempts at a scene after the player has died
     seconds: Positive  #: timeout of an action (s)

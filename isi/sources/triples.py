@@ -90,7 +90,7 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
         counts, listed = read_ids(Path(from_), triples or [ALL]), []
     entity_of = {name: entity for name, entity, _ in listed}
     mining.name_entities = named = Naming()
-    unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))  # ``bowl.o`` is not ``bowl``
+    unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))  # their suffixes stay
     for name, entity, phrase in (*listed, *unlisted):
         stem, _, suffix = name.rpartition(".")
         kind = KINDS_BY_SUFFIX.get(suffix) if stem else None

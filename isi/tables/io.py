@@ -52,7 +52,7 @@ def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
 
 
 def _plain(kind: pa.DataType) -> pa.DataType:
-    """A column's type without dictionary encoding."""
+    """A column's type without dictionary encoding; large strings become strings."""
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind
     return pa.string() if pa.types.is_large_string(kind) else kind
 
@@ -97,7 +97,7 @@ def shape_of(path: Path, name: str) -> tuple[int, ...]:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None:
-    """Write a safetensors file; InputError where a number is not finite."""
+    """Write a safetensors file, atomically; metadata: ``stage``. InputError where a number is not finite."""
     from safetensors.torch import save
 
     _check_finite(path, tensors)

@@ -1,4 +1,4 @@
-"""Types of columns and rules for the rows of tables, and how an error names the row that breaks one."""
+"""Types of columns, rules for the rows of tables, and the error that names the first wrong row."""
 
 from __future__ import annotations
 
