@@ -1,4 +1,4 @@
-"""Entries of the params of the second pipeline, and a folder with both pipelines, for tests to share."""
+"""Entries of the second pipeline's params, and a folder with both pipelines, for several tests."""
 
 import shutil
 from pathlib import Path
@@ -29,12 +29,12 @@ VARIANT: dict[str, Any] = {
 
 
 def copy_pipelines(folder: Path) -> None:
-    """The descriptions of both pipelines, and the params of the first."""
+    """Copy both dvc.yaml files, and params.yaml of the first pipeline, into a folder."""
     for path in (paths.PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
         (folder / path).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / path, folder / path)
 
 
 def list_entries(**sections: Any) -> None:
-    """Write the params of the second pipeline."""
+    """Write params of the second pipeline with these sections, in the current folder."""
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, **sections}), encoding="utf-8")

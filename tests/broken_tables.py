@@ -1,4 +1,4 @@
-"""Changes of the tables and tensors of a small run, each with what it breaks."""
+"""Changes that break the tables and tensors of a small run, each with the expected message."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +20,7 @@ ChangeTensors = Callable[[Tensors], object]
 
 
 def put(column: str, value: object, row: int = 0) -> Change:
-    """Another value in a row."""
+    """A change: ``value`` in one row of a column."""
 
     def altered(frame: pd.DataFrame) -> pd.DataFrame:
         plain = as_text(frame)
@@ -31,7 +31,7 @@ def put(column: str, value: object, row: int = 0) -> Change:
 
 
 def at_end(column: str) -> Change:
-    """An id that is above all, in the last row."""
+    """A change: an id in the last row that is larger than all valid ids."""
     return lambda frame: put(column, 10**6, len(frame) - 1)(frame)
 
 
@@ -57,7 +57,7 @@ def as_test_and_train(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def another_novel(frame: pd.DataFrame) -> pd.DataFrame:
-    """Another entity in the first set, which has one."""
+    """Replace the entity of the first novel set, which has size 1."""
     return frame.assign(entity=[(int(frame["entity"][0]) + 1) % len(entities()), *frame["entity"][1:]])
 
 
@@ -65,7 +65,7 @@ def entities() -> pd.DataFrame:
     return ENTITIES.read_text(experiment=NAME)
 
 
-#: What is changed, in which table, how, and a pattern of the problem.
+#: A title, the table, its change, and a pattern of the expected message.
 CASES: list[tuple[str, Table, Change, str]] = [
     ("a count of 0", OBSERVATIONS, put("count", 0), "row 0 .count 0.: .*of at least 1"),
     ("a count of 2e9", OBSERVATIONS, put("count", 2 * 10**9), "1,000,000,000 observat"),
@@ -105,7 +105,7 @@ CASES: list[tuple[str, Table, Change, str]] = [
 
 
 def cut(name: str, dimension: int) -> ChangeTensors:
-    """The first half of a tensor along a dimension."""
+    """A change: only the first half of a tensor along a dimension."""
     return lambda t: t.update({name: t[name].narrow(dimension, 0, t[name].shape[dimension] // 2)})
 
 

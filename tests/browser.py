@@ -1,8 +1,8 @@
-"""A real browser that opens pages as readers do: from a file, without a network.
+"""A real browser that opens pages from files, without a network.
 
-Tests take the fixture ``chromium`` (``tests/conftest.py`` has it for all) and open files with ``opened``. They are
-skipped, and say why, where Playwright (``pip install 'isi[browser]'``) or a Chromium is missing; ``CHROMIUM`` names
-one that is not on the path.
+Tests take the fixture ``chromium`` (from ``tests/conftest.py``) and open files with ``opened``. They are skipped, with
+the reason, if Playwright (``pip install 'isi[browser]'``) or a Chromium is missing; the variable ``CHROMIUM`` may hold
+the path of a Chromium.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ _ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
-#: The heights of windows, by width: a phone and a desk.
+#: The heights of windows by width, in CSS pixels: a phone and a desktop.
 _HEIGHTS = {390: 844, 1280: 900}
 
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """A page in a window, and what went wrong since it was opened."""
+    """A page in a window, with the errors and requests since it was opened."""
 
     page: Page
-    #: what stands in the console as error or warning, and errors that no one caught
+    #: errors and warnings in the console, and uncaught errors
     errors: list[str] = field(default_factory=list)
-    #: addresses that were asked for, other than the page's own
+    #: requested addresses other than the page's own
     requests: list[str] = field(default_factory=list)
 
     @property
     def overflow(self) -> int:
-        """By how many pixels the page is wider than its window; 0 where nothing sticks out."""
+        """Width of the page minus width of its window, in CSS pixels; 0 if the page fits."""
         return int(self.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """A Chromium without a window, one for the tests of a module: while it is there, no other asyncio loop may run."""
+    """A headless Chromium for the tests of a module; no other asyncio loop may run until it is closed."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install 'isi[browser]'")
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
     if found is None:
@@ -62,13 +62,13 @@ def chromium() -> Iterator[Browser]:
 def opened(
     browser: Browser, path: Path, width: int = 1280, scheme: str = "light", script: bool = True, fragment: str = ""
 ) -> Iterator[Opened]:
-    """A file in a new window, closed in the end.
+    """Open a file in a new window, and close the window in the end.
 
     Args:
-        width: of the window, in CSS pixels.
-        scheme: ``light`` or ``dark``, what the reader prefers.
+        width: width of the window, in CSS pixels.
+        scheme: preferred colour scheme, ``light`` or ``dark``.
         script: whether JavaScript runs.
-        fragment: of the address, without its ``#``.
+        fragment: fragment of the address, without ``#``.
     """
     window = browser.new_context(
         viewport={"width": width, "height": _HEIGHTS.get(width, 900)}, color_scheme=scheme,  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ __all__ = ["chromium"]
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
-    """Bytes have the name of their argument: those that were compressed hold the time, and names must not."""
+    """Name bytes by their argument: compressed bytes contain the time, on which names of tests must not depend."""
     return argname if isinstance(val, bytes) else None
 
 

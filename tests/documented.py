@@ -11,19 +11,19 @@ PAGE = DOCS / "extending.md"
 
 
 def block(mark: str, language: str) -> str:
-    """What the fence behind ``<!-- mark -->`` holds."""
+    """The text of the code block after ``<!-- mark -->`` in docs/extending.md."""
     _, there, rest = PAGE.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n```{language}\n")
     assert there, f"{PAGE.name} has no {mark}"
     return rest.partition("```")[0]
 
 
 def code(mark: str) -> str:
-    """A module of one's own."""
+    """The Python module after a mark."""
     return block(mark, "python")
 
 
 def params(mark: str) -> dict[str, Any]:
-    """Values by dotted key, as deep as the name of the thing: ``{"sources.notebook": {...}}``."""
+    """The entries of params after a mark, by SECTION.NAME: ``{"sources.notebook": {...}}``."""
     return {
         f"{section}.{name}": value
         for section, entries in yaml.safe_load(block(mark, "yaml")).items()
@@ -32,13 +32,13 @@ def params(mark: str) -> dict[str, Any]:
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """What all fences of a language on a page hold, in their order."""
+    """The texts of all code blocks of a language on a page, in order."""
     return re.findall(
         rf"^```{language}\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
     )
 
 
 def commands(page: str) -> list[str]:
-    """Every command that a page shows at a prompt."""
+    """All commands after a prompt ``$`` on a page, in order."""
     shown = "".join(blocks(page, "console"))
     return [line.removeprefix("$ ") for line in shown.splitlines() if line.startswith("$ ")]

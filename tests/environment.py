@@ -1,4 +1,4 @@
-"""How tests start commands of their own, and wait."""
+"""Helpers that start commands from tests and wait for a condition."""
 
 import os
 import sys
@@ -7,13 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-#: With this interpreter's ``python`` first on the path.
+#: The environment of commands: the folder of this interpreter is first on the path.
 ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 Value = TypeVar("Value")
 
 
 def wait_for(value: Callable[[], Value], seconds: float = 30) -> Value:
-    """The value once it is true, or what it is when the time is over."""
+    """Call ``value`` until it is true or ``seconds`` have passed; returns the last value."""
     deadline = time.monotonic() + seconds
     while not (last := value()) and time.monotonic() < deadline:
         time.sleep(0.05)

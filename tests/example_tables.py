@@ -22,7 +22,7 @@ from isi.graph.words import COVERAGE
 from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.tables.table import Table
 
-#: As of three runs, the second without queries.
+#: Measures of three runs, the second without queries.
 MEASURED: dict[str, Any] = {
     "mrr_star": [0.5, None, 0.75], "mrr_star_entity": [0.25, None, 1 / 2], "mrr_star_relation": [0.75, None, 1.0],
     "mrr": [1 / 3, None, 0.1], "queries": [4, 0, 7],
@@ -91,13 +91,13 @@ Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def change_table(table: Table, path: Path, change: Change) -> None:
-    """Rewrite a table with other values, checked by nobody."""
+    """Rewrite a table with changed values, without checks."""
     whole = pa.Table.from_pandas(change(pd.read_parquet(path)), schema=table.schema, preserve_index=False)
     pq.write_table(whole, path)
 
 
 def change_tensors(path: Path, change: Callable[[dict[str, torch.Tensor]], object]) -> None:
-    """Rewrite tensors, which are changed in place."""
+    """Rewrite a file of tensors; ``change`` changes the mapping or its tensors in place."""
     from safetensors.torch import load_file, save_file
 
     tensors = load_file(path)

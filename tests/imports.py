@@ -1,4 +1,4 @@
-"""Which modules of the project a module imports when it runs, directly or through others."""
+"""The modules of the project that a module imports at run time, directly or indirectly."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
-#: Modules that change no number, so that no stage depends on them: how a mistake is worded, how a process ends, how a
-#: stage is started, and the classes of all params put together (each stands beside what reads it, where it counts).
+#: Modules without effect on numbers, so that no stage depends on them: messages, process control, the start of a
+#: stage, and the collection of all classes of params (each class is defined beside the code that uses it).
 PLUMBING = {Path("isi", f"{name}.py") for name in ("__init__", "errors", "process", "stage", "params")}
 
 
 def closure(*paths: Path) -> set[Path]:
-    """The project's files that importing some files loads, themselves included, without the plumbing and plug-ins."""
+    """The project's files that an import of ``paths`` loads, including ``paths``, without ``PLUMBING`` and plug-ins."""
     files: set[Path] = set()
     waiting = list(paths)
     while waiting:

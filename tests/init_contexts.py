@@ -1,4 +1,4 @@
-"""What an initializer sees, from plain lists: of one model with four novel entities, or of a stack at random."""
+"""Input of initializers (``InitContext``) from plain lists: one model with four novel entities, or a random stack."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from isi.models.stack import Embedding, select
 from tests.small_graphs import ANALOGY, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
-#: One known end, the relation, and whether the novel entity is the tail.
+#: An insert triple: the known end, the relation, and whether the novel entity is the tail.
 Seen = tuple[int, int, bool]
 
 
@@ -25,7 +25,7 @@ def initialize(name: str, context: InitContext, **options: Option) -> InitResult
 def insertion(
     theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int]
 ) -> InitContext:
-    """Of one model, whose rows of novel entities are made zero; all that are not novel are known and trained on."""
+    """A context of one model: rows of novel entities become zero; all other entities are known and eligible."""
     known = torch.ones(1, len(kinds), dtype=torch.bool)
     known[0, list(novel)] = False
     longest = max([1, *map(len, seen)])
@@ -40,7 +40,7 @@ def insertion(
 
 
 def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
-    """Novel 0, a head and a tail; 5, with a triple; 9, with none; 11, without a word vector."""
+    """Novel entities: 0 with 4 insert triples as head and tail, 5 with one, 9 with none, 11 without a word vector."""
     words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
     words[11] = 0
     seen: list[list[Seen]] = [
@@ -51,7 +51,7 @@ def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
 
 
 def stacked(models: int, dimension: int = 20) -> InitContext:
-    """Models that differ in all but words and kinds."""
+    """A random stack of models with the same word vectors and kinds."""
     rng = np.random.default_rng(1)
     theta0 = random_embedding(models, 30, RELATIONS, dimension)
     words = torch.randn(30, 6, generator=torch.Generator().manual_seed(7))

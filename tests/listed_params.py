@@ -1,4 +1,4 @@
-"""Params cut down to the keys that a pipeline lists for a stage: whatever else the stage reads is not there."""
+"""Params restricted to the keys that a pipeline lists for a stage; all other keys are absent."""
 
 import re
 from collections import defaultdict
@@ -15,11 +15,11 @@ from isi.config import value_of
 from isi.stage import PIPELINES, StageContext, context_of
 from isi.tables import paths
 
-parsed = cache(yaml.safe_load)  # of a text, since that takes long
+parsed = cache(yaml.safe_load)  # cached, since parsing is slow
 
 
 def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
-    """The keys that are listed for a stage with its arguments, by the file of params."""
+    """The keys of params that a pipeline lists for a stage with these arguments, by file of params."""
     first, beyond = (parsed(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
     values = parsed(paths.PARAMS.read_text(encoding="utf-8"))
 
@@ -36,14 +36,14 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
 
 
 def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage with nothing in its params but what is listed for it, and ``compute``."""
+    """The context of a stage with the params that are listed for it and ``compute``, and no others."""
     context, keys = context_of(stage, names), listed(stage, names)
     params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
     return replace(context, params=params, beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]))
 
 
 class Listed(dict[str, Any]):
-    """A mapping of which some keys are listed: who goes through it reads more than that."""
+    """A mapping restricted to listed keys; iteration raises ``AssertionError``, since it would read all keys."""
 
     def __iter__(self) -> Any:
         raise AssertionError(f"reads every key of a mapping of which {', '.join(super().keys())} are listed")
@@ -52,7 +52,7 @@ class Listed(dict[str, Any]):
 
 
 def restricted(value: Any, keys: Iterable[str]) -> Any:
-    """A section or a mapping with some dotted keys alone; an empty key stands for all of it."""
+    """A section or a mapping restricted to dotted keys; with an empty key, it is unchanged."""
     within = defaultdict[str, list[str]](list)
     for key in keys:
         if not key:

@@ -1,4 +1,4 @@
-"""Sources run as mining runs them."""
+"""Sources that run as in mining."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -17,14 +17,14 @@ TRIPLE = ["head", "relation", "tail"]
 
 @dataclass(frozen=True)
 class Observations:
-    """All of a source's observations, and what it says of its entities."""
+    """All observations of a source, its entities, and the instances that each step of mining leaves."""
 
     table: pd.DataFrame
     kinds: pd.DataFrame
     counts: Counter[str]
 
     def rows(self, *columns: str) -> list[tuple[object, ...]]:
-        """Some columns of the observations, row by row; missing values are null."""
+        """The observations as tuples of these columns; missing values are None."""
         chosen = self.table[list(columns)].astype(object)
         return list(chosen.where(chosen.notna(), None).itertuples(index=False, name=None))
 
@@ -36,24 +36,24 @@ class Observations:
 
 
 def observations_of(section: object) -> Observations:
-    """What the source of a section of params observes."""
+    """Mine the source of a section of params."""
     source = Source(section, "sources.mine", 0)
     return Observations(pa.concat_tables(source.tables()).to_pandas(), source.kinds, source.counts)
 
 
 def observe(reader: str, path: Path, **settings: object) -> Observations:
-    """What a reader observes in a file."""
+    """Mine a file with a reader and its settings."""
     return observations_of({"reader": reader, "path": str(path), **settings})
 
 
 def source_of(rows: Iterable[Observation], name_entities: NameEntities = household) -> Source:
-    """A source of these observations."""
+    """A source that yields these observations."""
     READERS.register("given", Reader(lambda _mining: rows, name_entities))
     return Source({"reader": "given"}, "sources.given", 0)
 
 
 def refusal(reader: str, path: Path, **settings: object) -> str:
-    """The line in which a reader refuses a file; empty where it reads it."""
+    """The message of the ``InputError`` for a file; empty if the reader accepts the file."""
     try:
         observe(reader, path, **settings)
     except InputError as error:

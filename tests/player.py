@@ -1,6 +1,6 @@
-"""A stand-in for the simulator's player: speaks its protocol, over HTTP or named pipes, from recorded scenes.
+"""A substitute for the simulator's player: it speaks its protocol over HTTP or named pipes, with recorded scenes.
 
-It is a program of its own, which the simulator's own controller starts: ``install`` makes one.
+It is a separate program (``install`` writes it), which the simulator's own controller starts.
 """
 
 import json
@@ -17,23 +17,23 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 BOUNDARY = "a-line-that-is-in-no-message"
-#: Of a message on a pipe: its type and its length.
+#: Header of a message on a pipe: type and length.
 FRAME = struct.Struct("!BI")
 METADATA, ACTION, IMAGE, END = 1, 2, 4, 255
 
 
 def install(folder: Path, scenes: Mapping[str, object], *misbehaviours: Mapping[str, object]) -> Path:
-    """Make a player.
+    """Write the program of a player.
 
     Args:
-        folder: where it and what it knows are put.
+        folder: folder of the program and its data.
         scenes: objects by floor plan.
-        misbehaviours: of each ``at``, the action (``Start`` before the first) and, if given, ``scene`` at which
-            it does what ``does`` says: ``die``, ``hang``, or ``fail`` with a ``code`` and a ``message``; ``times``
-            often, if given.
+        misbehaviours: each with the key ``at``, an action (``Start``: before the first), and ``does``: ``die``,
+            ``hang``, or ``fail`` with a ``code`` and a ``message``. Optional: ``scene``, the only scene of it, and
+            ``times``, its maximum number.
 
     Returns:
-        the program, which writes each action that it is sent into the file ``actions`` in its folder.
+        the program, which appends each action that it receives to the file ``actions`` in its folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     known = {"scenes": scenes, "misbehaviours": [dict(one) for one in misbehaviours]}
@@ -47,12 +47,12 @@ def install(folder: Path, scenes: Mapping[str, object], *misbehaviours: Mapping[
 
 
 def actions(folder: Path) -> list[str]:
-    """Names of all actions that a player was sent, and the scenes of those that have one."""
+    """Lines of all actions that a player received: name, floor plan (empty before the first), process id."""
     return (folder / "actions").read_text(encoding="utf-8").splitlines()
 
 
 class Player:
-    """What a player knows and does, however it is spoken with."""
+    """State and behaviour of a player, independent of the connection."""
 
     def __init__(self, folder: Path, arguments: Sequence[str]) -> None:
         known = json.loads((folder / "known.json").read_text(encoding="utf-8"))
@@ -95,12 +95,12 @@ class Player:
         return {"sequenceId": self.sequence, "activeAgentId": 0, "agents": [agent]}
 
     def hello(self) -> dict[str, Any]:
-        """What is said first."""
+        """Metadata of the first message."""
         self.misbehave("Start")
         return self.metadata("", None, None)
 
     def misbehave(self, action: str) -> Mapping[str, Any] | None:
-        """Do what is to be done at an action: none, or the failure to answer."""
+        """Do the misbehaviour that is due at an action: die, hang, or return the failure; None if none is due."""
         for place, one in enumerate(self.misbehaviours):
             log = self.folder / f"misbehaved-{place}"
             times = log.stat().st_size if log.exists() else 0
@@ -124,7 +124,7 @@ class Player:
 
 
 def spawned(objects: Sequence[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
-    """The objects, those that can be picked up in each other's places."""
+    """The objects, with the receptacles of those that can be picked up shuffled among them."""
     moved = [place for place, thing in enumerate(objects) if thing.get("pickupable")]
     places = [objects[place].get("parentReceptacles") for place in moved]
     random.Random(seed).shuffle(places)
@@ -136,7 +136,7 @@ def spawned(objects: Sequence[dict[str, Any]], seed: int) -> list[dict[str, Any]
 
 
 def over_http(player: Player) -> None:
-    """Post each answer; what comes back is the next action."""
+    """Post each answer; the response holds the next action."""
     metadata = player.hello()
     while True:
         connection = HTTPConnection(os.environ["AI2THOR_HOST"], int(os.environ["AI2THOR_PORT"]))
@@ -150,7 +150,7 @@ def over_http(player: Player) -> None:
 
 
 def form(metadata: Mapping[str, Any], image: bytes) -> bytes:
-    """An answer as the parts of a form, whose headers must be spelled as here."""
+    """An answer as a multipart form; the controller requires this spelling of the headers."""
     texts = {"metadata": json.dumps(metadata), "token": os.environ["AI2THOR_CLIENT_TOKEN"]}
     part = f"--{BOUNDARY}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-disposition: form-data; name="
     parts = [f'{part}"{name}"\r\n\r\n{text}\r\n' for name, text in texts.items()]
@@ -176,7 +176,7 @@ def over_pipes(player: Player) -> None:
 
 
 def received(pipe: BinaryIO) -> dict[str, Any]:
-    """The action of the next message; none where the pipe has ended."""
+    """The action of the next message; an empty mapping at the end of the pipe."""
     action: dict[str, Any] = {}
     while header := pipe.read(FRAME.size):
         kind, length = FRAME.unpack(header)

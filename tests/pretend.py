@@ -1,4 +1,4 @@
-"""A device that computes on the CPU but refuses what a GPU would refuse, for machines without one."""
+"""A device that computes on the CPU but refuses operations that a GPU refuses, for machines without a GPU."""
 
 import weakref
 from collections.abc import Callable, Iterator
@@ -8,14 +8,14 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-#: Stands for the GPU: PyTorch knows its name, and nothing else of the tests uses it.
+#: The device in place of a GPU: PyTorch has the name, and no other test uses it.
 DEVICE = torch.device("meta")
 _TAKING_INDICES = {Tensor.__getitem__, Tensor.__setitem__}  # a GPU takes indices that lie on the CPU
 _HOST_ONLY = {Tensor.numpy, Tensor.__array__}
 
 
 class Pretend(TorchFunctionMode):
-    """Remembers which tensors lie on ``DEVICE``; mixing them with others or reading them as arrays is an error."""
+    """Records which tensors are on ``DEVICE``; mixing them with CPU tensors or converting them to arrays raises."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,8 +1,8 @@
-"""A house of two rooms in ProcTHOR's format, with objects as tests want them."""
+"""A house of two rooms in ProcTHOR's format, with any objects."""
 
 from typing import Any
 
-#: A kitchen with a corner in the living room: the floor is 4 m deep, the corner spans x from 4 to 6 and z from 0 to 2.
+#: An L-shaped kitchen: the house is 4 m deep; the short leg spans x from 4 to 6 and z from 0 to 2, in metres.
 KITCHEN = [(0, 0), (0, 4), (4, 4), (4, 2), (6, 2), (6, 0)]
 LIVING_ROOM = [(6, 0), (6, 2), (4, 2), (4, 4), (9, 4), (9, 0)]
 

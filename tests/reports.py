@@ -1,4 +1,4 @@
-"""Small results of experiments and analyses, for tests of the report to share."""
+"""Small results of experiments and analyses for tests of the report."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ from isi.tables import paths
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
 EPOCHS = 3
-#: Of the small results: two graphs of their own, and one that is extended.
+#: Graphs of the small results: two of one source each, and one that is extended by a second source.
 GRAPHS = {
     "home": {"source": "home", "min_count": 1},
     "away": {"source": "away", "min_count": 1},
@@ -47,12 +47,12 @@ def runs(rows: Sequence[tuple[str, str, int, int, int, float]]) -> pd.DataFrame:
 
 
 def frame_of(rows: Any) -> pd.DataFrame:
-    """The rows of a report's table as its CSV has them."""
+    """The frame of a report's table from its rows, as in its CSV file."""
     return ReportTable.of("table", rows).frame
 
 
 def small_params(experiments: Sequence[str], **changes: Any) -> Params:
-    """The params of this repository with small experiments and, by dotted key, other changes."""
+    """The params of this repository with small experiments; ``changes``: by dotted key."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     values["sources"] = {name: {"reader": "published"} for name in ("home", "away", "shop")}
     sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
@@ -87,9 +87,9 @@ def paper() -> tuple[Any, Any]:
 
 
 def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **changes: Any) -> Results:
-    """Results of experiments with random numbers in every cell, and of all analyses or of none.
+    """Results of experiments with random measures, and, with ``studies``, of all analyses.
 
-    Analyses are of the first experiment, but for affordances, which are of the last.
+    The analyses belong to the first experiment, except affordances (the last one) and query breakdown (all).
     """
     params = small_params(names, **changes)
     experiments = {name: _experiment(params, name) for name in names}
@@ -109,13 +109,13 @@ def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **
 
 
 def of_experiment(results: Results, name: str, **changes: Any) -> Results:
-    """Results with another value of an experiment's fields."""
+    """Results with changed fields of one experiment."""
     changed = replace(results.experiments[name], **changes)
     return replace(results, experiments={**results.experiments, name: changed})
 
 
 def with_settings(results: Results, name: str, **changes: Any) -> Results:
-    """Results with other settings of an experiment."""
+    """Results with changed params of one experiment."""
     experiments = results.params.experiments
     entry = experiments[name].model_copy(update=changes)
     params = results.params.model_copy(update={"experiments": experiments | {name: entry}})
@@ -123,7 +123,7 @@ def with_settings(results: Results, name: str, **changes: Any) -> Results:
 
 
 def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
-    """Rows with measures drawn from a stream of their own; MRR* is the mean of its halves."""
+    """Rows with random measures, seeded by ``key``; MRR* is the mean of its halves."""
     frame = pd.DataFrame(rows)
     rng = np.random.default_rng(sum(map(ord, key)))
     halves = rng.uniform(0.2, 0.9, (2, len(frame)))
@@ -232,7 +232,7 @@ def _analyses(params: Params, experiment: Experiment) -> dict[str, Any]:
 
 
 def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
-    """Single insertions of the first entity and the last, each in a seed of its own."""
+    """Tables of single insertions of the first entity (seed 0) and the last one (seed 1)."""
     models, epochs, rng = [*SHOWN, params.explorer.best], params.explorer.epochs, np.random.default_rng(11)
     steps = [(JOINT, 0), *product(models, (0, epochs))]
     shown = {0: 0, entities - 1: 1}
@@ -258,7 +258,7 @@ def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
 
 @contextmanager
 def svg_alone() -> Iterator[None]:
-    """Figures as PNG are left empty, since drawing them takes a quarter of a report's time."""
+    """Leave PNG files empty, since drawing them takes a quarter of a report's time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "rendered", lambda canvas, form: rendered(canvas, form) if form == "svg" else b"")
         yield
@@ -270,7 +270,7 @@ def part_of(name: str, results: Results) -> FilledSection | None:
 
 
 def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:
-    """The sentences of a section, its tables as files have them, and its figures; every one of them can be written."""
+    """Paragraphs and lists of a section, its tables as in CSV files, its figures; checks that all can be rendered."""
     part = part_of(name, results)
     blocks = part.blocks if part else []
     tables = [block.content for block in blocks if block.kind == "table"]

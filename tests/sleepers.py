@@ -1,4 +1,4 @@
-"""A stage that never ends: workers that note their process ids and sleep, for tests that kill it."""
+"""A stage that never ends: its workers write their process ids and sleep, for tests that kill it."""
 
 import os
 import time
@@ -16,7 +16,7 @@ WORKERS = 2
 
 
 def sleep(points: GridPoints) -> None:
-    """Note this process in the folder that the task's experiment is named after, and sleep."""
+    """Write this process id into the folder ``points.experiment``, and sleep."""
     Path(points.experiment, str(os.getpid())).touch()
     time.sleep(300)
 

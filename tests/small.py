@@ -1,4 +1,4 @@
-"""A whole run of the pipeline's main stages on a small grid, without DVC, for tests to alter."""
+"""A run of the pipeline's main stages on a small grid, without DVC, for tests that alter its files."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -28,7 +28,7 @@ STAGES = (
 
 
 def lay_out(folder: Path, changes: dict[str, Any]) -> None:
-    """A project with its params, its pipelines and its sources."""
+    """Write a project into a folder: params with changes by dotted key, pipelines, and sources."""
     values = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
     for key, value in changes.items():
         change(values, key, value)
@@ -41,7 +41,7 @@ def lay_out(folder: Path, changes: dict[str, Any]) -> None:
 
 
 def run(command: str) -> None:
-    """Run a stage in this process, in this folder."""
+    """Run a stage in this process, in the current folder; ``command``: its name and arguments."""
     name, *arguments = command.split()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [name, *arguments])
@@ -49,7 +49,7 @@ def run(command: str) -> None:
 
 
 def run_all(folder: Path) -> None:
-    """Run all stages on the small grid."""
+    """Run all ``STAGES`` on the small grid."""
     lay_out(folder, SMALL)
     with chdir(folder):
         for command in STAGES:
@@ -58,7 +58,7 @@ def run_all(folder: Path) -> None:
 
 @contextmanager
 def for_a_while(path: Path, alter: Callable[[Path], object]) -> Iterator[None]:
-    """Alter a file, and put it back."""
+    """Alter a file, and restore its bytes in the end."""
     before = path.read_bytes()
     try:
         alter(path)

@@ -1,4 +1,4 @@
-"""A small bundle, its folder, and folders of other tools with the same tables, for tests of bundles and commands."""
+"""A small bundle, its folder, and the same tables in formats of other tools."""
 
 import hashlib
 import json
@@ -18,16 +18,16 @@ from tests.small_graphs import random_embedding, random_graph
 NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]
 KINDS = ["room", "room", "object", "object", "affordance", "affordance"]
 BETWEEN = ["atLocation", "hasAffordance"]
-#: f(h, r, t) = Σ h · r · t: what is where, and what can be done with it, in coordinates of their own.
+#: DistMult: f(h, r, t) = Σ h · r · t; coordinates 0, 1 are of atLocation, coordinates 2, 3 of hasAffordance.
 VECTORS = [[1, 0, 0, 0], [0, 1, 0, 0], [3, 1, 2, 0], [1, 2, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]]
 RELATIONS = [[1, 1, 0, 0], [0, 0, 1, 1]]
 TRIPLES = [(2, 0, 0), (3, 0, 1), (2, 1, 4), (3, 1, 5)]
-#: Of unit length, but for the rooms, which have none.
+#: Unit word vectors; the rooms have none (zeros).
 WORDS = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0.8, 0, 0.6], [0, 0.8, 0.6]]
 
 
 def small(**changed: Any) -> Bundle:
-    """Four triples about a kettle and a bed."""
+    """The small bundle, with four triples about a kettle and a bed, or with changed fields."""
     manifest = Manifest(
         model_name="distmult", model_options={}, words=WordSource(source="shipped", text="definition", model=MODEL),
         made={"by": "a test"}, inserted=[],
@@ -41,7 +41,7 @@ def small(**changed: Any) -> Bundle:
 
 
 def random_bundle(triples: int) -> Bundle:
-    """Of random vectors of 30 entities and two relations, with so many known triples."""
+    """A bundle of random vectors of 30 entities and two relations, with this number of known triples."""
     graph, stack = random_graph(30, 2, triples), random_embedding(1, 30, 2, 8)
     names = [f"e{number}" for number in range(30)]
     manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
@@ -52,7 +52,7 @@ def random_bundle(triples: int) -> Bundle:
 
 
 def opened(bundle: Bundle | None = None, **changed: Any) -> OpenBundle:
-    """A bundle, the small one where none is given, ready for queries."""
+    """A bundle (default: the small one) opened for queries."""
     return OpenBundle(**vars(bundle or small(**changed)))
 
 
@@ -60,7 +60,7 @@ def new_entity(
     name: str, triples: list[tuple[str, str, str]], vector: Any = None, kind: str = "", initializer: str | None = None,
     options: dict[str, Any] | None = None,
 ) -> NewEntity:  # fmt: skip
-    """What is given about a new entity."""
+    """A ``NewEntity`` with an insertion request."""
     request = InsertionRequest(
         entity=name, insert_triples=triples, definition=None, requested_initializer=initializer, options=options or {},
         seed=0,
@@ -69,7 +69,7 @@ def new_entity(
 
 
 def written(path: Path, bundle: Bundle | None = None) -> Path:
-    """The folder of a bundle, the small one where none is given."""
+    """Write a bundle (default: the small one) into a folder; returns the folder."""
     folder.write(path, bundle or small())
     return path
 
@@ -81,19 +81,19 @@ def without_words() -> Bundle:
 
 
 def files(path: Path) -> dict[str, bytes]:
-    """Bytes by name."""
+    """Bytes of the files in a folder, by name."""
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
 
 def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change the manifest of a folder."""
+    """Change the manifest of a folder in place."""
     manifest = json.loads((path / folder.MANIFEST).read_text(encoding="utf-8"))
     change(manifest)
     (path / folder.MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def tamper(path: Path, name: str, content: bytes) -> None:
-    """Put other bytes into a file, with their SHA-256."""
+    """Replace the bytes of a file, and its SHA-256 in the manifest."""
     (path / name).write_bytes(content)
     edit(path, lambda manifest: manifest["files"].update({name: hashlib.sha256(content).hexdigest()}))
 
@@ -102,7 +102,7 @@ ENTITIES, LABELS = np.array(VECTORS, np.float32), np.array(RELATIONS, np.float32
 
 
 def write_lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
-    """Names, a line each, triples, and tensors as ``.npz`` if there are any."""
+    """Write names (one per line), triples and, if given, tensors (``.npz``) of the small bundle into a folder."""
     folder.mkdir(exist_ok=True)
     (folder / "entities.txt").write_text("\n".join(NAMES) + "\n", encoding="utf-8")
     (folder / "relations.txt").write_text("\n".join(BETWEEN) + "\n", encoding="utf-8")
@@ -114,7 +114,7 @@ def write_lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
 
 
 def write_openke(folder: Path = Path("theirs")) -> Path:
-    """OpenKE's files: triples are head, tail, relation."""
+    """Write the small bundle's names and triples (head, tail, relation) in OpenKE's format."""
     folder.mkdir()
     for file, names in (("entity2id.txt", NAMES), ("relation2id.txt", BETWEEN)):
         rows = "".join(f"{name}\t{number}\n" for number, name in enumerate(names))

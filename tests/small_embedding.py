@@ -26,7 +26,7 @@ def words(seed: int = 0) -> np.ndarray:
 
 
 def named(**changed: Any) -> dict[str, Any]:
-    """Arguments of a call by names."""
+    """Arguments of a call with names of entities and relations in place of ids."""
     return {**tables(), "triples": TRIPLES, "new": NEW, "model": "analogy", "entity_names": KNOWN,
             "relation_names": BETWEEN, "known_triples": KNOWN_TRIPLES, **changed}  # fmt: skip
 

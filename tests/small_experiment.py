@@ -1,4 +1,4 @@
-"""A small experiment as the pipeline leaves it, with names that files may mistake, for tests of commands."""
+"""Files of a small experiment, some of whose names need escaping in other formats, for tests of commands."""
 
 import pandas as pd
 import torch
@@ -21,13 +21,13 @@ TRIPLES = pd.DataFrame(
     ],
     columns=[*TRIPLE, "count"],
 )  # fmt: skip
-#: Of the entities, in their order, and of atLocation and hasAffordance: f(h, r, t) = Σ h·r·t.
+#: Vectors of the entities, and of atLocation and hasAffordance, for DistMult: f(h, r, t) = Σ h·r·t.
 VECTORS = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [0.0, 3.0]]
 RELATIONS = [[0.0, 1.0], [1.0, 0.0]]
 
 
 def write_experiment() -> None:
-    """An experiment: its graph, and the joint models of seeds 4 and 7."""
+    """Write the files of an experiment: params, graph, and the joint models of seeds 4 and 7."""
     params = {"embedding": {"model": "distmult", "dimension": 2, "init_range": 0.1}, "models": {"distmult": {}}}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
     write_graph(ENTITIES, TRIPLES)
@@ -42,7 +42,7 @@ def write_experiment() -> None:
 
 
 def write_graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """The tables of its graph."""
+    """Write the tables of a graph for the experiment ``home``."""
     named = entities.assign(source="home", phrase=entities["entity"].str.lower())
     tables.ENTITIES.write(named, MADE, experiment="home")
     tables.TRIPLES.write(triples.assign(source="home"), MADE, experiment="home")

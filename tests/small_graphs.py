@@ -1,4 +1,4 @@
-"""Small graphs, and grids over them, for tests to share."""
+"""Small graphs, and grids of sessions on them."""
 
 import zlib
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ from isi.models.model import Model, make_model
 from isi.models.scoring import DenseTriples
 from isi.models.stack import Embedding
 
-#: Head, relation and tail id.
+#: Ids of head, relation and tail.
 Triple = tuple[int, int, int]
 
 
 def graph_of(counts: Mapping[Triple, int], entities: int, relations: int) -> Graph:
-    """A graph whose unique triples have the ids in which the mapping lists them; three kinds take turns."""
+    """A graph with triples in the order of ``counts``; entity e has kind e mod 3."""
     return Graph(
         [f"entity {number}" for number in range(entities)],
         [f"relation {number}" for number in range(relations)],
@@ -37,7 +37,7 @@ def score_all(embedding: Embedding) -> Tensor:
 
 
 def random_counts(entities: int, relations: int, triples: int, seed: int) -> dict[Triple, int]:
-    """A ring through all entities, with all relations, and random triples on top, seen 1 to 4 times each."""
+    """Counts from 1 to 4 of a ring through all entities, with relations in turn, and of further random triples."""
     rng = np.random.default_rng(seed)
     counts = {(e, e % relations, (e + 1) % entities): int(rng.integers(1, 5)) for e in range(entities)}
     while len(counts) < min(triples, relations * entities**2):
@@ -50,12 +50,12 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
     return graph_of(random_counts(entities, relations, triples, seed), entities, relations)
 
 
-#: The model of tests that are about no model.
+#: The model in tests that do not compare models.
 ANALOGY = make_model("analogy", {}, "models.analogy")
 
 
 def as_stored(graph: Graph) -> Graph:
-    """The same graph as tables hold it: names, and triples by their names, in the order of the alphabet."""
+    """The same graph with entities and triples in alphabetical order of names, as in tables."""
     names = [f"entity {number:03d}" for number in range(len(graph.entities))]
     order = torch.tensor(sorted(range(len(graph.triples)), key=graph.triples.tolist().__getitem__))
     return Graph(names, graph.relations, graph.triples[order], graph.counts[order], graph.kinds)
@@ -72,7 +72,7 @@ def random_embedding(
 def points_of(
     graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1, fraction: float = 0.5
 ) -> GridPoints:
-    """Grid points as the pipeline draws them, with a fifth of the triples each for validation and test."""
+    """Grid points sampled as in the pipeline, with shares of 0.2 for validation and for test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
     novel = np.stack([sample_novel(everyone, root, size, seed, steps) for seed in seeds])
@@ -81,7 +81,7 @@ def points_of(
 
 
 def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) -> np.ndarray:
-    """(session, model, place in ``novel``, triple) of the insert triples, as they are drawn; shape (I, 4)."""
+    """Insert triples sampled as in the pipeline: session, model, index in ``novel``, triple; shape (I, 4)."""
     rows = [
         (session, model, points.novel[model, session - 1].tolist().index(entity), triple)
         for session in range(1, points.sessions + 1)
@@ -94,12 +94,12 @@ def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) 
 
 
 def generator(purpose: str, *key: int) -> np.random.Generator:
-    """Numpy's own, as seeded for a purpose with root 0."""
+    """NumPy's generator, seeded as in ``isi.random`` by root 0, a purpose and a key."""
     return np.random.default_rng(np.random.SeedSequence([0, zlib.crc32(purpose.encode()), *key]))
 
 
 def dense(relation: Tensor) -> Tensor:
-    """W of one of ANALOGY's relations, of shape (d,), as a matrix (d, d), entry by entry from vᵀW (docs/method.md)."""
+    """The matrix W, (d, d), of a relation of ANALOGY, (d,), entry by entry from vᵀW (docs/method.md)."""
     dimension = len(relation)
     half, quarter = dimension // 2, dimension // 4
     matrix = torch.zeros(dimension, dimension, dtype=relation.dtype)

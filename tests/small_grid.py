@@ -1,4 +1,4 @@
-"""Training and insertion over a small grid, as tasks, for tests to share."""
+"""Tasks of training and insertion on a small grid."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -20,7 +20,7 @@ from tests.small_graphs import ANALOGY, points_of, random_graph
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
-#: Options of models that have no defaults.
+#: Options of the models whose options have no default.
 MODEL_OPTIONS: dict[str, dict[str, Option]] = {
     "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
     "transe_l1": {"margin": 4.0},
@@ -37,7 +37,7 @@ INITIALIZERS: dict[str, dict[str, Option]] = {
 }  # fmt: skip
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
-#: MRR* of the joint models: one that is soon reached, ..., one that never is.
+#: MRR* of the joint models by seed: the first is reached soon, the last one never.
 JOINT = np.array([0.1, 0.5, 0.6, 2.0])
 
 
@@ -58,12 +58,12 @@ def _trained(steps: int) -> Embedding:
 
 
 def theta0(steps: int = 1) -> Embedding:
-    """Θ⁰ of all seeds, which a test may change."""
+    """A copy of Θ⁰ of all seeds, which a test may change."""
     return Embedding(_trained(steps).entity.clone(), _trained(steps).relation.clone(), ANALOGY)
 
 
 def some_models(theta: Embedding, models: slice | list[int]) -> Embedding:
-    """Some embeddings of a stack."""
+    """The embeddings of a stack at these indices."""
     return Embedding(theta.entity[models], theta.relation[models], theta.model)
 
 
@@ -81,7 +81,7 @@ def insert_tasks(
 
 
 def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
-    """All that training gave, in the order of seeds and epochs; floats in CSV are whole."""
+    """All results of training as bytes, sorted by seed and epoch; CSV has all digits of floats."""
     tensors = {
         "entity": [result.theta.entity for result in trained],
         "relation": [result.theta.relation for result in trained],
@@ -92,14 +92,14 @@ def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
 
 
 def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
-    """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
+    """All results of insertion as bytes, sorted by seed, session, epoch and scope."""
     runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
     entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
     vectors = np.concatenate([result.vectors for result in inserted])
     return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
 
 
-#: What of single insertions is shown.
+#: Params of the explorer.
 EXPLORER = ExplorerParams(
     experiments=["home"], size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3
 )
@@ -109,7 +109,7 @@ SOFT = InsertConfig("soft_hybrid", {"word_weight": 3.0, "relation_weight": 5.0},
 def explorer_task(
     height: int = 4, number: int = 0, configs: int = 5
 ) -> tuple[GridPoints, Embedding, Embedding, np.ndarray, list[InsertConfig], dict[int, int], ExplorerParams]:
-    """Single insertions of all novel entities, each in the first seed that has it."""
+    """Arguments of ``single_insertions`` for the stack ``number``; each entity is shown in its first seed."""
     trained, (stack,), points = theta0(), stacks(4), stacks(height)[number]
     models = slice(number * height, (number + 1) * height)
     joint = some_models(train_stack(stack.all_known, LEARNING).theta, models)

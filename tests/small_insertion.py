@@ -1,4 +1,4 @@
-"""A small graph with novel entities in two models, at random, as a step of learning and as initializers see it."""
+"""A small random graph with novel entities in two models: the input of a session and of initializers."""
 
 from dataclasses import dataclass, replace
 
@@ -13,8 +13,8 @@ from isi.models.stack import Embedding
 from tests.small_graphs import graph_of, insert_triples_of, points_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
-#: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
-#: 3 and 9 have no word vector.
+#: Novel entities of two models. All training triples of 15 contain 0, which is novel: 15 is an orphan in both.
+#: Entities 3 and 9 have no word vector.
 NOVEL = np.array([[0, 4, 9], [0, 7, 12]])
 ORPHAN, WORDLESS = 15, (3, 9)
 
@@ -26,7 +26,7 @@ def orphaning_graph() -> Graph:
 
 @dataclass(frozen=True)
 class World:
-    """What a step of learning knows, and more: validation and test triples are in the splits."""
+    """The data of a session, with validation and test triples in ``splits``, which initializers must not see."""
 
     graph: Graph
     splits: np.ndarray
@@ -36,7 +36,7 @@ class World:
 
 
 def world() -> World:
-    """Embeddings and word vectors at random; splits as the pipeline draws them, but for the orphan's."""
+    """Random embeddings and word vectors; splits sampled as in the pipeline, except for the orphan's triples."""
     graph = orphaning_graph()
     splits = points_of(graph, 3, [5, 6]).splits
     splits[:, -3:] = TRAIN, TRAIN, VALID
@@ -53,7 +53,7 @@ def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
 
 
 def seen(of: World) -> InitContext:
-    """What initializers are shown of it."""
+    """The input of initializers (``InitContext``) for a world."""
     points = points_at(of.graph, of.splits)
     given = map(torch.as_tensor, (NOVEL, of.insert_triples, of.words))
     return context_of(of.theta0, points.session(0), *given, 0, points.keys())

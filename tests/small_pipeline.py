@@ -1,4 +1,4 @@
-"""The whole pipeline on a small grid in a folder of its own, and DVC there."""
+"""The whole pipeline on a small grid in a folder, and DVC commands in it."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from tools import workspace
 
 EXPERIMENTS = ("ai2thor", "transfer")
 INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
-#: Every stage, each with as few items as show that it takes its own: two of a sweep, one of what goes by experiment.
+#: Params of a small grid on which every stage runs, with two items per sweep and one experiment per analysis.
 SMALL: dict[str, Any] = {
     "experiments.ai2thor.sessions.seeds": 3, "experiments.ai2thor.sessions.sizes": [1, 2],
     "experiments.ai2thor.full_curves.sizes": [2], "experiments.transfer.sessions.seeds": 3,
@@ -34,7 +34,7 @@ SMALL: dict[str, Any] = {
 
 
 def dvc(folder: Path, *arguments: str) -> str:
-    """Run DVC in a folder; its output."""
+    """Run DVC in a folder; returns its output."""
     command = [sys.executable, "-m", "dvc", *arguments]
     process = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
     assert process.returncode == 0, process.stdout + process.stderr
@@ -42,7 +42,7 @@ def dvc(folder: Path, *arguments: str) -> str:
 
 
 def stages_run(output: str) -> set[str]:
-    """The stages that ``dvc repro`` says it ran."""
+    """The stages that ran, from the output of ``dvc repro``."""
     return {line.split("'")[1] for line in output.splitlines() if line.startswith("Running stage")}
 
 

@@ -1,4 +1,4 @@
-"""A folder in which stages run as a user runs them, in this process, and what earlier stages have left there."""
+"""A folder in which a test runs stages in its own process, with the outputs of earlier stages."""
 
 import importlib
 import sys
@@ -23,13 +23,13 @@ OBSERVED = pd.DataFrame(
      "tail": ["kitchen"], "count": [1]}
 )  # fmt: skip
 KINDS = pd.DataFrame({"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]})
-#: Runs a stage, and gives the one line with which it refuses its input.
+#: Runs a stage (its name and arguments), and returns the one line with which it refuses its input.
 Says = Callable[[str], str]
 
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    """A folder with the code, the sources and the params, whose outputs an earlier run left."""
+    """A folder with the code, the sources, the params and the pipeline."""
     for name in ("isi", "stages", "data/raw", "beyond"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
@@ -46,32 +46,32 @@ def set_params(workspace: Path, changes: dict[str, object]) -> None:
 
 
 def outputs(workspace: Path) -> dict[str, bytes]:
-    """Every file under ``data`` that did not ship with the product."""
+    """Bytes of every file under ``data`` outside ``raw``, by path."""
     files = [path for path in (workspace / "data").rglob("*") if path.is_file() and "raw" not in path.parts]
     return {str(path.relative_to(workspace)): path.read_bytes() for path in files}
 
 
 def leave(workspace: Path, *earlier: Path) -> None:
-    """Outputs of an earlier run, which a failed one must not touch."""
+    """Write outputs of an earlier run, which a failed run must not change."""
     for path in earlier:
         (workspace / path).parent.mkdir(parents=True, exist_ok=True)
         (workspace / path).write_bytes(b"the last good one")
 
 
 def write(workspace: Path, path: Path, frame: pd.DataFrame, table: Table) -> None:
-    """A table as an earlier stage has left it."""
+    """Write a table as an earlier stage does."""
     with chdir(workspace):
         table.write_file(path, frame, "an_earlier_stage")
 
 
 def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
-    """What mining a source has given."""
+    """Write the tables that mining a source gives."""
     write(workspace, OBSERVATIONS.path(source=source), observations, OBSERVATIONS)
     write(workspace, KIND_TABLE.path(source=source), kinds, KIND_TABLE)
 
 
 def graph(workspace: Path, experiment: str) -> None:
-    """A graph of a mug in a kitchen."""
+    """Write the tables of a graph with a mug in a kitchen."""
     triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
     write(workspace, TRIPLES.path(experiment=experiment), triples, TRIPLES)
     write(workspace, ENTITIES.path(experiment=experiment), KINDS.assign(source="ai2thor"), ENTITIES)
@@ -85,7 +85,7 @@ def main_of(command: str) -> Callable[[], None]:
 
 @pytest.fixture
 def says(workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Says:
-    """The one line with which a stage refuses its input, having written nothing."""
+    """A function that runs a stage, and returns its one line of refusal; it checks that no output changes."""
 
     def say(command: str) -> str:
         monkeypatch.chdir(workspace)

@@ -1,4 +1,4 @@
-"""Results that are lawful and strange: no queries, no rows, all scores tied."""
+"""Valid but unusual results: no queries, no rows, all scores tied."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -9,13 +9,13 @@ import pandas as pd
 from isi.report.data import Experiment, Results
 from isi.report.paper_values import VALUES, VOCABULARY
 
-#: Columns with what was measured.
+#: Columns of measures.
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr"]
 Frames = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def of_frames(value: Any, change: Frames) -> Any:
-    """The same with every table of measures changed, of an experiment and of its analyses."""
+    """``value`` with every table of measures in it changed: a frame, a mapping, or an experiment with its analyses."""
     if isinstance(value, pd.DataFrame):
         return change(value) if {*MEASURES, "x"} & set(value) else value
     if isinstance(value, Experiment):
@@ -29,7 +29,7 @@ def changed(results: Results, change: Frames) -> Results:
 
 
 def without_queries(*scopes: str, half: str = "") -> Frames:
-    """Without queries in scopes, or in one half of them."""
+    """A change: no queries in these scopes; with ``half``, none in this half of MRR*."""
 
     def change(frame: pd.DataFrame) -> pd.DataFrame:
         if not {"scope", "mrr_star"} <= set(frame):
@@ -48,7 +48,7 @@ def of_experiments(results: Results, change: Callable[[Experiment], Experiment])
 
 
 def one_seed(results: Results) -> Results:
-    """The first seed alone, in every table but the explorer's, whose seeds are each of one entity."""
+    """Results with the first seed alone, except in the tables of the explorer."""
     first = changed(results, lambda frame: frame[frame["seed"] == 0] if {"seed", "mrr_star"} <= set(frame) else frame)
     return of_experiments(first, lambda one: replace(
         one, **{name: frame[frame["seed"] == 0] for name in ("novel", "splits", "insert_triples", "ties")
@@ -56,7 +56,7 @@ def one_seed(results: Results) -> Results:
 
 
 def uncovered(experiment: Experiment) -> Experiment:
-    """No entity has words, insert triples, or anything to fall back to."""
+    """An experiment in which no entity has a word vector, insert triples or a fallback."""
     return replace(
         experiment, coverage=experiment.coverage.assign(served_by=None),
         insert_triples=experiment.insert_triples.head(0), inserted=experiment.inserted.assign(fallback=None),
@@ -64,20 +64,20 @@ def uncovered(experiment: Experiment) -> Experiment:
 
 
 def without_rooms(results: Results) -> Results:
-    """Observations of no scene, or of scenes whose room is unknown."""
+    """Results whose observations have no room."""
     observed = {name: replace(one, observations=one.observations.assign(room=None))
                 for name, one in results.observed.items()}  # fmt: skip
     return replace(results, observed=observed)
 
 
 def empty_explorer(experiment: Experiment) -> Experiment:
-    """An explorer without entities, where it was run."""
+    """An experiment whose explorer, if it was run, has no entities."""
     tables = {name: frame.head(0) for name, frame in experiment.analyses.get("explorer", {}).items()}
     return replace(experiment, analyses={**experiment.analyses, "explorer": tables} if tables else experiment.analyses)
 
 
 def empty_analyses(experiment: Experiment) -> Experiment:
-    """Analyses whose tables have no rows, where they were run."""
+    """An experiment whose query breakdown, cross-validation and comparison of models, if run, have no rows."""
     empty = {name: experiment.analyses[name].head(0) for name in ("cross_validation", "compare_models")
              if name in experiment.analyses}  # fmt: skip
     queries = None if experiment.queries is None else experiment.queries.head(0)
@@ -85,22 +85,22 @@ def empty_analyses(experiment: Experiment) -> Experiment:
 
 
 def tied(experiment: Experiment) -> Experiment:
-    """As many ties as there are queries and rivals."""
+    """An experiment with 10,000 ties per run, which counts as collapsed."""
     return replace(experiment, ties=experiment.ties.assign(ties=10_000))
 
 
 def without(*scopes: str) -> Frames:
-    """Without any row of scopes."""
+    """A change: no rows of these scopes."""
     return lambda frame: frame[~frame["scope"].isin(scopes)] if {"scope", "mrr_star"} <= set(frame) else frame
 
 
 def everywhere(value: float) -> Frames:
-    """With one value for everything that was measured: a collapsed model."""
+    """A change: all measures have one value, as for a collapsed model."""
     return lambda frame: frame.assign(**{name: value for name in MEASURES if name in frame})
 
 
 EVERY_SCOPE = ("all", "novel", "novel_heldout", "known", "known_closed")
-#: By what is strange about them: other measures, ...
+#: Changes of measures by title, ...
 FRAMES: dict[str, Frames] = {
     "no query is about novel entities": without_queries("novel", "novel_heldout"),
     "no query is held out": without_queries("novel_heldout"),
@@ -115,7 +115,7 @@ FRAMES: dict[str, Frames] = {
     "all is zero": everywhere(0.0),
     "all is one": everywhere(1.0),
 }
-#: ... and all else.
+#: ... and all changes of results by title.
 STRANGE: dict[str, Callable[[Results], Results]] = {
     **{name: lambda one, change=change: changed(one, change) for name, change in FRAMES.items()},  # type: ignore[misc]
     "all scores are tied": lambda one: of_experiments(one, tied),

@@ -1,4 +1,4 @@
-"""Rules between the tables of one experiment, by hand on a small graph."""
+"""Rules that the tables of one experiment must satisfy together, tested with small hand-written tables."""
 
 from pathlib import Path
 

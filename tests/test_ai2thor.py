@@ -1,4 +1,4 @@
-"""Observations of AI2-THOR's and RoboTHOR's scenes: of hand-written ones, of the real recording, and of one alone."""
+"""Observations of AI2-THOR's and RoboTHOR's scenes: hand-written scenes, the real recording, and a single scene."""
 
 import gzip
 import json

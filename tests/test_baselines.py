@@ -1,4 +1,4 @@
-"""Baselines beyond the paper: by hand, against SciPy and NumPy, and at the limits of their options."""
+"""Baselines beyond the paper: against values by hand, SciPy and NumPy, and at the limits of their options."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Observations in batches, and their corruptions."""
+"""Batches of observations, and their corrupted triples."""
 
 import numpy as np
 import pytest

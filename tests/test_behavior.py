@@ -1,4 +1,4 @@
-"""BEHAVIOR-1K's scenes: from a small folder of the same form, from the package where it is, and from bad files."""
+"""BEHAVIOR-1K's scenes: from a small folder in its format, from the package if it is installed, and from bad files."""
 
 import json
 from importlib.metadata import distributions

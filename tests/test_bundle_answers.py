@@ -1,4 +1,4 @@
-"""Queries of a bundle: ranks, probabilities and calibration by hand, indicators, ablations, and names as typed."""
+"""Answers of a bundle: ranks, probabilities and calibration by hand, indicators, ablations, and spellings of names."""
 
 import math
 from dataclasses import replace

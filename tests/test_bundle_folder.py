@@ -1,4 +1,4 @@
-"""The folder of a bundle: it is read as it was written, or refused in one line; and the pipeline's final model."""
+"""The folder of a bundle is read as it was written, or refused in one line; and the pipeline's final model."""
 
 import json
 from dataclasses import fields, replace

@@ -1,4 +1,4 @@
-"""The grid on a cluster: a scheduler and two workers on loopback, one of which is killed at its task."""
+"""The grid on a cluster of a Dask scheduler and two workers on loopback; one worker is killed during its task."""
 
 import json
 import os

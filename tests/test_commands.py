@@ -1,4 +1,4 @@
-"""The command ``isi`` and what it does with entities: what it prints and writes, its help, and how it ends."""
+"""The command ``isi`` on entities: its output and files, its help, and its exit status."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Compiled updates against batches of one observation, by hand, and in stacks."""
+"""Compiled updates against batches of one observation, against values by hand, and in stacks."""
 
 import subprocess
 import sys

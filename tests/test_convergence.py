@@ -1,4 +1,4 @@
-"""When fine-tuning counts as converged, worked out by hand on a handful of runs."""
+"""The epoch at which fine-tuning counts as converged, against values by hand for a few runs."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A task runs on whatever device it is given, and what it gives back lies on the CPU."""
+"""A task computes on the device of its input, and its results are on the CPU."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Paired differences, Holm's correction and shares of the gain, worked out by hand."""
+"""Paired differences, Holm's correction and shares of the gain, against values by hand."""
 
 from dataclasses import replace
 from typing import Any

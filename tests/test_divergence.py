@@ -1,4 +1,4 @@
-"""A run whose numbers leave the numbers stops, and names experiment, size, seed, epoch and what to turn down."""
+"""A run with NaN or infinity stops; the message names experiment, size, seed, epoch and the option to lower."""
 
 import pickle
 from dataclasses import replace

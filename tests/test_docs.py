@@ -1,4 +1,4 @@
-"""The README and the pages of docs/ show what was made, their links lead somewhere, and their code runs."""
+"""The README and docs/: tables and numbers are current, links lead to existing targets, and the code runs."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""The grid gives the same bits however it is cut and spread, and the same draws to every initializer."""
+"""The grid gives equal bits for all stack heights and workers, and all initializers get equal random samples."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The explorer as readers use it: it shows what the tables of single insertions hold."""
+"""The explorer in a real browser shows the contents of the tables of single insertions."""
 
 from __future__ import annotations
 

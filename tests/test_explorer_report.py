@@ -1,4 +1,4 @@
-"""What the explorer of the page is given, by hand."""
+"""The data that the report gives to the explorer, against values by hand."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""``isi export``: what other tools find in what is written, and which predictions."""
+"""``isi export``: files that other tools can read, and predictions of missing triples."""
 
 import os
 import subprocess

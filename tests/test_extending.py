@@ -1,4 +1,4 @@
-"""Each thing of one's own does what docs/extending.md says, with the page's own code."""
+"""Each extension in docs/extending.md works as the page says, with the page's own code."""
 
 import json
 import sys

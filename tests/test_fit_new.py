@@ -1,4 +1,4 @@
-"""``isi.fit_new``: new rows learn alone; and what ``Inserted`` tells: nearest, distance, interference by hand."""
+"""``isi.fit_new`` trains new rows alone; nearest entities, distance and interference in ``Inserted`` by hand."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""``isi graph``: a graph of files of one's own, what it says of it, and what it refuses."""
+"""``isi graph`` on a user's files: the graph, the printed description, and refused input."""
 
 import gzip
 import json

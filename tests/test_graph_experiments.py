@@ -1,4 +1,4 @@
-"""Experiments on graphs of their own: the same as the stages of the first pipeline, one after the other, would give."""
+"""An experiment on a graph of the second pipeline gives the results of the first pipeline's stages on that graph."""
 
 from pathlib import Path
 

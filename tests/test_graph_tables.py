@@ -1,4 +1,4 @@
-"""The graph of an experiment: counted from observations, extended by what another source has, and with ids."""
+"""The graph of an experiment: counts of observations, entities of a second source, and ids."""
 
 from collections import Counter
 

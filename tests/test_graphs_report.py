@@ -1,4 +1,4 @@
-"""What the report says of other graphs, against two small ones beside a small experiment."""
+"""The report on other graphs, for two small graphs beside a small experiment."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Entities that are hidden from PyKEEN's training: their insert triples and queries, and the ranks of answers."""
+"""Entities hidden from PyKEEN's training: their insert triples, their queries, and the ranks of answers."""
 
 import json
 import sys

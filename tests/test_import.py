@@ -1,4 +1,4 @@
-"""``isi import``: what others have trained scores the same here, and no pickle is read that is not trusted."""
+"""``isi import``: an imported model gives the scores of the original, and no pickle is loaded without consent."""
 
 import json
 import os

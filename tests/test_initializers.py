@@ -1,4 +1,4 @@
-"""ES, RS and ERS against a plain loop; fallbacks, ties, ranges, controls; and what no initializer may see."""
+"""ES, RS and ERS against plain loops; fallbacks, ties, ranges, controls; no initializer sees held-out triples."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""``isi.insert``: what is promised to whoever has an embedding of his own, and that the pipeline's functions do it."""
+"""``isi.insert``: its documented behaviour on a user's embedding, and agreement with the pipeline's functions."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What tasks of insertion are made of: params, and the tables of an experiment."""
+"""The inputs of insertion tasks, from params and from the tables of an experiment."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""One session of incremental learning: what is measured immediately, and on what it is fine-tuned."""
+"""One session of incremental learning: the measures right after insertion, and the data of fine-tuning."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Runs that are killed, and run again; and that the comparison sees what is lost."""
+"""Killed runs of the pipeline: the next run restores all outputs, and the comparison detects missing ones."""
 
 import random
 import signal

@@ -1,4 +1,4 @@
-"""A stage reads no more of params than its pipeline lists for it: every stage runs with nothing else."""
+"""A stage reads only the params that its pipeline lists: every stage runs with those alone."""
 
 from collections.abc import Iterator
 from contextlib import chdir

@@ -1,4 +1,4 @@
-"""A mistake in what is typed, or in an argument of the library, ends in one line that names its place."""
+"""A mistake in a command line, or in an argument of the library, ends in one line that names its place."""
 
 import contextlib
 import io

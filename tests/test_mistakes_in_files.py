@@ -1,4 +1,4 @@
-"""Mining a file that is not what its reader reads ends in one line that names the file and the place."""
+"""Mining a file of the wrong format ends in one line that names the file and the place."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One battery over every registered model; what those that ship score by hand, and their numbers near zero."""
+"""Properties of every registered model; scores of the shipped models by hand, and their accuracy near zero."""
 
 import math
 from collections.abc import Callable

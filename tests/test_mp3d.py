@@ -1,4 +1,4 @@
-"""Matterport3D: tallies and houses as observations, in AI2-THOR's words."""
+"""Matterport3D: observations from tallies and from houses, in AI2-THOR's vocabulary."""
 
 from collections.abc import Sequence
 from pathlib import Path

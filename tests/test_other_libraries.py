@@ -1,4 +1,4 @@
-"""Tables of TorchKGE's models score by our models what they score there."""
+"""Our models give the scores of TorchKGE's models with the same tables."""
 
 from typing import Any
 

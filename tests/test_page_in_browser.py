@@ -1,4 +1,4 @@
-"""The page as readers see it: opened from a file in a real browser."""
+"""The page of the report, opened from a file in a real browser."""
 
 from __future__ import annotations
 

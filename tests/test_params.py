@@ -1,4 +1,4 @@
-"""What ``params.yaml`` may say, and how it is refused when it says something else."""
+"""Values that ``params.yaml`` may have, and the messages for values that are refused."""
 
 import operator
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One run of the whole pipeline through DVC on a small grid, then what an edit re-runs."""
+"""One run of the whole pipeline through DVC on a small grid, and the stages that an edit re-runs."""
 
 import json
 import os

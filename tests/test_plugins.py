@@ -1,4 +1,4 @@
-"""Packages that are open: what their modules register is found by name."""
+"""Plug-in packages: a name finds the object that a module of the package registers."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""ProcTHOR's houses: objects in the room whose floor they stand on, and what was recorded of their types."""
+"""ProcTHOR's houses: each object is in the room that contains it, and has the recorded properties of its type."""
 
 import gzip
 import hashlib

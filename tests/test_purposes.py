@@ -1,4 +1,4 @@
-"""What is drawn for which purpose: the names of random streams are part of every result, and stay as they are."""
+"""Random streams: their purposes and keys determine every result, and must not change."""
 
 import numpy as np
 import pytest

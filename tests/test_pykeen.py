@@ -1,4 +1,4 @@
-"""``isi.pykeen.insert``, against PyKEEN itself: scores, ranks, saving, further training."""
+"""``isi.pykeen.insert`` against PyKEEN itself: scores, ranks, saving and further training."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""MRR* by kind of query, against a handful of groups."""
+"""MRR* by kind of query in the report, against values by hand for a few groups."""
 
 from dataclasses import replace
 from typing import Any

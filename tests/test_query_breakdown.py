@@ -1,4 +1,4 @@
-"""Queries by kind: each group by hand, and all of them together as the measures of their scope."""
+"""The query breakdown: each group by hand; all groups together give the measures of their scope."""
 
 from dataclasses import replace
 

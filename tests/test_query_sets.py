@@ -1,4 +1,4 @@
-"""Scopes, and ranks in them, against brute force over dictionaries."""
+"""Scopes and the ranks in them, against brute force with dictionaries."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Ranks and MRR*: by hand, and as chance (against brute force: with the scopes)."""
+"""Ranks and MRR* against values by hand, and at chance (``test_query_sets`` has brute force)."""
 
 import math
 from collections.abc import Collection, Mapping

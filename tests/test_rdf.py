@@ -1,4 +1,4 @@
-"""RDF of one's own: what N-Triples and Turtle give, how their entities are named, and what is refused."""
+"""A user's RDF files: triples from N-Triples and Turtle, names of entities, and refused input."""
 
 import gzip
 from pathlib import Path

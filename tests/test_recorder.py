@@ -1,4 +1,4 @@
-"""The recorder drives the simulator's own controller, which starts a player of ours and speaks with it on the wire."""
+"""The recorder drives the simulator's own controller, which starts our player and exchanges messages with it."""
 
 import gzip
 import hashlib

@@ -1,4 +1,4 @@
-"""Recordings of either form read, and those of the recorder written, cut short and gone on with."""
+"""Recordings of both formats are read; those of the recorder are written, cut short and continued."""
 
 import errno
 import gzip

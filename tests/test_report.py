@@ -1,4 +1,4 @@
-"""The report's numbers, worked out by hand on a handful of runs."""
+"""The report's numbers, against values by hand for a few runs."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The page as a whole: whatever was run, it has a part for it and for nothing else."""
+"""The whole page: it has a section for each analysis that was run, and no other."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Figures as the page holds them."""
+"""Figures as elements of the page."""
 
 import re
 

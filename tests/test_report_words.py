@@ -1,4 +1,4 @@
-"""What the page calls things, what it explains, and what it answers first."""
+"""Labels, glossary and summary of the page."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The paper's rule for the size of the indicator set, worked out by hand."""
+"""The paper's rule for the indicator set size, against values by hand."""
 
 import pytest
 

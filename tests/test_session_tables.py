@@ -1,4 +1,4 @@
-"""Sessions as tables: who counts as added, what is refused, and one split for each seed."""
+"""Sessions as tables: which entities count as added, refused input, and one split for each seed."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Splits, novel sets, insert triples and what they make of a graph, as properties of random graphs."""
+"""Splits, novel sets, insert triples and the resulting sessions, as properties of random graphs."""
 
 from contextlib import nullcontext
 from typing import Any

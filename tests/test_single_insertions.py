@@ -1,4 +1,4 @@
-"""Single insertions: whose vectors make a centre, where vectors lie, and which answers come first."""
+"""Single insertions: the indicators of a centre, positions on the map, and the order of answers."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Sources as data: registered in one place, set from their signatures, and named when they end."""
+"""Sources as data: registered in one place, with settings from signatures, and named in error messages."""
 
 import gzip
 from collections.abc import Callable, Iterator

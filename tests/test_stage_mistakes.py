@@ -1,4 +1,4 @@
-"""A user's mistake ends a stage in one line that names the file and the place, and earlier outputs stay."""
+"""A user's mistake ends a stage in one line that names the file and the place; earlier outputs stay."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The pipelines' description against their code: what stages import, read and were locked with, and are given."""
+"""The pipelines' descriptions against the code: imports, params, locks and arguments of every stage."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""Commands that are stopped on purpose, and a second one where the first still runs: one line, and no process left."""
+"""Stopped commands, and a second run in the same folder: one line of output, and no process stays."""
 
 import os
 import signal

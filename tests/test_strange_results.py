@@ -1,4 +1,4 @@
-"""The report on results that are lawful and strange: a dash, a sentence or one line, and never a traceback."""
+"""The report on valid but unusual results: a dash, a sentence or a one-line error, never a traceback."""
 
 import re
 from collections.abc import Collection

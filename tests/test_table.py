@@ -1,4 +1,4 @@
-"""Tables of triples of one's own: what they give, how their entities are named, and what is refused."""
+"""A user's tables of triples: observations, names of entities, and refused input."""
 
 import gzip
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The tools around the pipeline: progress, workspaces, the choice of settings, and words."""
+"""The tools around the pipeline: progress, workspaces, comparison of settings, and words."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Adagrad, the loop over epochs, and models that come and go in a stack."""
+"""Adagrad, the loop over epochs, and models that leave a stack when they stop."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the report says of the transfer, and of the paper, against small tables worked out by hand."""
+"""The report on the transfer and on the paper's numbers, against values by hand for small tables."""
 
 from dataclasses import replace
 

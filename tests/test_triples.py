@@ -1,4 +1,4 @@
-"""Graphs published as triples: hand-made files of ids, bad ones, and the three graphs that ship."""
+"""Graphs published as triples: hand-written files of ids, bad files, and the three shipped graphs."""
 
 from collections import Counter
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Experiments under other conditions: fewer insert triples, other params, and runs as the first pipeline has them."""
+"""Variants: fewer insert triples, other params, and agreement with the first pipeline's runs."""
 
 import re
 from collections import Counter

@@ -1,4 +1,4 @@
-"""What the report says of what lies beyond the paper, against a handful of runs and answers."""
+"""The report on variants and other graphs, against values by hand for a few runs and answers."""
 
 from collections.abc import Mapping
 from dataclasses import replace

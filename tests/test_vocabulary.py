@@ -1,4 +1,4 @@
-"""Names in the code are the field's: none of the words below names a package, module, class, function or param."""
+"""Names in the code are the field's: no package, module, class, function or param has one of the words below."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Word vectors: every form of file, every way to look a phrase up, and every broken file."""
+"""Word vectors: every file format, every way to look a phrase up, and broken files."""
 
 import gzip
 import json

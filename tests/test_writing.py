@@ -1,4 +1,4 @@
-"""Outputs that cannot be written: one line, the earlier ones stand, and nothing is left behind."""
+"""Outputs that cannot be written: a one-line error, unchanged earlier outputs, and no temporary files."""
 
 import errno
 import os

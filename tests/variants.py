@@ -1,4 +1,4 @@
-"""Small variants and graphs of the second pipeline, for tests of the report to share."""
+"""Small variants and graphs of the second pipeline for tests of the report."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from isi.analyses.variants import Variant
 from isi.report.data import VariantRuns
 from tests.reports import runs, small_params
 
-#: Of a model: its answers with the novel entity given, by seed.
+#: By model: MRR* of queries that give the novel entity, for each seed.
 Given = Mapping[str, Sequence[float]]
 
 ENTITIES = pd.DataFrame({"entity": ["mug", "cup board", "kitchen", "open"],
@@ -22,7 +22,7 @@ TRIPLES = pd.DataFrame(
 
 
 def queries_of(experiment: str, given: Given) -> pd.DataFrame:
-    """Answers of scope novel; nothing but the queries that give the novel entity and ask for another has a part."""
+    """Rows of the query breakdown: ``given``, and rows of other queries with other values, which must be ignored."""
     rows = [
         (model, seed, hidden, novel, mrr_star)
         for model, values in given.items()
@@ -40,7 +40,7 @@ def queries_of(experiment: str, given: Given) -> pd.DataFrame:
 def runs_of(
     experiment: str, immediate: Mapping[str, float], later: Mapping[tuple[str, int], Sequence[float]]
 ) -> pd.DataFrame:
-    """Runs with the same MRR* in scopes all and novel of both seeds at first, and later MRR* in novel_heldout."""
+    """Runs: ``immediate`` MRR* at epoch 0 (scopes all and novel, both seeds), and ``later`` MRR* (novel_heldout)."""
     rows = [(model, scope, 5, seed, 0, value) for model, value in immediate.items() for scope in ("all", "novel")
             for seed in (0, 1)]  # fmt: skip
     rows += [(model, "novel_heldout", 5, seed, epoch, value) for (model, seed), values in later.items()
@@ -51,7 +51,7 @@ def runs_of(
 def variant(
     group: str, given: Mapping[str, Given], immediate: Mapping[str, float] | None = None, **entry: Any
 ) -> list[VariantRuns]:
-    """A variant on experiments, by its answers with the novel entity given; the same immediate runs of each."""
+    """A variant with ``given`` MRR* by experiment and model, and with the same immediate MRR* in each experiment."""
     models = list(dict.fromkeys(name for values in given.values() for name in values if name != "joint"))
     listed = {"title": group, "group": group, "experiments": list(given), "initializers": models, "size": 5, "seeds": 2}
     later, key = entry.pop("later", {}), entry.pop("key", group)

@@ -1,4 +1,4 @@
-"""The graph of the experiment, made as its stages make it, and settings that all benchmarks share."""
+"""The graph of the main experiment, built as its stages build it, and settings of all benchmarks."""
 
 import os
 from importlib.metadata import version

@@ -1,4 +1,4 @@
-"""The work of a benchmark in a process of its own, which reports seconds and peak memory as JSON.
+"""The work of benchmarks: each runs in its own process, and reports seconds and peak memory as JSON.
 
 python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 100000, "form": "lists"}'
 

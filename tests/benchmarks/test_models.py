@@ -1,4 +1,4 @@
-"""ComplEx and DistMult against PyKEEN's, on UMLS as its package holds it: the same split, dimension and filter.
+"""ComplEx and DistMult against PyKEEN's on UMLS, with PyKEEN's split and the same dimension and filter.
 
 Each is trained until validation triples say stop, in the way that they liked best of those tried:
 ours with Adagrad at 0.1 and 0.5, PyKEEN's with Adagrad at 0.1 and Adam at 0.01, with and without

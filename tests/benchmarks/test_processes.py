@@ -1,4 +1,4 @@
-"""Time and memory of work in a process of its own: mining houses, growing graphs, and ``isi.insert``, on one thread."""
+"""Time and memory of mining, of growing graphs and of ``isi.insert``, each in its own process on one thread."""
 
 import json
 import subprocess

@@ -1,1 +1,1 @@
-"""Every reader on files that are nearly what it reads: it gives a lawful table, or refuses in one line."""
+"""Fuzz tests of readers: each slightly changed file gives a valid table, or is refused in one line."""

@@ -1,4 +1,4 @@
-"""Read changed files by the thousand and write what became of them into docs/benchmarks/fuzz.md: ``make fuzz``.
+"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.md: ``make fuzz``.
 
 What is neither read nor refused in one line within ten seconds and 2 GiB is kept under .fuzz/, and the status is 1.
 

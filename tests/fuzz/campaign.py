@@ -1,4 +1,4 @@
-"""Changed files by the thousand, format by format, and what became of them."""
+"""Thousands of changed files by format, and the counts of their outcomes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field

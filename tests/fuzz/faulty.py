@@ -1,4 +1,4 @@
-"""Readers that do what no reader may, so that tests see that it is noticed."""
+"""Readers with faults, which the fuzz tests must detect."""
 
 import os
 import re

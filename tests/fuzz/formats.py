@@ -1,4 +1,4 @@
-"""Every format that is read: small lawful files of it, and how it is read where they lie."""
+"""All formats that are read: small valid files of each, and the function that reads them."""
 
 import gzip
 import hashlib

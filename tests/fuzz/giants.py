@@ -1,4 +1,4 @@
-"""Files that are lawful but for their size, or as deep as no file should be: of each format that can be."""
+"""Files of extreme size or depth, for each format that allows them."""
 
 import gzip
 import json

@@ -1,4 +1,4 @@
-"""Small lawful files, changed: their bytes, lines, fields, JSON values, or the columns of a Parquet table."""
+"""Random changes of small valid files: of bytes, lines, fields, JSON values, or columns of a Parquet table."""
 
 import codecs
 import gzip

@@ -1,4 +1,4 @@
-"""Some hundreds of changed files in a process of their own; files that differ in their form alone; the largest ones."""
+"""Some hundreds of changed files in another process; equivalent files in other forms; the largest files."""
 
 import codecs
 import gzip

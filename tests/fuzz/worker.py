@@ -1,4 +1,4 @@
-"""A process that reads files within limits: 2 GiB more than it has at its start, and ten seconds of its own time."""
+"""A process that reads files within limits: 2 GiB of additional memory, and ten seconds of its own CPU time."""
 
 import multiprocessing
 import os

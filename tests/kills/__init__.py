@@ -1,1 +1,1 @@
-"""Runs of the pipeline that are killed at random, or find no room, and are gone on with: nothing may be lost by it."""
+"""Runs of the pipeline that are killed at random, or find no disk space, and are continued without loss."""

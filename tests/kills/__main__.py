@@ -1,4 +1,4 @@
-"""Strike runs of the pipeline, and write what became of them into docs/benchmarks/kills.md: ``make kill-test``.
+"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.md: ``make kill-test``.
 
 Twenty runs of a small pipeline are struck at a random moment: the run, DVC, a stage or a worker, by KILL, TERM or INT;
 then some whose files may not grow, or whose file system is full. After each, another run has to make every output the

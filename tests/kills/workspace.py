@@ -1,4 +1,4 @@
-"""A small pipeline whose runs can be struck."""
+"""A small pipeline whose runs can be killed or starved of disk space."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""Mistakes in files that readers mine: what is wrong, and which places the message must name."""
+"""Mistakes in files that readers mine: the faulty content, and the places that the message must name."""
 
 import gzip
 import json

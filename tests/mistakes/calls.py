@@ -1,4 +1,4 @@
-"""Mistakes in what is typed, and in arguments of the library: how each is made, and what its message must name."""
+"""Mistakes in command lines and in arguments of the library, and the places that the message must name."""
 
 import gzip
 import shutil

@@ -1,4 +1,4 @@
-"""Mistakes in what is typed: of embeddings (``isi insert``, ``ask``, ``nearest``, ``explain``)."""
+"""Mistakes in command lines about embeddings (``isi insert``, ``ask``, ``nearest``, ``explain``)."""
 
 from collections.abc import Callable
 from pathlib import Path

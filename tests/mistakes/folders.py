@@ -1,4 +1,4 @@
-"""Folders of embeddings that are broken: what every command says that reads one."""
+"""Broken folders of bundles, and the message of every command that reads one."""
 
 from collections.abc import Callable
 from pathlib import Path

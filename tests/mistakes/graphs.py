@@ -1,4 +1,4 @@
-"""Mistakes in what is typed: of graphs (``isi graph``, ``export``, ``check``)."""
+"""Mistakes in command lines about graphs (``isi graph``, ``export``, ``check``)."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Mistakes in what ``isi import`` reads."""
+"""Mistakes in the input of ``isi import``."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Mistakes in the arguments of ``isi.insert``, ``isi.fit_new`` and of what an insertion gives."""
+"""Mistakes in the arguments of ``isi.insert``, ``isi.fit_new`` and of the methods of ``Inserted``."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tables, triples, word vectors and the files of Matterport3D and BEHAVIOR-1K that are none."""
+"""Invalid tables, triples, word vectors, and files of Matterport3D and BEHAVIOR-1K."""
 
 import gzip
 import struct

@@ -1,4 +1,4 @@
-"""Scenes, recordings and houses that are none."""
+"""Invalid scenes, recordings and houses."""
 
 import gzip
 import json

@@ -1,4 +1,4 @@
-"""Mistakes in params (``test_params`` has more), in the recorder's, and of the tools around the pipeline."""
+"""Mistakes in params (``test_params`` has more), of the recorder and of the tools around the pipeline."""
 
 import gzip
 import json
