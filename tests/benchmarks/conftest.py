@@ -18,7 +18,7 @@ from isi.tables import paths
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
-    """Say what ran beside where it ran."""
+    """Add the number of cores and the versions of packages to the description of the machine."""
     machine_info["cores"] = os.cpu_count()
     machine_info["versions"] = {name: version(name).partition("+")[0] for name in ("torch", "torchkge", "pykeen")}
 
@@ -36,7 +36,7 @@ def params() -> Params:
 
 @pytest.fixture(scope="session")
 def home() -> Graph:
-    """The graph of AI2-THOR's scenes."""
+    """The graph of the experiment ``ai2thor``."""
     source = Source(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor", 0)
     observations = pa.concat_tables(source.tables()).to_pandas()
     made = build_tables(MinedSource("ai2thor", observations, source.kinds))
@@ -44,6 +44,6 @@ def home() -> Graph:
 
 
 def split_session(home: Graph, params: Params, models: int) -> Session:
-    """A session of several models, each with the split of a seed."""
+    """A session of ``models`` models, each with the splits of its seed."""
     shares = params.sessions.valid, params.sessions.test
     return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))

@@ -2,7 +2,7 @@
 
 python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 100000, "form": "lists"}'
 
-Each function imports what it needs, so that no memory is that of another one's modules.
+Each function imports its own modules, so that its memory does not include modules of other functions.
 """
 
 import json
@@ -17,21 +17,21 @@ from timeit import Timer
 from typing import Any
 
 RELATIONS = 3
-#: The share of an entity among heads (or tails) falls with this power of its place.
+#: Entity number i is a head (or a tail) with a probability proportional to i to the power of minus ``POWER``.
 POWER = 0.75
 TEST_TRIPLES = 200
-#: ``batches.DENSE_LIMIT`` that makes every graph take a form.
+#: Values of ``batches.DENSE_LIMIT`` with which batches of every graph take the form.
 LIMITS = {"tables": 2**62, "lists": 0}
 
 
 def peak_mib() -> int:
-    """The most memory that this process has held at a time (resident, MiB; Linux)."""
+    """Peak resident memory of this process in MiB (Linux)."""
     status = Path("/proc/self/status").read_text(encoding="utf-8")
     return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) // 1024
 
 
 def mine_houses(houses: int, table: str) -> dict[str, Any]:
-    """Mine the recorded scenes over and over, each time with other names of the scene and its objects."""
+    """Mine ``houses`` scenes: the recorded ones repeatedly, each time with new names of the scene and its objects."""
     from isi.config import read
     from isi.sources import OBSERVATIONS, settings_of
     from isi.sources.ai2thor import materials_of, mine
@@ -55,7 +55,7 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
 
 
 def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
-    """Mine a source into a table."""
+    """Mine the source with these settings into a table."""
     from isi.sources import OBSERVATIONS, Source
 
     start = time.perf_counter()
@@ -66,7 +66,7 @@ def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
 
 
 def insert(entities: int, dimension: int, new: int, rounds: int) -> dict[str, Any]:
-    """Insert entities with three insert triples each into an embedding of random numbers; median of the rounds."""
+    """Insert ``new`` entities with three insert triples each into a random embedding; median seconds of the rounds."""
     import numpy as np
     import torch
 
@@ -88,7 +88,7 @@ def insert(entities: int, dimension: int, new: int, rounds: int) -> dict[str, An
 
 
 def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
-    """Run an epoch and a ranking on a random graph in which few entities have most of the edges."""
+    """Run an epoch and a ranking on a random graph with few entities of high degree (``POWER``)."""
     import numpy as np
     import torch
 
@@ -117,7 +117,7 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     names = [[f"{number}" for number in range(count)] for count in (entities, RELATIONS)]
     graph = Graph(*names, ids, torch.ones(triples, dtype=torch.int64), torch.zeros(entities, dtype=torch.int64))
 
-    raw = config.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
+    raw = config.read(paths.PARAMS)  # by section, since ``params.load`` also loads sources
     settings = config.check(raw["embedding"], EmbeddingParams, "embedding")
     negatives = config.check(raw["negatives"], batches.Negatives, "negatives")
     training = config.check(raw["training"], trainer.Training, "training")
@@ -147,7 +147,7 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
 
 
 def seconds_of(work: Callable[[], object]) -> float:
-    """Of one call: the mean of as many as take a fifth of a second."""
+    """Mean seconds of a call, over a number of calls that take at least 0.2 seconds in total."""
     calls, total = Timer(work).autorange()
     return total / calls
 

@@ -1,8 +1,8 @@
 """ComplEx and DistMult against PyKEEN's on UMLS, with PyKEEN's split and the same dimension and filter.
 
-Each is trained until validation triples say stop, in the way that they liked best of those tried:
-ours with Adagrad at 0.1 and 0.5, PyKEEN's with Adagrad at 0.1 and Adam at 0.01, with and without
-its own regularizer and constraint. PyKEEN's evaluator ranks the test triples for both.
+Each is trained with early stopping and with the best options on validation triples. Options tried: for
+ours Adagrad at 0.1 and 0.5; for PyKEEN's Adagrad at 0.1 and Adam at 0.01, with and without its own
+regularizer and constraint. PyKEEN's evaluator ranks the test triples for both.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ from isi.training.trainer import Training, train_until_best
 DIMENSION = 100
 NEGATIVES = Negatives(mode="expected", ratio=9, head_pool="unseen")
 SETTINGS = Training(batch_size=256, learning_rate=0.5, weight_decay=0.0, max_epochs=200, evaluate_every=5, patience=4)
-#: Looks at PyKEEN's validation triples: every 10 epochs, until 4 are no better, or for as many epochs as ours at most.
+#: Validation of PyKEEN's models: every ``EPOCHS`` epochs, with this patience and this maximum number of evaluations.
 EPOCHS, PATIENCE, LOOKS = 10, 4, 20
 WITHIN = 0.02
 PYKEEN: dict[str, tuple[type[ERModel], dict[str, Any], type[torch.optim.Optimizer], float]] = {
@@ -60,7 +60,7 @@ def ours(name: str, session: Session) -> Embedding:
 
 
 def as_pykeen(embedding: Embedding, model: ERModel) -> ERModel:
-    """A model of theirs with the vectors of ours."""
+    """PyKEEN's model with the vectors of our embedding."""
     tables = (embedding.entity[0], embedding.relation[0])
     for table, theirs in zip(tables, (model.entity_representations, model.relation_representations), strict=True):
         (weights,) = theirs[0].parameters()
@@ -70,7 +70,7 @@ def as_pykeen(embedding: Embedding, model: ERModel) -> ERModel:
 
 
 def mean_reciprocal_rank(model: ERModel, umls: UMLS, triples: Tensor) -> float:
-    """Of head and tail queries, with every triple of the dataset as filter."""
+    """MRR of head and tail queries, with all triples of the dataset as filter."""
     known = [umls.training.mapped_triples, umls.validation.mapped_triples, umls.testing.mapped_triples]
     evaluator = RankBasedEvaluator()
     result = evaluator.evaluate(model, triples, batch_size=512, additional_filter_triples=known, use_tqdm=False)
@@ -78,7 +78,7 @@ def mean_reciprocal_rank(model: ERModel, umls: UMLS, triples: Tensor) -> float:
 
 
 def theirs(name: str, umls: UMLS) -> float:
-    """Test MRR at the look that was best on validation triples."""
+    """Test MRR of PyKEEN's model at the evaluation with the best validation MRR."""
     model_class, options, optimizer_class, rate = PYKEEN[name]
     model = model_class(triples_factory=umls.training, random_seed=0, loss="softplus", **options)
     optimizer = optimizer_class(model.get_grad_params(), rate)  # type: ignore[call-arg]

@@ -18,7 +18,7 @@ LARGE = [10_000, 100_000]
 
 
 def report(work: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Run work of ``processes`` in a process of its own."""
+    """Run a function of ``processes`` in a new process, and return its report."""
     command = [sys.executable, "-m", "tests.benchmarks.processes", work, json.dumps(settings)]
     reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     return reported
@@ -27,7 +27,7 @@ def report(work: str, settings: dict[str, Any]) -> dict[str, Any]:
 def measured(
     benchmark: Any, group: str, most_seconds: float, most_mib: float, work: str, **settings: Any
 ) -> dict[str, Any]:
-    """Run work once, which must not take more seconds or memory."""
+    """Run a function of ``processes`` once, and check its limits of seconds and memory."""
     benchmark.group = group
     reported: dict[str, Any] = benchmark.pedantic(report, args=(work, settings), rounds=1)
     assert reported["seconds"] <= most_seconds
@@ -36,7 +36,7 @@ def measured(
 
 
 def test_ten_thousand_houses_of_tables(benchmark: Any, tmp_path: Path) -> None:
-    """Of some 470,000 objects: memory does not grow with their number."""
+    """With about 470,000 objects: memory must not grow with their number."""
     table = str(tmp_path / "houses.parquet")
     reported = measured(benchmark, "mining", 60, GIB, "mine_houses", houses=HOUSES, table=table)
     benchmark.extra_info.update(reported, houses=HOUSES)
@@ -51,7 +51,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("materials", ["suncg", "simulator"])
 def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: Path, materials: str) -> None:
-    """Nearly all objects are in a room."""
+    """Nearly all objects must be assigned to a room."""
     settings = {"reader": "procthor_houses", "path": str(file), "sha256": None, "materials": materials}
     table = str(tmp_path / "houses.parquet")
     reported = measured(benchmark, "houses", 60, GIB, "mine_source", settings=settings, table=table)
@@ -64,7 +64,7 @@ def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: P
     ("form", "entities"), [*(("tables", e) for e in SMALL), *(("lists", e) for e in SMALL + LARGE)]
 )
 def test_growth(benchmark: Any, entities: int, form: str) -> None:
-    """With batches as tables and as lists."""
+    """An epoch with batches as tables or as lists."""
     settings = {"entities": entities, "triples": TRIPLES_PER_ENTITY * entities, "form": form}
     benchmark.group = "growth"
     benchmark.extra_info.update(benchmark.pedantic(report, args=("grow_graph", settings), rounds=1))

@@ -1,8 +1,8 @@
-"""Filtered ranking of test triples against PyKEEN's evaluator, with the same ranks.
+"""Time of filtered ranking of test triples against PyKEEN's evaluator; ranks must be equal.
 
-Both rank by the scores of one ComplEx model. Its vectors are whole numbers: scores are then exact,
-and ties as frequent as they can be. Ours asks for relations, too, and compares with true ranks;
-PyKEEN gives the mean reciprocal rank of heads and tails alone.
+Both rank by the scores of one ComplEx model. Its vectors are whole numbers, so that scores are
+exact and ties frequent. Ours also ranks relations, and compares with true ranks; PyKEEN computes
+the mean reciprocal rank of heads and tails alone.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ NOVEL = 5
 
 
 def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts: object) -> None:
-    """Time a ranking that asks about a number of triples."""
+    """Time a ranking of the queries of ``triples`` triples."""
     benchmark.group = "ranking"
     benchmark.extra_info.update(facts, triples=triples)
     benchmark.pedantic(ranked, rounds=15, warmup_rounds=2)
@@ -54,21 +54,21 @@ def complex_model(home: Graph, params: Params) -> ComplEx:
 
 @pytest.fixture(scope="module")
 def embedding(complex_model: ComplEx) -> Embedding:
-    """The same model, as a stack of one."""
+    """The vectors of PyKEEN's model as an embedding, a stack of one."""
     parts = complex_model.entity_representations, complex_model.relation_representations
     tables = (torch.cat([part[0]().real, part[0]().imag], -1)[None].detach() for part in parts)
     return Embedding(*tables, make_model("complex", {}, "models.complex"))
 
 
 def ask(session: Session) -> Queries:
-    """The test triples, where no known triple is a rival, test triples among them."""
+    """Queries of the test triples; the filter is all train, validation and test triples."""
     queried = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
     return make_queries(session, padded_ids(queried), queried, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
-    """Of the head and the tail query of each test triple: a stack in which each model is asked for one triple."""
+    """Mean reciprocal rank of the head and tail query of each test triple; model i of the stack queries triple i."""
     triples = session.members(TEST)[0].nonzero()
     number = len(triples)
     queried = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
@@ -108,7 +108,7 @@ def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, se
 
 
 def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
-    """What a stack is asked after each epoch of fine-tuning."""
+    """The ranking of a stack after each epoch of fine-tuning."""
     session = split_session(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
     novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])

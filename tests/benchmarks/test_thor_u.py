@@ -1,8 +1,8 @@
-"""ANALOGY and TransE on THOR_U against its authors' figures for the whole graph, on their split.
+"""MRR and Hits@10 of ANALOGY and TransE on THOR_U against its authors' numbers for the whole graph, on their split.
 
-The figures are those in the README of adaruna3/continual-kge: the best look at the validation triples, which its script
-evaluates again as its test. Ours are of the look that was best by validation MRR*: at the validation triples, and at
-those for test. Each family has the rate, decay and options that validation triples liked best of those tried.
+The authors' numbers are in the README of adaruna3/continual-kge: the best evaluation on validation triples, which their
+script uses as test triples. Ours are from the evaluation with the best validation MRR*: on validation triples, and on
+test triples. Each model has the learning rate, weight decay and options that were best on validation triples.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from isi.training.trainer import Training, train_until_best
 
 MODELS = 5
 DIMENSION = 100
-#: Ten times that of the pipeline: so few observations of so many relations do not pull ANALOGY away from zero.
+#: Ten times that of the pipeline: with few observations per relation, ANALOGY stays near zero otherwise.
 INIT_RANGE = 0.1
 NEGATIVES = Negatives(mode="expected", ratio=3, head_pool="all")
 WITHIN = 0.02
@@ -32,7 +32,7 @@ WITHIN = 0.02
 
 @dataclass(frozen=True)
 class Setting:
-    """How a family is trained, and its authors' MRR and Hits@10."""
+    """Training options of a model, and the authors' (MRR, Hits@10)."""
 
     label: str
     options: dict[str, Any]
@@ -49,7 +49,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="module")
 def session() -> Session:
-    """The authors' split, for each of the models."""
+    """A session of ``MODELS`` models, each with the authors' split."""
     table = pd.read_csv(paths.RAW / "thor_u" / "triples.csv")
     entities, relations = sorted({*table["head"], *table["tail"]}), sorted(set(table["relation"]))
     columns = (("head", entities), ("relation", relations), ("tail", entities))
@@ -60,7 +60,7 @@ def session() -> Session:
 
 
 def trained(name: str, session: Session) -> Embedding:
-    """Models of a family, each at its best look."""
+    """A stack of trained models, each at the epoch with its best validation MRR*."""
     setting, keys = SETTINGS[name], torch.arange(MODELS)[:, None].expand(-1, 2)
     family, relations = make_model(name, setting.options, name), len(session.graph.relations)
     start = uniform(session.entities, relations, family, DIMENSION, INIT_RANGE, 0, keys)
@@ -73,13 +73,13 @@ def trained(name: str, session: Session) -> Embedding:
 
 
 def measured(embedding: Embedding, session: Session, split: int) -> tuple[float, float]:
-    """MRR and Hits@10 of head and tail queries of a split, with every triple as filter; means over the models."""
+    """MRR and Hits@10 of head and tail queries of a split, with all triples as filter; means over the models."""
     ranks = filtered_ranks(embedding, session.graph.triples, (session.splits[0] == split).nonzero()[:, 0])
     return float((1 / ranks).mean()), float((ranks <= 10).float().mean())
 
 
 def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tensor:
-    """Ranks of the tails, then of the heads, of some of the known triples; shape (M, 2Q)."""
+    """Filtered ranks of the tails, then of the heads, of the triples ``known[queried]``; shape (M, 2Q)."""
     models, entities = embedding.entity.shape[:2]
     head, relation, tail = (column.expand(models, -1) for column in known[queried].T)
     is_true = torch.zeros(len(embedding.relation[0]), entities, entities, dtype=torch.bool)

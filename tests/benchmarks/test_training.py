@@ -1,7 +1,7 @@
 """Training against TorchKGE and PyKEEN, in triples scored per second: an epoch of batches, and of single observations.
 
-All learn from the training observations of one split, repeats included. An observation is scored with 9 corrupted
-tails, 9 heads and 9 relations here, and with 9 corrupted triples in all there.
+All train on the training observations of one split, with repetitions. Ours scores each observation with 9 corrupted
+tails, 9 corrupted heads and 9 corrupted relations; the others with 9 corrupted triples in total.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from isi.training.trainer import Training
 from tests.benchmarks.conftest import split_session
 
 ROUNDS = 5
-#: Observations that are trained on one by one where that is not compiled.
+#: Number of single observations in an epoch without compilation.
 FEW = 200
-#: Single observations run on one thread: what else the machine does costs them no time of the processor.
+#: Updates by single observations run on one thread; CPU time excludes other work of the machine.
 singly = pytest.mark.benchmark(timer=time.process_time)
 
 
 def time_batches(benchmark: Any, epoch: Callable[[], object], scored: int, **facts: object) -> None:
-    """Time epochs in which a number of triples is scored."""
+    """Time epochs, each of which scores ``scored`` triples."""
     benchmark.group = "training"
     benchmark.extra_info.update(facts, scored=scored)
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
 
 
 def time_updates(benchmark: Any, epoch: Callable[[], object], observations: int, each: int, what: str) -> None:
-    """Time updates for some observations, each with a number of triples scored."""
+    """Time the updates of ``observations`` observations, each of which scores ``each`` triples."""
     benchmark.group = "one_by_one"
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
     seconds = benchmark.stats.stats.median
@@ -60,7 +60,7 @@ def time_updates(benchmark: Any, epoch: Callable[[], object], observations: int,
 
 @pytest.fixture(scope="module")
 def observations(home: Graph, params: Params) -> Tensor:
-    """The first model's training observations, as triples; shape (N, 3)."""
+    """The training observations of the first model as triples, with repetitions; shape (N, 3)."""
     train = split_session(home, params, 1).members(TRAIN)[0]
     return home.triples[train].repeat_interleave(home.counts[train], 0)
 

@@ -1,6 +1,6 @@
 """Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.md: ``make fuzz``.
 
-What is neither read nor refused in one line within ten seconds and 2 GiB is kept under .fuzz/, and the status is 1.
+Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit status is then 1.
 
 python -m tests.fuzz [--inputs 10000] [--seed 0] [--format NAME] [--out FILE]
 """
@@ -27,9 +27,9 @@ COLUMNS = [
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=10_000, help="of all formats together (10,000)")
-    parser.add_argument("--seed", type=int, default=0, help="of what is drawn (0)")
-    parser.add_argument("--format", choices=list(FORMATS), help="one alone; nothing is written into docs")
+    parser.add_argument("--inputs", type=int, default=10_000, help="number of files over all formats (10,000)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random changes (0)")
+    parser.add_argument("--format", choices=list(FORMATS), help="only this format; docs are not written")
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
     given = parser.parse_args()
     names = [given.format] if given.format else list(FORMATS)
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def write_faults(counts: Counts) -> None:
-    """Write the files of faults, each into a folder of its own, and say what is wrong with them."""
+    """Write the files of each fault into a folder under .fuzz/, and print the problem."""
     for number, (problem, files) in enumerate(counts.faults):
         folder = FAULTS / f"{counts.format.replace(', ', ' ').replace(' ', '-')}-{number}"
         for name, content in {**files, "fault.txt": problem.encode(errors="backslashreplace")}.items():

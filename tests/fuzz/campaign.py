@@ -13,14 +13,14 @@ from tests.fuzz.worker import Outcome, Worker
 
 @dataclass
 class Counts:
-    """What became of the inputs of a format."""
+    """Counts of the outcomes for the inputs of a format."""
 
     format: str
     read: int = 0
     refused: int = 0
     seconds: float = 0.0
     mib: int = 0
-    #: what is wrong with files that were neither read nor refused
+    #: the problem and the files of inputs that were neither read nor refused
     faults: list[tuple[str, Files]] = field(default_factory=list)
 
     def add(self, files: Files, outcome: Outcome, case: str = "") -> None:
@@ -35,13 +35,13 @@ class Counts:
         return self.read + self.refused + len(self.faults)
 
     def row(self) -> tuple[object, ...]:
-        """Of the table."""
+        """The row of the table in docs/benchmarks/fuzz.md."""
         faults = len(self.faults)
         return self.format, self.inputs, self.read, self.refused, faults, self.seconds, self.mib
 
 
 def read_changed(name: str, inputs: int, root: int, worker: Worker) -> Counts:
-    """Change the files of a format so many times, and read them."""
+    """Read ``inputs`` random changes of the files of a format."""
     counts = Counts(name)
 
     @seed(root)
@@ -58,13 +58,13 @@ def read_changed(name: str, inputs: int, root: int, worker: Worker) -> Counts:
 
 
 def try_format(name: str, inputs: int, root: int) -> Counts:
-    """The same in a process of its own."""
+    """``read_changed`` with a new process for reading."""
     with Worker() as worker:
         return read_changed(name, inputs, root, worker)
 
 
 def try_giants(names: Iterable[str] = tuple(GIANTS)) -> Counts:
-    """Read the largest and deepest files; those of faults are too large to be written."""
+    """Read the largest and deepest files; files of faults are not kept, since they are large."""
     counts = Counts("giants: a million objects, rows or levels")
     with Worker() as worker:
         for name in names:

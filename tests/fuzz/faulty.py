@@ -12,7 +12,7 @@ OUT = Path("out/table.parquet")
 
 
 class Verbatim(InputError):
-    """A mistake whose line is neither cut nor made printable."""
+    """An ``InputError`` whose message is neither shortened nor escaped."""
 
     def __str__(self) -> str:
         return ": ".join(part for part in self.args if part)

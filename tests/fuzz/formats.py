@@ -100,25 +100,25 @@ HEADER: Mapping[str, Any] = {"build": "thor-1", "package": "5.0.0"}
 
 @dataclass(frozen=True)
 class Format:
-    """Small lawful files, and how they are read from the folder that holds them."""
+    """Small valid files, and a function that reads them in the current folder."""
 
     files: Files
-    #: gives what two files of the same meaning have alike
+    #: returns a text that is equal for files with equal content
     read: Callable[[], str]
-    #: outputs that stay as they are where a file is refused
+    #: outputs that must not change if a file is refused
     writes: tuple[Path, ...] = ()
-    #: of params, where it is a source
+    #: section of params, if the format is a source
     section: Mapping[str, Any] = field(default_factory=dict)
 
 
 def shipped(*names: str, lines: int | None = None) -> Files:
-    """Files under ``data/raw``, or the first lines of them."""
+    """Files under ``data/raw``, or their first ``lines`` lines."""
     contents = {f"data/raw/{name}": (ROOT / paths.RAW / name).read_bytes() for name in names}
     return {name: b"".join(content.splitlines(keepends=True)[:lines]) for name, content in contents.items()}
 
 
 def mined(section: dict[str, Any]) -> str:
-    """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
+    """Mine a source as its stage does, and check that its tables are valid; returns a hash of them and the counts."""
     shipped_names.cache_clear()
     source = Source(section, "sources.fuzz", 0)
     OBSERVATIONS.write_parts(OUT[0], source.tables(), MADE)
@@ -142,14 +142,14 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 
 
 def guessed(file: str) -> str:
-    """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
+    """Read a file as ``isi graph`` does, which detects the reader from the content."""
     name, _, seen = read(Path(file), None, {}, 0)
     graph = build_tables(seen)
     return f"{name} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 
 
 def houses() -> str:
-    """Mine a house; what the package has of all houses is read once a process, and little of it."""
+    """Mine a house; small tables replace those of the package, which are slow to read."""
     with mock.patch.multiple(procthor_houses, recorded_types=lambda _scenes: RECORDED, asset_types=lambda: ASSETS):
         return mined(dict(PROCTHOR))
 
@@ -162,13 +162,13 @@ ASSETS = {"Asset_1": "Mug"}
 
 
 def words(file: str) -> str:
-    """Read word vectors, and look phrases up."""
+    """Read word vectors, and look up phrases."""
     given = look_up(read_vectors(Path(file)), ["mug", "house plant", "none of them"])
     return repr(given.served_by) + hashlib.sha256(given.vectors.tobytes()).hexdigest()
 
 
 def gone_on_with() -> str:
-    """Open a recording to go on with it, which may cut off a last line that is not whole."""
+    """Open a recording to continue it; an incomplete last line may be removed."""
     return repr(sorted(Recording(Path("r.jsonl.gz"), HEADER).names))
 
 
@@ -183,13 +183,13 @@ def pipeline_tensors() -> str:
 
 
 def package() -> bytes:
-    """As the package ``procthor`` has it: lists of scenes, most of them empty here."""
+    """A recording in the format of the package ``procthor``: lists of scenes, of which most are empty."""
     scenes = {plans.key: [THINGS, *([[]] * (len(plans.names) - 1))] for plans in ITHOR}
     return json.dumps(scenes).encode()
 
 
 def recorder() -> bytes:
-    """As ``make record`` writes it."""
+    """A recording in the format of ``make record``, of two scenes."""
     scenes = [
         {"scene": plan, "spawn": spawn, "objects": THINGS}
         for plan, spawn in (("FloorPlan1", None), ("FloorPlan301", 4))
@@ -222,7 +222,7 @@ def tensors() -> bytes:
 
 
 def _source(files: Files, **section: Any) -> Format:
-    """A source, with its section of params."""
+    """A format that is a source, with its section of params."""
     named = {name.removesuffix("_"): value for name, value in section.items()}
     return Format(files, partial(mined, named), OUT, named)
 

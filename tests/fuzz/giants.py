@@ -14,13 +14,13 @@ MANY, DEEP = 1_000_000, 1_000_000
 
 
 def things(number: int) -> bytes:
-    """Objects of a scene, each in the one before it."""
+    """Objects of a scene as JSON; each object is in the previous one."""
     rows = (f'{{"objectId":"{n}","objectType":"Mug","parentReceptacles":["{n - 1}"]}}' for n in range(1, number))
     return ('[{"objectId":"0","objectType":"Mug"},' + ",".join(rows) + "]").encode()
 
 
 def crossing(number: int) -> bytes:
-    """Objects of a scene, each in all others."""
+    """Objects of a scene as JSON; each object is in all others."""
     ids = [str(n) for n in range(number)]
     others = {name: [other for other in ids if other != name] for name in ids}
     return json.dumps([
@@ -30,13 +30,13 @@ def crossing(number: int) -> bytes:
 
 
 def line(objects: bytes) -> bytes:
-    """A recording of one scene."""
+    """A recording of one scene with these objects."""
     head = json.dumps(FORMAT | dict(HEADER)).encode()
     return gzip.compress(head + b'\n{"scene": "FloorPlan1", "spawn": null, "objects": ' + objects + b"}\n", 1, mtime=0)
 
 
 def house(objects: int, corners: int) -> bytes:
-    """A house of one room."""
+    """A house of one room, with these numbers of objects and of corners of the floor."""
     made = procthor.house()
     made["rooms"] = [made["rooms"][0] | {"floorPolygon": [{"x": n % 7, "z": n % 5} for n in range(corners)]}]
     text = json.dumps(made)
@@ -45,13 +45,13 @@ def house(objects: int, corners: int) -> bytes:
 
 
 def nested_house(depth: int) -> bytes:
-    """An object in an object in an object ..."""
+    """A house with objects in objects, to this depth."""
     item = '{"id":"Mug|1","assetId":"A","position":{"x":1,"z":1},"children":['
     return json.dumps(procthor.house()).replace('"objects": []', f'"objects": [{item * depth}{"]}" * depth}]').encode()
 
 
 def rows(number: int, separator: bytes = b",") -> bytes:
-    """A table of triples of as many entities."""
+    """A table of ``number`` triples, each with a new entity."""
     lines = (b"e%d%snear%se%d\n" % (n, separator, separator, n * 7 % number) for n in range(number))
     return separator.join([b"head", b"relation", b"tail"]) + b"\n" + b"".join(lines)
 
@@ -60,7 +60,7 @@ def deep(opening: bytes, closing: bytes) -> bytes:
     return opening * DEEP + closing * DEEP
 
 
-#: Name of the case: the format, and what makes its files.
+#: By title: the format, and a function that makes the files.
 GIANTS: dict[str, tuple[str, Callable[[], Files]]] = {
     "a scene of a million objects": ("scene", lambda: {"scene.json": things(MANY)}),
     "a scene of 100,000 objects": ("scene", lambda: {"scene.json": things(100_000)}),

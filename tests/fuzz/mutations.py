@@ -15,7 +15,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 
 Files = dict[str, bytes]
 GZIP = b"\x1f\x8b"
-#: What stands for text that no Python value gives, in JSON; put in when it is written.
+#: Placeholders for JSON text that no Python value gives; the text replaces them when the file is written.
 RAW = {
     "@deep": "[" * 1_000 + "]" * 1_000,
     "@deeper": "[" * 200_000 + "]" * 200_000,
@@ -43,7 +43,7 @@ ODD_BYTES = [
 
 @st.composite
 def changed(draw: DrawFn, files: Files) -> Files:
-    """The files with one of them changed, once or more often."""
+    """The files with one or more changes in one of them."""
     name = draw(st.sampled_from(sorted(files)))
     content = files[name]
     packed = content.startswith(GZIP) and draw(st.integers(0, 4)) > 0
@@ -54,7 +54,7 @@ def changed(draw: DrawFn, files: Files) -> Files:
 
 
 def _ways(name: str, content: bytes) -> list[Callable[[bytes], SearchStrategy[bytes]]]:
-    """What can be done with a file, the likelier to get far the oftener."""
+    """Strategies that change a file; those that keep its syntax are listed repeatedly, to be chosen more often."""
     if content.startswith(b"PAR1") and content.endswith(b"PAR1"):
         return [of_bytes, of_columns, of_columns, of_columns]
     if name.endswith((".bin", ".safetensors")):
@@ -66,7 +66,7 @@ def _ways(name: str, content: bytes) -> list[Callable[[bytes], SearchStrategy[by
 
 @st.composite
 def of_bytes(draw: DrawFn, content: bytes) -> bytes:
-    """Cut, flipped, put in, swapped, doubled, in another encoding, or none at all."""
+    """Change bytes: cut, flip, insert, swap, double, re-encode or remove all."""
     first, last = sorted(draw(st.integers(0, len(content))) for _ in range(2))
     near = min(last, first + draw(st.integers(1, 40)))
     way = draw(st.integers(0, 9))
@@ -89,7 +89,7 @@ def of_bytes(draw: DrawFn, content: bytes) -> bytes:
 
 @st.composite
 def of_lines(draw: DrawFn, content: bytes) -> bytes:
-    """A line removed, doubled, moved, blank or without an end."""
+    """Change a line: remove, double, move or blank it, or remove its end."""
     lines = content.split(b"\n")
     here, there = (draw(st.integers(0, len(lines) - 1)) for _ in range(2))
     way = draw(st.integers(0, 5))
@@ -110,7 +110,7 @@ def of_lines(draw: DrawFn, content: bytes) -> bytes:
 
 @st.composite
 def of_fields(draw: DrawFn, content: bytes) -> bytes:
-    """A field of a line replaced, removed, doubled or swapped; or another one behind the last of some lines."""
+    """Change a field of a line: replace, remove, double or swap it; or append a field to some lines."""
     lines = content.split(b"\n")
     here = draw(st.integers(0, len(lines) - 1))
     fields = re.split(rb"([,\t ]+)", lines[here])
@@ -132,7 +132,7 @@ def of_fields(draw: DrawFn, content: bytes) -> bytes:
 
 @st.composite
 def of_json(draw: DrawFn, content: bytes) -> bytes:
-    """A value of JSON, or of a line of it, replaced, removed, doubled, renamed, or put elsewhere."""
+    """Change a value of a JSON file, or of a line of JSON Lines: replace, remove, double, rename or move it."""
     lines = [content] if b"\n" not in content.strip() or content.startswith((b"[\n", b"{\n")) else content.split(b"\n")
     here = draw(st.integers(0, len(lines) - 1))
     try:
@@ -161,7 +161,7 @@ def of_json(draw: DrawFn, content: bytes) -> bytes:
 
 
 def _spots(tree: Any) -> Any:
-    """Lists and mappings within a value, each with the places in it."""
+    """Lists and mappings within a value, each with its indices or keys."""
     for key, value in enumerate(tree) if isinstance(tree, list) else tree.items():
         yield tree, key
         if isinstance(value, list | dict):
@@ -179,7 +179,7 @@ ODD_COLUMNS = [
 
 @st.composite
 def of_columns(draw: DrawFn, content: bytes) -> bytes:
-    """A column of a Parquet table replaced, renamed, removed or doubled; rows doubled or removed; a value changed."""
+    """Change a Parquet table: replace, rename, remove or double a column; double or remove rows; change a value."""
     try:
         table = pq.read_table(io.BytesIO(content))
     except (pa.ArrowException, OSError):  # changed before
@@ -202,7 +202,7 @@ def of_columns(draw: DrawFn, content: bytes) -> bytes:
         odd = draw(st.sampled_from(ODD_COLUMNS))
         row = draw(st.integers(0, table.num_rows - 1))
         column = table.column(place).combine_chunks()
-        try:  # one value of the column, where it is of the same type; else all of them
+        try:  # one value of the column if its type fits, else all values
             values = pa.concat_arrays([column.slice(0, row), odd.cast(column.type), column.slice(row + 1)])
         except pa.ArrowException:
             values = pa.concat_arrays([odd] * table.num_rows)

@@ -12,7 +12,7 @@ from tests.fuzz.mutations import GZIP
 from tests.fuzz.worker import Worker
 
 INPUTS = 16
-#: Of the largest files, those that are refused at once.
+#: Titles of the largest files that are refused within a short time.
 QUICK = [
     "a scene of a million objects", "a house of a million objects", "lists in lists in a scene, a million deep",
     "mappings in mappings, a million deep", "lists in lists in Turtle", "a header that promises a billion vectors",
@@ -34,7 +34,7 @@ def test_whatever_a_file_holds_it_is_read_or_refused_in_one_line(worker: Worker,
 
 
 def marked(content: bytes) -> bytes:
-    """As Excel writes it."""
+    """The content with a byte order mark, as Excel writes it."""
     return codecs.BOM_UTF8 + content
 
 

@@ -21,29 +21,29 @@ from tests.fuzz.mutations import Files
 
 MEMORY = 2 * 2**30
 SECONDS = 10
-#: After which a process that waits for something is killed, too.
+#: Seconds of wall time after which the process is killed, for processes that use no CPU time.
 PATIENCE = 120
-#: Imported once, since that is no memory of the files.
+#: Modules imported before the memory limit is set, since their memory does not depend on the files.
 PRELOADED = ["tests.fuzz.worker", "gensim.models", "safetensors.torch", "rdflib.plugins.parsers.notation3"]
-#: Characters of a line that refuses a file, its path left out.
+#: Maximum number of characters in a line of refusal.
 LONGEST = 300
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of some files."""
+    """The outcome of reading some files."""
 
     kind: Literal["read", "refused", "fault"]
-    #: the line that refuses them; or the traceback, or what else is wrong
+    #: the line of refusal, the traceback, or a description of another fault
     problem: str = ""
-    #: of what was read: what two files of the same meaning have alike
+    #: a text that is equal for files with equal content
     meaning: str = ""
     seconds: float = 0.0
     mib: int = 0
 
 
 def attempt(name: str, files: Files) -> Outcome:
-    """Read files in a folder of their own, as a stage does there, and see what it says and leaves behind."""
+    """Read files in a temporary folder as a stage does, and check the message and the files that are left."""
     start, home = time.process_time(), Path.cwd()
     with tempfile.TemporaryDirectory(prefix="isi-fuzz-") as folder:
         root = Path(folder).resolve()
@@ -108,7 +108,7 @@ def _serve(jobs: Connection, seconds: float) -> None:
 
 
 class Worker:
-    """Reads files in another process; starts a new one where it dies."""
+    """Reads files in another process, and starts a new process when one dies."""
 
     def __init__(self, seconds: float = SECONDS) -> None:
         self._seconds = seconds
@@ -121,7 +121,7 @@ class Worker:
         self._end()
 
     def read(self, name: str, files: Files) -> Outcome:
-        """What becomes of files of a format."""
+        """The outcome of reading files of a format."""
         self._jobs.send((name, files))
         try:
             if self._jobs.poll(PATIENCE):

@@ -1,8 +1,8 @@
 """Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.md: ``make kill-test``.
 
-Twenty runs of a small pipeline are struck at a random moment: the run, DVC, a stage or a worker, by KILL, TERM or INT;
-then some whose files may not grow, or whose file system is full. After each, another run has to make every output the
-same to the byte as one that nobody disturbed, with no process or temporary file left.
+In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a random moment. Further
+runs have a limit on the size of files, or a full file system. After each of them, another run must give every output
+byte for byte as an undisturbed run does, and must leave no process and no temporary file.
 
 python -m tests.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
@@ -30,10 +30,10 @@ TABLE = Path("docs/benchmarks/kills.md")
 
 @contextmanager
 def disk() -> Iterator[tuple[Path, Callable[[int], object]]]:
-    """A file system in memory, and what sets how many KiB it holds.
+    """Mount a file system in memory; yields its folder, and a function that sets its size in KiB.
 
     Raises:
-        PermissionError: where this user may not mount.
+        PermissionError: if this user may not mount.
     """
     mount = ["mount", "-t", "tmpfs", "tmpfs", "-o"]
     with tempfile.TemporaryDirectory() as folder:
@@ -46,7 +46,7 @@ def disk() -> Iterator[tuple[Path, Callable[[int], object]]]:
 
 
 def survived(where: Workspace, strike: Callable[[], Fault | None]) -> Fault | None:
-    """Strike a run from the start, go on with it, and compare; null where nothing was struck."""
+    """Disturb a new run by ``strike``, continue it, and compare its outputs; None if the run ended before."""
     where.clear()
     fault = None
     try:
@@ -60,19 +60,19 @@ def survived(where: Workspace, strike: Callable[[], Fault | None]) -> Fault | No
 
 
 def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) -> Iterator[Fault]:
-    """Signal processes of runs at random moments, each kind of process by each signal in turn."""
+    """Send signals to processes of runs at random moments in [0, ``seconds``]; pairs (process, signal) alternate."""
     ways = [(whom, how) for whom in WHOM for how in SIGNALS]
     order = [way for _ in range(-(-number // len(ways))) for way in chosen.sample(ways, len(ways))]
     for whom, how in order[:number]:
         fault = None
-        while fault is None:  # its moment may lie behind the last stage
+        while fault is None:  # the run may end before the random moment
             after = chosen.uniform(0, seconds)
             fault = survived(where, partial(where.strike, whom, how, after, chosen))
         yield replace(fault, whom=whom, how=how.name)
 
 
 def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault]:
-    """Let files grow to some KiB alone."""
+    """Disturb runs by a limit of 2 to 100 KiB on the size of files."""
     for _ in range(number):
         fault = survived(where, partial(where.starve, chosen.choice([2, 5, 10, 20, 50, 100]) * 1024))
         if fault:
@@ -80,7 +80,7 @@ def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fau
 
 
 def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> Iterator[Fault]:
-    """Give a run less room than it takes, and then enough; without the right to mount, none."""
+    """Disturb runs by a full file system, which then gets space; yields nothing if this user may not mount."""
     for _ in range(number):
         with suppress(PermissionError), disk() as (folder, hold):
             where = Workspace(folder / "run")
@@ -99,7 +99,7 @@ def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> 
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """A row for each kind of process and signal, and one for all."""
+    """A Markdown table with a row for each kind of process and signal, and one for all."""
     rows = pd.DataFrame(map(asdict, faults))
     rows = rows.assign(status=rows["status"] != 0, lost=rows["lost"] != "")
     groups = pd.concat([rows, rows.assign(whom="all", how="")]).groupby(["whom", "how"], sort=False)
@@ -113,8 +113,8 @@ def table(faults: Sequence[Fault]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
-    parser.add_argument("--disks", type=int, default=4, help="full file systems, and as many limits of files (4)")
-    parser.add_argument("--seed", type=int, default=0, help="of what is drawn (0)")
+    parser.add_argument("--disks", type=int, default=4, help="number of full file systems, and of limits on files (4)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random moments (0)")
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
     given = parser.parse_args()
     chosen, faults = random.Random(given.seed), list[Fault]()

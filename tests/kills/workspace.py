@@ -22,7 +22,7 @@ from isi.process import tie_to_parent
 from tests.environment import ENVIRONMENT
 from tools import workspace
 
-#: A pipeline of one small graph, whose stages yet share their tasks among workers.
+#: Params of a pipeline on one small graph, in which stages still use several workers.
 SMALL: dict[str, Any] = {
     "experiments.ai2thor": workspace.DROP, "experiments.transfer": workspace.DROP,
     "sources.ai2thor": workspace.DROP, "sources.mp3d": workspace.DROP,
@@ -37,36 +37,36 @@ SMALL: dict[str, Any] = {
 }  # fmt: skip
 WHOM = ("make repro", "DVC", "a stage", "a worker")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-#: Seconds in which a run that was struck must end, or be done; and in which all that it began must be gone.
+#: Maximum seconds until a disturbed run ends, and until all processes of its session are gone.
 MOST, GONE = 600, 30
-#: Raised where a process has ended meanwhile.
+#: Errors of calls about a process that has ended.
 ENDED = (psutil.Error, OSError)
-#: What ``make repro`` calls.
+#: The command of ``make repro``.
 REPRO = [sys.executable, str(Path(workspace.__file__).with_name("repro.py"))]
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What was done to a run, and where it was by then."""
+    """A disturbance of a run: the process (or the disk), the signal (or the limit), and its effect."""
 
     whom: str
     how: str
-    #: the stage that ran
+    #: the stage that was running
     stage: str
-    #: exit status of the run, which may have got over it
+    #: exit status of the run; 0 if it recovered
     status: int
-    #: what was lost by it
+    #: description of the loss; empty if nothing was lost
     lost: str = ""
 
 
 class Lost(Exception):
-    """A fault that was not survived: what differs, stays or fails."""
+    """A fault that caused a loss: the message names the files that differ, the process that stays, or the failure."""
 
 
 class Workspace:
-    """A small pipeline, or some stages of it, and the digests of what an undisturbed run makes.
+    """A small pipeline, or some of its stages (``targets``), and the digests of the outputs of an undisturbed run.
 
-    Each run starts from nothing, or from the outputs of earlier stages in some folders of ``data``.
+    Each run starts without outputs, except those in the folders ``inputs`` of ``data``.
     """
 
     def __init__(self, folder: Path, targets: Sequence[str] = (), inputs: Sequence[str] = ()) -> None:
@@ -74,7 +74,7 @@ class Workspace:
         self.folder, self.targets, self.inputs, self.expected = folder, targets, inputs, dict[str, str]()
 
     def begin(self, limit: int | None = None) -> subprocess.Popen[str]:
-        """A run, in a session of its own, whose files may not grow beyond a limit in bytes."""
+        """Start a run in a new session; ``limit``: maximum size of its files in bytes."""
         return subprocess.Popen(
             [*REPRO, *self.targets], cwd=self.folder, env=ENVIRONMENT, start_new_session=True, text=True,
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
@@ -82,10 +82,10 @@ class Workspace:
         )  # fmt: skip
 
     def finish(self) -> float:
-        """Run what is left to run; how long that takes.
+        """Run the stages that are left; returns the seconds.
 
         Raises:
-            Lost: where it fails, or leaves a process.
+            Lost: if the run fails or leaves a process.
         """
         start = time.monotonic()
         run = self.begin()
@@ -96,10 +96,10 @@ class Workspace:
         return time.monotonic() - start
 
     def compare(self) -> None:
-        """See that what was made is what was expected.
+        """Compare the outputs with the expected digests.
 
         Raises:
-            Lost: where anything differs, lacks or is left over.
+            Lost: if a file differs, is missing or is left over.
         """
         made = self.digests()
         differs = sorted(name for name in made.keys() | self.expected if made.get(name) != self.expected.get(name))
@@ -107,14 +107,14 @@ class Workspace:
             raise Lost(f"{len(differs)} files differ, lack or stay: {', '.join(differs[:5])}")
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of everything that a run has made: data, reports and the lock file."""
+        """SHA-256 by path of all outputs: data, reports and the lock file."""
         made = [path for part in ("data", "reports") for path in (self.folder / part).rglob("*") if path.is_file()]
         files = [path for path in made if not path.is_relative_to(self.folder / "data/raw")]
         files.append(self.folder / "dvc.lock")
         return {str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
     def clear(self) -> None:
-        """Remove what runs have made, but for their inputs; DVC keeps its locks and notes."""
+        """Remove all outputs except ``inputs``, and DVC's cache; DVC's other files stay."""
         outputs = [path for path in (self.folder / "data").iterdir() if path.name not in ("raw", *self.inputs)]
         for path in [*outputs, self.folder / ".dvc/cache", self.folder / "reports"]:
             shutil.rmtree(path, ignore_errors=True)
@@ -124,13 +124,13 @@ class Workspace:
     def strike(
         self, whom: str, how: signal.Signals, after: float, chosen: random.Random, running: str = ""
     ) -> Fault | None:
-        """Start a run, and signal a process of it some seconds later; null where the run had ended.
+        """Start a run, and send a signal to one of its processes after ``after`` seconds; None if the run has ended.
 
         Args:
-            running: a kind of process that has to run by then (the one that is signalled).
+            running: wait until a process of this kind runs (default: the kind ``whom``, which gets the signal).
 
         Raises:
-            Lost: where the run does not end, or leaves a process.
+            Lost: if the run does not end, or leaves a process.
         """
         run = self.begin()
         with _ended(run):
@@ -150,10 +150,10 @@ class Workspace:
             return Fault(whom, how.name, stage, run.returncode)
 
     def starve(self, limit: int | None = None) -> Fault:
-        """A run that finds no room: on its disk, or because its files may not grow beyond a limit in bytes.
+        """Run without enough space: the disk is full, or files have a maximum size of ``limit`` bytes.
 
         Raises:
-            Lost: where it ends well, in a traceback, or leaves a process.
+            Lost: if the run succeeds, prints a traceback, or leaves a process.
         """
         run = self.begin(limit)
         with _ended(run):
@@ -170,7 +170,7 @@ class Workspace:
 
 
 def _prepare(parent: int, limit: int | None) -> None:
-    """It ends with the test, and Ctrl-C counts, though whoever runs the test may have wanted it ignored."""
+    """End this process with the test, accept Ctrl-C even if the test's parent ignores it, and limit file sizes."""
     tie_to_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if limit is not None:
@@ -179,7 +179,7 @@ def _prepare(parent: int, limit: int | None) -> None:
 
 @contextmanager
 def _ended(run: subprocess.Popen[str]) -> Iterator[None]:
-    """Nothing of a run stays, whatever becomes of the test."""
+    """Kill all processes of a run in the end, even if the test fails."""
     try:
         yield
     finally:
@@ -192,9 +192,9 @@ def _ended(run: subprocess.Popen[str]) -> Iterator[None]:
 
 
 def _session(leader: int) -> list[psutil.Process]:
-    """Processes of the session that a process leads, those too that are dead and that nobody has taken note of yet.
+    """Processes of the session with this leader, including zombies (ended, but not yet waited for).
 
-    DVC takes these for alive, and their lock for theirs.
+    DVC regards zombies as alive, and keeps their locks.
     """
     processes = []
     for process in psutil.process_iter():
@@ -213,7 +213,7 @@ def _nobody_left(leader: int) -> None:
 
 
 def _victims(leader: int, whom: str) -> list[psutil.Process]:
-    """The run itself, DVC, the stage that it runs, or that one's workers."""
+    """Processes of kind ``whom`` (``WHOM``) in a run: itself, DVC, the running stage, or the stage's workers."""
     level = [psutil.Process(leader)]
     for _ in range(WHOM.index(whom)):
         below = []

@@ -19,21 +19,21 @@ LONG = "x" * 10_000
 
 @dataclass(frozen=True)
 class Case:
-    """A mistake in a file."""
+    """A mistake in files of a format."""
 
     what: str
-    #: whose files are changed (``tests.fuzz.formats``)
+    #: the format (``tests.fuzz.formats``) whose valid files are changed
     format: str
-    #: what stands in their place; null: no such file
+    #: new contents by name of the file; None: the file is missing
     files: dict[str, str | bytes | None]
-    #: parts that the message names, such as the file and the line, with | between them
+    #: texts that the message must contain, such as the file and the line, separated by |
     names: str
-    #: of the section of params
+    #: changed settings in the section of params
     settings: dict[str, Any] = field(default_factory=dict)
 
 
 def of_file(format: str, file: str) -> Callable[..., Case]:
-    """What makes cases of one file: what is wrong, what stands in the file, and which places in it are named."""
+    """A function that makes cases of one file, from a title, the file's content, and texts of the message."""
 
     def case(what: str, content: str | bytes | None, names: str = "", settings: dict[str, Any] | None = None) -> Case:
         return Case(what, format, {file: content}, f"{file}|{names}", settings or {})
@@ -42,12 +42,12 @@ def of_file(format: str, file: str) -> Callable[..., Case]:
 
 
 def scene(*things: object, **of_the_mug: object) -> str:
-    """A scene of these objects; else of the usual ones, the mug changed."""
+    """A scene of these objects as JSON; without objects, the usual scene with a changed mug."""
     return json.dumps(list(things) or [MUG | of_the_mug, SHELF, FORK, FLOOR])
 
 
 def recording(*lines: object, header: object = FORMAT) -> bytes:
-    """A recording of ``make record``; text stands as it is."""
+    """A recording in the format of ``make record``; lines that are text are written unchanged."""
     return gzip.compress(
         "\n".join(one if isinstance(one, str) else json.dumps(one) for one in (header, *lines)).encode()
     )
@@ -62,35 +62,35 @@ def house(*objects: object, **others: object) -> str:
 
 
 def mug(what: str, names: str, **change: object) -> Case:
-    """A mistake in the first object of a scene."""
+    """A case with a mistake in the first object of a scene."""
     return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{names}")
 
 
 def log(what: str, rows: str, names: str, **settings: object) -> Case:
-    """A mistake in a table of triples."""
+    """A case with a mistake in a table of triples."""
     return Case(what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings})
 
 
 def entities(what: str, row: str, names: str) -> Case:
-    """A mistake in a table of entities."""
+    """A case with a mistake in a table of entities."""
     return Case(what, "table, CSV", {"entities.csv": ENTITIES + row}, names)
 
 
 def changed(what: str, form: str, file: str, old: str, new: str, names: str, **settings: object) -> Case:
-    """A mistake in text."""
+    """A case in which ``new`` replaces the first ``old`` in the text of a file."""
     text = formats.FORMATS[form].files[file].decode()
     assert old in text
     return Case(what, form, {file: text.replace(old, new, 1)}, names, settings)
 
 
 def vectors(what: str, content: bytes, names: str, binary: bool = False) -> Case:
-    """A mistake in a file of word vectors."""
+    """A case with a mistake in a file of word vectors."""
     name = "words.bin" if binary else "words.txt"
     return Case(what, f"words{', binary' * binary}", {name: content}, f"{name}|{names}")
 
 
 def files_of(case: Case) -> Files:
-    """The files of a case."""
+    """All files of a case: the valid ones of its format, with its changes."""
     files: Files = dict(formats.FORMATS[case.format].files)
     for name, content in case.files.items():
         files.pop(name, None)
@@ -100,7 +100,7 @@ def files_of(case: Case) -> Files:
 
 
 def assert_names(line: str, names: str) -> None:
-    """A message is one printable line under 300 characters that names its places and says more than them."""
+    """Check that a message is one printable line under 300 characters with these texts and at least one more word."""
     assert len(line) < 300
     assert line.isprintable()
     missing = [name for name in filter(None, names.split("|")) if name not in line]

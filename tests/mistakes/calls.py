@@ -18,19 +18,19 @@ ROOT = Path(__file__).parents[2]
 
 
 def nothing() -> None:
-    """What most mistakes need to be made before."""
+    """Do nothing: the default of ``Typed.before``."""
 
 
 @dataclass(frozen=True)
 class Typed:
-    """A mistake in what is typed, or in what a command finds."""
+    """A mistake in a command line, or in the files that the command reads."""
 
     what: str
-    typed: str  #: behind the name of the program, as in a shell
+    typed: str  #: the arguments, as in a shell
     names: str  #: parts that the message names, with | between them
-    before: Callable[[], object] = nothing  #: what is done before, in the folder where it is typed
-    status: int = 1  #: with which the command ends
-    needs: str = ""  #: a package that it takes to make the mistake
+    before: Callable[[], object] = nothing  #: a call before the command, in its folder
+    status: int = 1  #: exit status of the command
+    needs: str = ""  #: a package without which the case is skipped
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,12 @@ class Called:
     """A mistake in an argument of the library."""
 
     what: str
-    given: dict[str, Any] | Callable[[], dict[str, Any]]  #: in place of what is sound; a function if it is slow to make
+    given: dict[str, Any] | Callable[[], dict[str, Any]]  #: replace valid arguments; a function if slow to make
     names: str  #: parts that the message names, with | between them
 
 
 def put(**files: str | bytes) -> Callable[[], object]:
-    """Write files; ``__`` in a name stands for the dot before its ending."""
+    """A function that writes files; ``__`` in a name means the dot before its suffix."""
 
     def write() -> None:
         for name, content in files.items():
@@ -54,7 +54,7 @@ def put(**files: str | bytes) -> Callable[[], object]:
 
 
 def params(changes: dict[str, Any]) -> Callable[[], object]:
-    """The params that ship, changed at dotted keys."""
+    """A function that writes the shipped params with values changed at dotted keys."""
 
     def write() -> None:
         values = yaml.load(paths.PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
@@ -65,7 +65,7 @@ def params(changes: dict[str, Any]) -> Callable[[], object]:
 
 
 def lay_out(folder: Path) -> Path:
-    """Where commands are typed: params, what ships, an embedding without words, and a log of one triple."""
+    """Write the folder of commands: params, shipped data, an embedding without word vectors, a log of one triple."""
     for path in (paths.PARAMS, paths.BEYOND_PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, folder / path)
@@ -77,5 +77,5 @@ def lay_out(folder: Path) -> Path:
 
 
 def packed(columns: str, *rows: str) -> bytes:
-    """A table as PyKEEN compresses it."""
+    """A compressed table in PyKEEN's format."""
     return gzip.compress("".join(f"{row}\n" for row in (columns, *rows)).encode())

@@ -14,13 +14,13 @@ LARGEST = "x" * 300
 
 
 def large() -> None:
-    """The embedding with vectors of which a score would overflow."""
+    """Write the embedding with vectors so large that a score overflows."""
     tensors = {"entities": small().entities * np.float32(1e30), "relations": small().relations}
     tamper(Path("home"), "vectors.safetensors", bytes(save(tensors)))
 
 
 def distances() -> None:
-    """An embedding of distances."""
+    """Write an embedding whose scoring function is a distance."""
     options = {"margin": 1.0, "squared": False}
     manifest = small().manifest.model_copy(update={"model_name": "transe", "model_options": options})
     written(Path("home"), small(manifest=manifest))
@@ -31,19 +31,19 @@ def twins() -> None:
 
 
 def inserted(why: str, folder: str = "home", entity: str = NAMES[-1]) -> Callable[[], object]:
-    """The last entity as if it had been inserted."""
+    """A function that marks an entity (default: the last) of an embedding as inserted."""
     one = {"entity": entity, "told": [["bed", "hasAffordance", entity]], "definition": None, "asked": None,
            "options": {}, "seed": 0, "initializer": "mean", "why": why, "fallback": None}  # fmt: skip
     return lambda: edit(Path(folder), lambda about: about.update(inserted=[one]))
 
 
 def inserted_elsewhere() -> None:
-    """In another folder."""
+    """Mark an entity as inserted in another folder."""
     written(Path("other"), small(entity_names=[*NAMES[:-1], "wash"]))
     inserted("as asked", "other", "wash")()
 
 
-#: What a message names, and what is typed behind ``isi insert`` and before ``--embedding home``.
+#: Texts of the message, and the arguments between ``isi insert`` and ``--embedding home``.
 INSERT = [
     ("'stove'", "stove"),
     ("NAME", "Kettle --fact atLocation kitchen"),

@@ -25,7 +25,7 @@ def tensors(**changed: Any) -> bytes:
 
 
 def put(name: str, content: bytes) -> Callable[[], object]:
-    """Other bytes in a file, with their digest."""
+    """A function that replaces the bytes of a file, and its digest in the manifest."""
     return lambda: tamper(HOME, name, content)
 
 
@@ -34,22 +34,22 @@ def vectors(**changed: Any) -> Callable[[], object]:
 
 
 def manifest(**changed: Any) -> Callable[[], object]:
-    """Other values in the manifest."""
+    """A function that changes values in the manifest."""
     return lambda: edit(HOME, lambda values: values.update(changed))
 
 
 def content(text: bytes) -> Callable[[], object]:
-    """Another manifest."""
+    """A function that replaces the text of the manifest."""
     return lambda: (HOME / "embedding.json").write_bytes(text)
 
 
 def changed() -> None:
-    """A file without a new digest."""
+    """Change a file, but not its digest."""
     file = HOME / "entities.tsv"
     file.write_bytes(file.read_bytes().replace(b"object", b"gadget"))
 
 
-#: What a message names, and what is done to the folder before.
+#: Texts of the message, and the function that breaks the folder.
 BROKEN: list[tuple[str, Callable[[], object]]] = [
     ("triples.tsv", (HOME / "triples.tsv").unlink),
     ("entities.tsv", changed),

@@ -19,13 +19,13 @@ RE, IM, OF = "ent_re_embeddings.weight", "ent_im_embeddings.weight", "rel_emb"
 
 
 def with_tables(**changed: Any) -> Callable[[], object]:
-    """Names with tables, some of them others than they should be; null: not there."""
+    """A function that writes names and tables, with changes by name; None: the tensor is missing."""
     given = {"entities": ENTITIES, "relations": LABELS, **changed}
     return lambda: write_lists(**{name: table for name, table in given.items() if table is not None})
 
 
 def with_file(name: str, content: str | bytes, folder: Callable[[], Path] = with_tables()) -> Callable[[], object]:  # type: ignore[assignment]  # noqa: B008
-    """Names and tables, and a file of other content."""
+    """A function that calls ``folder``, and then replaces the content of one file."""
 
     def write() -> None:
         (folder() / name).write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -38,7 +38,7 @@ def with_state(value: object) -> Callable[[], object]:
 
 
 def of_pykeen(**changed: bytes | None) -> Callable[[], object]:
-    """A folder as PyKEEN saves one, without a model."""
+    """A function that writes a folder as PyKEEN does, without a model."""
     files = {"entity_to_id": packed("id\tlabel", *NAMED), "relation_to_id": packed("id\tlabel", "0\tp", "1\tq"),
              "numeric_triples": packed("head\trelation\ttail", "0\t1\t2"), **changed}  # fmt: skip
 
@@ -65,7 +65,7 @@ def with_pickle(content: bytes | None) -> Callable[[], object]:
 
 
 def of_rescal() -> None:
-    """A model whose family has no closed form."""
+    """Write a model (RESCAL) whose scoring function isi does not have."""
     from pykeen.models import RESCAL
     from pykeen.triples import CoreTriplesFactory
 
@@ -75,7 +75,7 @@ def of_rescal() -> None:
 
 
 def corrupt() -> None:
-    """An archive that begins as one, and cannot be inflated."""
+    """Write an archive with a valid beginning and corrupt compressed data."""
     np.savez_compressed(write_lists() / "tables.npz", entities=ENTITIES)
     path = Path("mine/tables.npz")
     content = bytearray(path.read_bytes())
@@ -107,7 +107,7 @@ COMMAND_CASES = [
           before=lambda: (with_tables()(), inserted_elsewhere())),
 ]  # fmt: skip
 
-#: What a message names, and what lies in the folder ``mine``.
+#: Texts of the message, and the function that writes the folder ``mine``.
 TABLES: list[tuple[str, Callable[[], object]]] = [
     ("tables.npz|entities", with_tables(entities=np.full(ENTITIES.shape, 1e200))),
     ("tables.npz|entities", with_tables(entities=ENTITIES[:5])),

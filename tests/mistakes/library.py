@@ -20,7 +20,7 @@ TRANSE = {"model": "transe", "model_options": {"margin": 1.0, "squared": False}}
 
 
 def wrong(argument: str, *values: Any, place: str = "", **others: Any) -> list[Called]:
-    """Values of an argument that are refused at a place in it, with other arguments as they are given."""
+    """Cases of refused values of an argument; ``place``: the part of the argument that the message names."""
     names = f"argument {argument!r}|{place}"
     return [Called(f"{argument} {short(value)}", {argument: value, **others}, names) for value in values]
 

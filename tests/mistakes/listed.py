@@ -67,7 +67,7 @@ RDF_CASES = [
 
 
 def house(what: str, old: str, new: str, line: int) -> Case:
-    """A mistake in a line of a house of Matterport3D."""
+    """A case with a mistake in a line of a house of Matterport3D; ``new`` replaces ``old``."""
     return changed(what, "houses of Matterport3D", "houses/x.house", old, new, f"houses/x.house|line {line}")
 
 

@@ -10,7 +10,7 @@ NEW = [("cup", "r0", "e1"), ("e3", "r1", "cup")]
 
 
 def factory(entities: int = 6, **how: Any) -> Any:
-    """A ring of six entities or more, with two relations."""
+    """A ``TriplesFactory`` of a ring through the entities, with two relations."""
     import torch
     from pykeen.triples import TriplesFactory
 
@@ -20,7 +20,7 @@ def factory(entities: int = 6, **how: Any) -> Any:
 
 
 def model(name: str, **how: Any) -> Any:
-    """An untrained model of them."""
+    """An untrained model of PyKEEN for ``factory()``."""
     from pykeen.models import model_resolver
 
     return model_resolver.make(name, triples_factory=factory(**how), embedding_dim=4, random_seed=0)
@@ -31,7 +31,7 @@ def sound() -> dict[str, Any]:
 
 
 def unnamed() -> Any:
-    """A factory that lacks a label."""
+    """A ``TriplesFactory`` that lacks the label of an entity."""
     changed = factory()
     del changed.entity_to_id["e5"]
     return changed

@@ -12,12 +12,12 @@ from isi.sources.recordings import FORMAT
 from isi.tables import paths
 from tests.mistakes.calls import Typed, params
 
-#: A program whose digits are known.
+#: The bytes of a program with known SHA-256.
 PLAYER = b"#!/bin/sh\n"
 
 
 def beyond(**sections: Any) -> Callable[[], object]:
-    """Params of the second pipeline with no more than these variants and graphs."""
+    """A function that writes params of the second pipeline: the first entry of each section, with changed values."""
 
     def write() -> None:
         values = yaml.load(paths.BEYOND_PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
@@ -29,12 +29,12 @@ def beyond(**sections: Any) -> Callable[[], object]:
 
 
 def first(**changes: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    """The first of a section, changed."""
+    """A function that changes values in each entry of a section."""
     return lambda section: {name: {**value, **changes} for name, value in section.items()}
 
 
 def player(recording: bytes | None = None, **changes: Any) -> Callable[[], object]:
-    """A player that is never started, what was recorded, and params."""
+    """A function that writes a player (never started), a recording and params of the recorder."""
 
     def write() -> None:
         Path("player").write_bytes(PLAYER)
