@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
+.PHONY: help install repro beyond quick record test types pytest fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -50,7 +50,12 @@ record: $(CHECKED)  ## record scenes of the live simulator, as params say (or wi
 test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff check .
 	ruff format --check .
+	@$(MAKE) --no-print-directory --jobs types pytest
+
+types: $(INSTALLED)
 	mypy
+
+pytest: $(INSTALLED)
 	pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
