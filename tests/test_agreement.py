@@ -56,7 +56,7 @@ def test_triples_of_added_entities_have_a_split_where_they_are_drawn_and_nowhere
     ids = {(h, t): row for row, (h, _, t) in enumerate(graph.triples.tolist())}
 
     def of(**codes: int) -> dict[int, np.ndarray]:
-        """Splits by head and tail, the others train."""
+        """Splits of seed 0; ``codes``: by head and tail. Defaults: e12 out, e01 valid, e31 test, others train."""
         whole = np.full(len(ids), TRAIN, dtype=np.int8)
         for name, code in {"e12": OUT, "e01": VALID, "e31": TEST, **codes}.items():
             whole[ids[int(name[1]), int(name[2])]] = code

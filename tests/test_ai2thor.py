@@ -29,7 +29,7 @@ PROPERTIES = (
 def thing(
     kind: str, number: int = 1, parents: list[str] | None = None, made_of: list[str] | None = None, *properties: str
 ) -> SceneObject:
-    """An object that the simulator reports."""
+    """An object in the simulator's format."""
     reported = {
         "objectType": kind, "objectId": f"{kind}|{number}", "name": f"{kind}_{number}", "parentReceptacles": parents,
         "receptacleObjectIds": None, "salientMaterials": made_of, **{name: name in properties for name in PROPERTIES},
@@ -80,7 +80,7 @@ def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
 def mined(
     scenes: list[Scene], materials_of: ai2thor.MaterialsOf = ai2thor.reported_materials, **cleaning: Any
 ) -> tuple[pd.DataFrame, Counter[str]]:
-    """Observations, and what was dropped."""
+    """Observations of scenes, and the counts of dropped ones."""
     counts: Counter[str] = Counter()
     observations = ai2thor.mine(scenes, materials_of, Path("recording.json"), counts, **cleaning)
     return pd.DataFrame(observations, columns=COLUMNS), counts
@@ -129,7 +129,7 @@ CYCLES = [
 
 
 def locations(observations: pd.DataFrame) -> list[tuple[str, str]]:
-    """What lies in what, rooms left out."""
+    """Pairs (object, receptacle) of atLocation, without rooms."""
     inside = observations[(observations["relation"] == "atLocation") & (observations["tail"] != "kitchen")]
     return sorted(inside[["head", "tail"]].itertuples(index=False, name=None))
 

@@ -250,7 +250,7 @@ def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
 def plain_objective(
     of: InitContext, place: int, mean: np.ndarray, ratio: int, strength: float
 ) -> Callable[[np.ndarray], float]:
-    """What MAP minimizes for one novel entity, triple by triple, with true and corrupted ones in lists."""
+    """The objective of MAP for one novel entity, computed triple by triple from lists of true and corrupted triples."""
     theta0 = mapped(of.theta0, Tensor.double)
     known = [e for e in range(of.known.shape[1]) if of.known[0, e]]
     weighted: list[tuple[bool, int, int, float]] = []  # whether it is the tail, relation, other end, ± weight
@@ -326,7 +326,7 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: s
 
 
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
-    """With a strong prior about a parabola, on which n times the way to its lowest point is too far from n = 2 on."""
+    """With a strong prior the objective is nearly a parabola, on which n times the Newton step raises it for n > 2."""
     of = four_novel(model_named("distmult"))
     theta0 = mapped(of.theta0, Tensor.double)
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)

@@ -12,7 +12,7 @@ from tests.small_graphs import graph_of, points_of, random_graph
 
 
 def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> batches.TrainingData:
-    """Trains on (0, 0, 1) alone; entity 3 takes no part."""
+    """Training data with the triple (0, 0, 1) alone; entity 3 is not in the session."""
     graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
     members = torch.tensor([[number != 3 for number in range(entities)]])
     session = Session(graph, members, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
@@ -25,18 +25,18 @@ def observations(data: batches.TrainingData) -> list[np.ndarray]:
 
 
 def sampled(data: batches.TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
-    """Corrupted triples of all observations as one batch; shape (M, R, E, E)."""
+    """Counts of the corrupted triples of all observations as one batch; shape (M, R, E, E)."""
     return drawn_for(data, observations(data), ratio, root, epoch, 0)
 
 
 def drawn_for(data: batches.TrainingData, observed: list[np.ndarray], ratio: int, root: int, *number: int) -> Tensor:
-    """Corrupted triples of a batch; shape (M, R, E, E)."""
+    """Counts of the corrupted triples of a batch; shape (M, R, E, E)."""
     corrupted = batches.corrupt(data, observed, ratio, root, "negatives", *number)
     return batches.count_negatives(data, batches.list_batch(data, corrupted))
 
 
 def batch_counts(data: batches.TrainingData, root: int, epoch: int, size: int) -> Tensor:
-    """How often each triple stands in each batch; shape (M, B, T)."""
+    """Number of observations of each triple in each batch; shape (M, B, T)."""
     batched = batches.shuffle_into_batches(data, root, epoch, size)
     return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
                         minlength=data.counts.shape[1]) for one in batch]) for batch in batched], 1)  # fmt: skip
@@ -122,7 +122,7 @@ def test_batches_hold_each_observation_once_and_are_even(data: batches.TrainingD
 def test_a_batch_has_the_form_that_suits_the_graph(
     data: batches.TrainingData, mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And each observation is in one of them."""
+    """Each observation is in exactly one batch."""
     monkeypatch.setattr(batches, "DENSE_LIMIT", 3 * 13 * 13 - (not fits))
     total = torch.zeros(4, dtype=torch.int64)
     negatives = batches.Negatives(mode=mode, ratio=3, head_pool="unseen")

@@ -32,7 +32,7 @@ PROPERTIES_OF: dict[str, Any] = {
 
 
 def folder_of(path: Path, scenes: object = None, mapped: str = MAPPED, properties: object = PROPERTIES_OF) -> Path:
-    """The files of the package, of one scene where nothing else is given."""
+    """Write the files of the package; by default with one scene."""
     content = {"success": True, "scenes": {"House_0": SCENE}} if scenes is None else scenes
     (path / SCENES).write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
     (path / CATEGORIES).write_text(mapped, encoding="utf-8")

@@ -74,7 +74,7 @@ def test_only_fitting_queries_are_made() -> None:
 
 
 def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
-    """With two scores the most probable logistic curve meets the mean target of each."""
+    """For two distinct scores, the maximum-likelihood logistic curve passes through the mean target at each score."""
     scores = torch.tensor([0.0] * 4 + [1.0] * 4, dtype=torch.float64)
     known = torch.tensor([True, False, False, False, True, True, True, False])
     right, wrong = 5 / 6, 1 / 6  # Platt's targets, of four known and four others
@@ -141,7 +141,7 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
 
 
 def with_stove_and_hob() -> OpenBundle:
-    """A stove, then a hob with a triple about the stove, inserted."""
+    """The small bundle after the insertion of a stove, then of a hob with a triple that contains the stove."""
     triples = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
     larger, _ = insert_entity(opened(), stove())
     return insert_entity(larger, stove(name="hob", triples=triples, vector=None))[0]

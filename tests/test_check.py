@@ -44,7 +44,7 @@ def _in_copy(made: Path, tmp_path: Path) -> Iterator[None]:
 
 
 def check(capsys: pytest.CaptureFixture[str]) -> tuple[list[str], object]:
-    """The lines that it prints, and how it ends."""
+    """Run ``isi check``; returns the printed lines and the exit status."""
     ended: object = 0
     try:
         main(["check"])
@@ -103,7 +103,7 @@ def test_broken_tensors_are_named_with_what_was_expected(
 
 @pytest.mark.usefixtures("_in_copy")
 def test_files_that_params_no_longer_list_are_not_checked() -> None:
-    """DVC leaves them where they are."""
+    """DVC does not delete such files."""
     for table in (INITIAL_VECTORS, INSERTED):
         rs, gone = (table.path(experiment=NAME, initializer=name) for name in ("rs", "gone"))
         shutil.copy(rs, gone)

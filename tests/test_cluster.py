@@ -67,12 +67,12 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture(params=["processes", "dask"])
 def compute(request: pytest.FixtureRequest) -> Compute:
-    """Where to run, by either engine."""
+    """The section ``compute`` for each engine."""
     return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
 
 
 def state(*_: object) -> tuple[int, float]:
-    """Threads of torch, and what becomes of a denormal number."""
+    """Number of torch threads, and the value of a denormal number (0 if flushed)."""
     return torch.get_num_threads(), (torch.tensor([1e-40]) * 1).item()
 
 
@@ -82,7 +82,7 @@ def fail(points: GridPoints, *_: object) -> None:
 
 
 def noted(folder: Path, points: GridPoints, config: TrainConfig, session: int) -> TrainResult:
-    """Train, having noted which process does it."""
+    """Write a file named after this process and the first seed, then train."""
     (folder / f"{os.getpid()} {points.seeds[0]}").touch()
     time.sleep(0.5)
     return train_stack(points, config, session)

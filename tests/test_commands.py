@@ -31,7 +31,7 @@ HOB = ["insert", "hob", "--fact", "at location", "kitchen"]
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with an embedding, ``home``."""
+    """A folder with an embedding ``home``, which has no word vectors."""
     monkeypatch.chdir(tmp_path)
     return written(tmp_path / "home", without_words())
 

@@ -33,7 +33,7 @@ def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) ->
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
-    """What an epoch is where nothing is compiled."""
+    """Run an epoch without compilation."""
     with patch.object(trainer, "is_compiled", return_value=False):
         run_epoch(state, data, SAMPLED, settings, 0, epoch)
 
@@ -81,7 +81,7 @@ def test_no_observation_is_no_update() -> None:
 
 @dataclass(frozen=True)
 class Far(ANALOGY):
-    """A model of a user's own, with another interaction."""
+    """A user's model with another interaction."""
 
     @property
     def interaction(self) -> Interaction:
@@ -106,7 +106,7 @@ def test_what_has_other_mathematics_learns_by_batches(model: Model, known: bool)
 
 
 def test_numba_is_imported_where_it_is_needed_alone_and_then_before_workers_are_forked() -> None:
-    """It takes a second, which few stages have to spend."""
+    """The import takes a second, and few stages need it."""
     lines = (
         "import sys, stages.insert, stages.train_theta0",
         "from isi.models.model import make_model",

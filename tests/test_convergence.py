@@ -10,7 +10,7 @@ Row = tuple[str, str, int, int, int, float]
 
 
 def converged(rows: list[Row], by: list[str]) -> pd.DataFrame:
-    """Epochs to convergence of runs (model, scope, size, seed, epoch, MRR*), four queries each where MRR* is known."""
+    """Epochs to convergence of runs (model, scope, size, seed, epoch, MRR*), with 4 queries if MRR* is not null."""
     runs = pd.DataFrame(rows, columns=["model", "scope", "size", "seed", "epoch", "mrr_star"])
     runs = runs.assign(queries=runs["mrr_star"].notna() * 4)
     of_joint = runs["model"] == "joint"

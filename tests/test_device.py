@@ -34,7 +34,7 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
 
 @pytest.fixture
 def on_both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., bool]]:
-    """Whether a task gives the same bytes on the CPU and where ``compute.device: cuda`` is a device that pretends."""
+    """A function that tells whether a task returns equal bytes on the CPU and on the pretended GPU (``DEVICE``)."""
     monkeypatch.setattr(runner, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
 
     def same(function: Callable[..., Any], task: tuple[Any, ...]) -> bool:

@@ -24,13 +24,13 @@ POINTS = st.lists(st.integers(-50, 50).map(lambda number: number / 4), min_size=
 
 
 def runs_of(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
-    """Runs of these models right after insertion."""
+    """Runs of the models at epoch 0."""
     return runs([(model, scope, size, seed, 0, value) for model, cells in models.items()
                  for (size, seed), value in cells.items()])  # fmt: skip
 
 
 def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
-    """Measures of initializers of which nothing is known but how they start."""
+    """Headline measures of initializers that have MRR* at epoch 0 alone."""
     nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
     rows = runs_of(models).assign(mrr_star_entity=np.nan)
     return immediate.measures(rows, nothing, list(models))
@@ -222,7 +222,7 @@ def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFra
 
 
 def shares_of(models: dict[str, Cells]) -> list[dict[Any, Any]]:
-    """Of all of MRR*."""
+    """Rows of the shares of the gain in MRR*, without its halves."""
     rows = runs_of(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
     rows_of = ReportTable.of("shares", immediate.shares_of_the_gain(rows, list(models)))
     return [dict(zip([column.header for column in rows_of.columns], row, strict=True)) for row in rows_of.rows

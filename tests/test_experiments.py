@@ -28,7 +28,7 @@ MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"
 
 
 def cut(tasks: Callable[[int], list[Any]], function: Callable[..., Any], workers: int) -> dict[int, list[Any]]:
-    """Results of the grid in stacks of 1, 2 and 4 seeds, by height, all run by the same workers."""
+    """Results of the grid by stack height (1, 2 and 4 seeds); one call of ``run`` computes all of them."""
     grids = {height: tasks(height) for height in (1, 2, 4)}
     every = [task for grid in grids.values() for task in grid]
     done = iter(runner.run(function, every, Compute(workers=workers, stack=4), "test"))
@@ -134,7 +134,7 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
 
 
 def two_sessions(name: str, first: float, second: float) -> InsertTask:
-    """With the MRR* to reach in each: NaN, which is none to reach, or what never is."""
+    """A task with the joint model's MRR* in sessions 1 and 2; NaN: the session is not fine-tuned; 2: never reached."""
     ((points, trained, words, _, config),) = grid.insert_tasks(4, name, grid.theta0(steps=2), steps=2)
     joint = {(s, scope): np.full(len(grid.SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
     return points, trained, words, joint, config

@@ -69,7 +69,7 @@ def query_of(shown: Shown, entity: int, model: str, epoch: int, relation: str, h
 
 
 def expected(rows: pd.DataFrame) -> list[str]:
-    """The lines that a list of answers has."""
+    """The expected lines of a list of answers."""
     first = rows[rows["rank"] <= EXPLORER.answers]
     return [f"✓ {NAMES[answer]} {MARKS[true]}" if isinstance(true, str) else NAMES[answer]
             for answer, true in zip(first["answer"], first["true"], strict=True)]  # fmt: skip

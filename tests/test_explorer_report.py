@@ -11,7 +11,7 @@ STEPS = [("joint", 0), ("es", 0)]
 
 
 def shown(**changes: pd.DataFrame) -> list[Content]:
-    """The section for small results whose explorer has other tables."""
+    """The explorer section of small results in which ``changes`` replace tables of the explorer."""
     results = small_results(["home"])
     tables = results.experiments["home"].analyses["explorer"]
     return list(insertions.explorer(of_experiment(results, "home", analyses={"explorer": {**tables, **changes}})))

@@ -31,7 +31,7 @@ BEST = [
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with that experiment."""
+    """A folder with the small experiment, which is the current folder."""
     monkeypatch.chdir(tmp_path)
     write_experiment()
     return tmp_path
@@ -139,7 +139,7 @@ def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
-    """As by hand: it scores a kettle in the bedroom 1, a bed in the kitchen 1, and what is known is left out."""
+    """By hand: a kettle in the bedroom and a bed in the kitchen have score 1; known triples are left out."""
     written(Path("small"))
     main(["export", "--embedding", "small", "--format", "pykeen-tsv", "--out", "small.tsv", "--predictions", "1"])
     bundle = small()

@@ -15,7 +15,7 @@ from tests.small_graphs import random_embedding
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:
-    """How far the triples that are told score above what is expected with other heads and tails."""
+    """Scores of the insert triples minus the mean score with other heads and tails."""
     stack, names = stack_of_one(entities, relations, done.model), [*KNOWN, *NEW]
     triples = [(names.index(head), BETWEEN.index(relation), names.index(tail)) for head, relation, tail in TRIPLES]
     head, relation, tail = torch.tensor(triples).T[:, None]
@@ -72,7 +72,7 @@ LINE: dict[str, Any] = {
 
 
 def on_a_line(triples: Any = ((4, 0, 1),)) -> Inserted:
-    """The new entity 4 at 0.5, the mean of the known, told that it goes with 1."""
+    """The result for new entity 4 at 0.5, the mean of the known vectors, with the insert triple (4, 0, 1)."""
     return isi.insert(**LINE, triples=list(triples), new=1, initializer="mean")
 
 
@@ -99,7 +99,7 @@ def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart
 
 
 def test_interference_by_hand() -> None:
-    """Of (0, 1): heads by score are 3·2, 2·2, 1·2, 0.5·2, -4·2, and tails 3, 2, 1, 0.5, -4."""
+    """Sorted scores of (?, 0, 1): 3·2, 2·2, 1·2, 0.5·2, -4·2; sorted scores of (0, 0, ?): 3, 2, 1, 0.5, -4."""
     result = on_a_line().interference([(0, 0, 1)])
     assert result.queries == 2
     assert result.above == [0.0]

@@ -26,7 +26,7 @@ xqzzy,atLocation,bedroom,1,bedroom
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the params and what ships, in which the command runs."""
+    """A folder with the params and the shipped data, which is the current folder."""
     (tmp_path / paths.PARAMS).write_bytes((ROOT / paths.PARAMS).read_bytes())
     (tmp_path / paths.DATA).mkdir()
     (tmp_path / paths.RAW).symlink_to(ROOT / paths.RAW)
@@ -36,7 +36,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What the command prints."""
+    """The output of the command."""
     main(["graph", *arguments])
     return capsys.readouterr().out
 

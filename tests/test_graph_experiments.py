@@ -19,7 +19,7 @@ FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with the pipelines, and the graph that the first one calls published as one of the second's own."""
+    """A folder with both pipelines; the second one has the graph ``published`` of the first one under another name."""
     monkeypatch.chdir(tmp_path)
     copy_pipelines(tmp_path)
     paths.DATA.mkdir()

@@ -26,7 +26,7 @@ def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
 
 
 def kinds_of(**kinds: str) -> pd.DataFrame:
-    """As the table of kinds."""
+    """A table of kinds."""
     names = list(kinds)
     return pd.DataFrame({"entity": names, "kind": list(kinds.values()), "phrase": [f"a {name}" for name in names]})
 
@@ -131,7 +131,7 @@ LETTERS = ["kitchen", "bedroom", "fan", "stove", "bucket", "purse"]
 
 
 def seen_elsewhere(*seen: tuple[str, str, int]) -> MinedSource:
-    """Observations of (object, room, count) by another source."""
+    """Observations (object, atLocation, room, count) of a second source ``shop``."""
     frame = observations([(head, "atLocation", room, count) for head, room, count in seen])
     kinds = {room: "room" for _, room, _ in seen} | {head: "object" for head, _, _ in seen}
     return MinedSource("shop", frame, kinds_of(**kinds))

@@ -71,7 +71,7 @@ def test_fewer_insert_triples_are_the_first_of_the_others_and_a_seed_hides_the_s
 
 
 def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) -> None:
-    """Only 0 and 1 have relation 3, and 29's only neighbour is 2: none of these three is hidden."""
+    """Only 0 and 1 have relation 3, and the only neighbour of 29 is 2: so 0, 1 and 2 are not hidden."""
     others = triples[(triples[:, [0, 2]] != 29).all(1)]
     tied = np.concatenate([others, [[0, 3, 1], [29, 0, 2]]])
     for seed in range(10):

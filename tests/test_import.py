@@ -92,7 +92,7 @@ def test_rotations_become_angles() -> None:
 
 
 def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
-    """TransE in one dimension, with one relation: every tail lies 1 behind its head, and other tails elsewhere."""
+    """TransE in one dimension with one relation: for true triples the tail is at head + 1."""
     folder = write_lists()
     (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
     np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
@@ -102,7 +102,7 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any, Path]]:
-    """A model of PyKEEN's after one epoch, and the folder that PyKEEN's pipeline saved it in."""
+    """A PyKEEN model after one epoch, and the folder in which PyKEEN's pipeline saved it."""
     pytest.importorskip("pykeen", reason="the extra `pykeen` is not installed")
     from pykeen.pipeline import pipeline
 
@@ -175,7 +175,7 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
 
 
 class Bomb:
-    """Makes a folder when it is unpickled."""
+    """An object that creates a folder when it is unpickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return os.mkdir, ("exploded",)

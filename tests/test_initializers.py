@@ -47,7 +47,7 @@ def initial(name: str, given: InitContext) -> InitResult:
 
 
 class Plain:
-    """Section 4 for one novel entity of one model, with dictionaries and loops."""
+    """Section 4 of the paper for one novel entity of one model, with dictionaries and loops."""
 
     def __init__(self, of: World, model: int, place: int) -> None:
         self.novel = set(NOVEL[model].tolist())
@@ -85,7 +85,7 @@ class Plain:
         return np.mean([self.vectors[e] for e in entities], axis=0)
 
     def expected(self, name: str, k: int, candidates: int = 0) -> tuple[list[int], str | None]:
-        """The indicators, and what the initializer fell back to."""
+        """The indicators, and the fallback (None: not used)."""
         word, seen = self.entity in self.words, bool(self.observed)
         if name == "es" and word:
             return best(self.similar(), k), None
@@ -108,7 +108,7 @@ def best(score: dict[int, float], k: int) -> list[int]:
 
 
 def agree(of: World, name: str, **options: int) -> set[str | None]:
-    """See that an initializer gives what the plain loop does; what it fell back to, over all novel entities."""
+    """Check that an initializer agrees with ``Plain`` for all novel entities; returns the set of fallbacks."""
     result = insert(name, seen(of), **options)
     fallbacks = set()
     for model in range(len(NOVEL)):
@@ -163,7 +163,7 @@ def test_equal_scores_go_to_the_lower_id(name: str, options: dict[str, int], low
 
 
 def rewired(of: World) -> World:
-    """The same, but with other validation and test triples, or with those two exchanged."""
+    """A copy of the world with other validation and test triples, or with validation and test exchanged."""
     triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
     out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
     triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor([ENTITIES, RELATIONS, ENTITIES])

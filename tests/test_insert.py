@@ -24,7 +24,7 @@ RELATIONS, DIMENSION = len(BETWEEN), 8
 
 
 def by_hand() -> InitContext:
-    """The same as the pipeline gives it to initializers, written out."""
+    """The input of initializers for the same insertion, as the pipeline builds it."""
     stack, new = random_embedding(1, ENTITIES, RELATIONS, DIMENSION), [ENTITIES, ENTITIES + 1]
     theta0 = replace(stack, entity=torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1))
     seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]

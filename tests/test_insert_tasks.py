@@ -21,7 +21,7 @@ PARAMS = load(Path(__file__).parent.parent / paths.PARAMS).model_copy(update={
 
 
 def joint_runs() -> pd.DataFrame:
-    """Of every cell and some that are none of these, in no order; each value says where it stands."""
+    """Unsorted runs of the joint model, also of grid points without a task; MRR* encodes size, seed, ..., scope."""
     rows = [
         (size, seed, session, epoch, scope, 1000 * size + 100 * seed + 10 * session + epoch + place / 10)
         for size in (2, 3) for seed in (8, 6, 5, 4) for session in (2, 1) for epoch in (1, 0)

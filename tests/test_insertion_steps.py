@@ -50,7 +50,7 @@ def test_the_insert_triples_of_each_are_packed_to_the_left() -> None:
 
 
 def trained(purpose: str, pool: str) -> Embedding:
-    """The same by the parts that it is made of."""
+    """Θ¹ from a direct call of ``trainer.train``, with a purpose and a head pool."""
     data = training_data(POINTS.session(1), purpose, POINTS.keys(), pool, torch.as_tensor(NOVEL))
     return trainer.train(WORLD.theta0, data, NEGATIVES, OPTIMIZER, 0, never_stop)
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for proce
 
 @pytest.fixture(scope="module")
 def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
-    """A pipeline up to Θ⁰, whose last stage is to be killed, and the digests of its files."""
+    """A pipeline up to Θ⁰, whose last stage is killed, and the digests of its outputs."""
     inputs = ["observations", "graph", "sessions"]
     workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@published"], inputs)
     workspace.finish()

@@ -59,7 +59,7 @@ CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, (_, case
 
 
 def line_of(module: str, case: Typed) -> tuple[str, object, str]:
-    """What a command says on the standard error, its status, and what it prints."""
+    """Run a command; returns its line on standard error, its exit status, and its standard output."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
         _run(module, shlex.split(case.typed))
@@ -70,7 +70,7 @@ def line_of(module: str, case: Typed) -> tuple[str, object, str]:
 
 
 def _run(module: str, arguments: list[str]) -> None:
-    """As ``python -m`` does, in this process."""
+    """Run a module in this process as ``python -m`` does."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [module, *arguments])
         if module == "isi":
@@ -84,7 +84,7 @@ def _run(module: str, arguments: list[str]) -> None:
 
 
 def files() -> dict[Path, bytes]:
-    """What lies in this folder."""
+    """The bytes of all files in the current folder, by path."""
     return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
 
 

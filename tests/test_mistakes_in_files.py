@@ -22,7 +22,7 @@ CASES = [
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the pipeline, in which commands run; what a package has of all houses is not read."""
+    """A folder with the pipeline, which is the current folder; the package's data on houses is not read."""
     (tmp_path / paths.PIPELINE).write_bytes((ROOT / paths.PIPELINE).read_bytes())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(procthor_houses, "recorded_types", lambda _scenes: formats.RECORDED)

@@ -31,7 +31,7 @@ STACK, ENTITIES, RELATIONS = 3, 5, 2
 @register_model("stretch")
 @dataclass(frozen=True)
 class Stretch(RelationMapModel):
-    """A model of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
+    """A user's model whose map has a gradient by autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return (vectors * relation.exp()).roll(1, -1)
@@ -48,7 +48,7 @@ OPTIONS: dict[str, dict[str, Option]] = {"analogy": {}, "distmult": {}, "complex
 
 
 def registered() -> dict[str, Model]:
-    """Every model, and with its square where it has that option."""
+    """All registered models; models with the option ``squared`` also with it set."""
     options = config.read(paths.PARAMS)["models"] | OPTIONS
     every = {name: make_model(name, options.get(name, {}), name) for name in MODELS.names()}
     squares = {f"{name} squared": make_model(name, listed | {"squared": True}, name)
@@ -67,7 +67,7 @@ def precise(scoring: Model, models: int = STACK, entities: int = ENTITIES) -> Em
 
 
 def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
-    """Head, relation and tail of every triple, by relation, head and tail."""
+    """Heads, relations and tails of all triples, in the order of relation, head, tail."""
     relation, head, tail = torch.cartesian_prod(
         torch.arange(RELATIONS), torch.arange(entities), torch.arange(entities)
     ).T
@@ -75,7 +75,7 @@ def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def all_listed(models: int = STACK, entities: int = ENTITIES) -> TripleList:
-    """Every triple of every model, as one list."""
+    """All triples of all models as one list."""
     ids = (ids.repeat(models) for ids in all_ids(entities))
     model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
     return TripleList((models, RELATIONS, entities), model, *ids)
@@ -145,7 +145,7 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(scoring: Mode
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
 
     def results(chosen: Tensor) -> list[Tensor]:
-        """Scores and gradients of some of the models, in both forms."""
+        """Scores and gradients of the chosen models, with both forms of triples."""
         stack, results_of = select(embedding, chosen), []
         number = len(chosen)
         listed = all_listed(number, entities)

@@ -21,7 +21,7 @@ WORDS = "structure: [wall, unknown, void]\nsame_as: {night stand: side table, re
 
 
 def mined(reader: str, vocabulary: Path, **settings: object) -> tuple[list[tuple[object, ...]], list[int]]:
-    """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
+    """Rows (scene, room, instance, head, tail, count), and the number of instances after each step."""
     observed = observations_of({"reader": reader, "vocabulary": str(vocabulary), **settings})
     assert set(observed.table["relation"]) == {"atLocation"}
     columns = ("scene", "room", "instance", "head", "tail", "count")
@@ -59,7 +59,7 @@ def house(
     objects: Sequence[tuple[int, int, int]] = OBJECTS, regions: Sequence[tuple[int, str]] = REGIONS,
     version: str = "1.1", name: str = "17DRP5sb8fy",
 ) -> str:  # fmt: skip
-    """A house with these objects, in these regions and of the categories above."""
+    """The text of a house with these objects and regions, and with ``CATEGORIES``."""
     counts = {
         "1.0": (IMAGES, PANORAMAS, VERTICES, SURFACES, len(regions), LEVELS),
         "1.1": (IMAGES, PANORAMAS, VERTICES, SURFACES, SEGMENTS, len(objects), len(CATEGORIES), len(regions), PORTALS,
@@ -161,7 +161,7 @@ def test_tallies_add_up_over_region_types_and_names_of_one_meaning(
 
 
 def settings(source: str) -> dict[str, Any]:
-    """Those of params.yaml."""
+    """The settings of a source in params.yaml."""
     return settings_of(read_params(paths.PARAMS)["sources"][source], f"sources.{source}")[1]
 
 

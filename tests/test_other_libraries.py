@@ -16,7 +16,7 @@ ENTITIES, RELATIONS, DIMENSION = 9, 3, 6
 
 
 def tables(model: Any) -> list[np.ndarray]:
-    """Entities and relations; complex ones are joined, real halves first."""
+    """Entity and relation tables of a model; for complex vectors the real half comes first."""
     parts = [part.detach().numpy() for part in model.get_embeddings()]
     half = len(parts) // 2
     return [np.concatenate(parts[:half], 1), np.concatenate(parts[half:], 1)]

@@ -26,7 +26,7 @@ PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME})
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A whole report of a few invented runs, and a part with a plain table."""
+    """A whole report of small results, and a section with a plain table."""
     folder = tmp_path_factory.mktemp("report")
     with svg_alone():
         page.write(folder, small_results(["home", "away", "moved"]), (*page.SECTIONS, PLAIN))
@@ -35,7 +35,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def fine(browser: Browser, path: Path, **settings: object) -> Iterator[Opened]:
-    """An opened page, which in the end has had no error, asked for nothing and is no wider than its window."""
+    """An opened page; checks in the end that it has no error, no request and no overflow."""
     with opened(browser, path, **settings) as window:  # type: ignore[arg-type]
         yield window
         assert window.errors == []

@@ -181,7 +181,7 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
 
 
 def verify(folder: Path) -> subprocess.CompletedProcess[str]:
-    """`make verify` over every grid point of a folder."""
+    """Run ``make verify`` for all grid points of a folder."""
     command = [sys.executable, "-m", "tools.verify", "--cells", "99"]
     environment = os.environ | {"PYTHONPATH": str(workspace.ROOT)}
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
@@ -313,7 +313,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(fol
                     stages[key].add(stage)
 
     def dependents(changed: str) -> set[str]:
-        """The stages, but for the report, that depend on what DVC finds changed: of a param or a path."""
+        """All stages, except the report, that depend on a changed param or path."""
         return {
             stage
             for key, names in stages.items()

@@ -41,7 +41,7 @@ def replace_once(path: Path, old: str, new: str) -> None:
 
 
 def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> None:
-    """Follows docs/extending.md, with its code and params."""
+    """The steps of docs/extending.md, with its code and params."""
     changes: dict[str, Any] = {key: value for key, value in SMALL.items() if not key.startswith("experiments.")}
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= dict.fromkeys(LEFT_OUT, workspace.DROP) | {key: [] for key in STUDIES}

@@ -11,7 +11,7 @@ from isi.errors import InputError
 
 @pytest.fixture
 def dishes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Plugins[str]:
-    """A package of dishes: soup in a module of its own, two in a module together, and what they share."""
+    """A package of dishes: one module with soup, one with two dishes, and a private module that they share."""
     name = f"dishes_{abs(hash(request.node.name))}"  # modules stay imported
     package = tmp_path / name
     package.mkdir()

@@ -36,7 +36,7 @@ def _recorded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...]], Counter[str]]:
-    """Rows of the houses of a file, and what mining counted."""
+    """Observations of a file of houses, and the counts of mining."""
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     mining = Mining(0)
     rows = READERS.get("procthor_houses").read(mining, path=str(path), sha256=None, materials="simulator")

@@ -17,7 +17,7 @@ DATA = training_data(POINTS.session(0), "test", POINTS.keys(), "unseen")
 
 
 def may_leave_train(order: np.ndarray, triples: list[list[int]]) -> list[int]:
-    """Of triples in an order, those that are not the first to hold an entity or a relation."""
+    """The triples, in an order, that are not the first with one of their entities or their relation."""
     entities, relations, free = set[int](), set[int](), []
     for triple in order.tolist():
         head, relation, tail = triples[triple]
@@ -69,7 +69,7 @@ def test_words_are_permuted_for_the_purpose_of_each_control(within: str) -> None
 
 
 def shuffled(model: int, epoch: int) -> np.ndarray:
-    """The observations of a model in the order of an epoch."""
+    """The observations of a model, as triple ids, in the order of an epoch."""
     counts = DATA.counts[model].numpy()
     observations = np.repeat(np.arange(len(counts)), counts)
     generator("test batches", *DATA.keys[model].tolist(), epoch).shuffle(observations)
@@ -85,7 +85,7 @@ def test_batches_are_drawn_from_a_stream_of_model_and_epoch() -> None:
 
 @pytest.mark.parametrize(("purpose", "number"), [("negatives", (3, 1)), ("negatives in turn", (3,))])
 def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tuple[int, ...]) -> None:
-    """Tails come first of a stream's numbers."""
+    """The first numbers of the stream are for tails."""
     ratio, epoch = 2, 3
     if len(number) == 1:
         drawn = sample_epoch(DATA, ratio, ROOT, epoch)

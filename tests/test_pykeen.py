@@ -40,7 +40,7 @@ def id_of(case: Any) -> str:
 
 @pytest.fixture(scope="module")
 def factory() -> TriplesFactory:
-    """A ring with every relation, and random triples; ids are not in the order of labels."""
+    """A ring with all relations, and random triples; ids are not in the order of labels."""
     rng = np.random.default_rng(0)
     triples = {(e, e % RELATIONS, (e + 1) % ENTITIES) for e in range(ENTITIES)}
     triples |= {tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()}
@@ -58,7 +58,7 @@ def model_of(name: str, options: dict[str, Any], factory: CoreTriplesFactory, st
 
 
 def learn(model: ERModel, triples: torch.Tensor, steps: int) -> None:
-    """A few steps of a loss with margin, quicker than PyKEEN's own loop is for so few triples."""
+    """Some steps on a margin loss; for few triples this is faster than PyKEEN's loop."""
     rng, optimizer = torch.Generator().manual_seed(0), torch.optim.Adam(model.parameters(), lr=0.05)
     for step in range(steps):
         other = triples.clone()

@@ -17,7 +17,7 @@ def groups(*rows: tuple[Any, ...]) -> pd.DataFrame:
 
 
 def about(model: str, seed: int, given: float, answer: float) -> list[tuple[Any, ...]]:
-    """Two groups of scope novel; what is at both ends takes no part."""
+    """Rows of scope novel: two groups that count, and two groups that must be ignored."""
     cell = (model, 1, seed, "novel", "learned", "on")
     return [(*cell, "tail", "given", 2, given), (*cell, "head", "answer", 1, answer),
             (*cell, "tail", "both", 9, 0.99), (*cell, "relation", "given", 3, 0.98)]  # fmt: skip

@@ -21,7 +21,7 @@ POINT = ["model", "size", "seed", "scope", "filter"]
 
 
 def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, Embedding, dict[str, np.ndarray]]:
-    """Random embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
+    """Arguments of ``break_down`` with random embeddings: as Θ⁰ and joint model, and novel vectors by initializer."""
     points = points_of(random_graph(12, 3, 90), 2, seeds)
     joint, *others = (random_embedding(3, 12, 3, 8, seed=seed) for seed in range(3))
     theta = select(joint, torch.tensor(seeds))
@@ -158,7 +158,7 @@ def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> 
 
 
 def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
-    """Groups of one cell: relation, hidden, queries, MRR*, observations."""
+    """Groups of one grid point: relation, hidden, queries, MRR*, observations."""
     columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
     return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
 

@@ -24,7 +24,7 @@ Score = Callable[[int, int, int], float]
 
 @dataclass(frozen=True)
 class World:
-    """A graph and, for each model, what makes its sessions."""
+    """A graph, and for each model the data of its sessions."""
 
     counts: dict[Triple, int]
     entities: int
@@ -66,7 +66,7 @@ class World:
 def brute_force(
     world: World, model: int, queried: set[Triple], filtered: set[Triple], candidates: set[int]
 ) -> tuple[list[float], int]:
-    """MRR*, entity half, relation half and MRR, and the number of tied rivals."""
+    """MRR*, entity half, relation half and MRR; and the number of competitors tied with an answer."""
     if not queried:
         return [math.nan] * 4, 0
     score = world.score(model)
@@ -106,7 +106,7 @@ def brute_force(
 
 
 def scopes(world: World, model: int) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
-    """Queries, filter and candidates of each scope, as the table of docs/method.md has them."""
+    """Queries, filter and candidates of each scope, as defined in docs/method.md."""
     d1, train = world.of(model, TRAIN, VALID, TEST), world.of(model, TRAIN)
     learned, test = world.of(model, TRAIN, VALID), world.of(model, TEST)
     everyone, novel = world.members[model], set(world.novel[model])
@@ -123,7 +123,7 @@ def scopes(world: World, model: int) -> dict[str, tuple[set[Triple], set[Triple]
 
 @st.composite
 def worlds(draw: st.DrawFn) -> World:
-    """Two models over one graph; small whole numbers as vectors, so that ties abound and are exact."""
+    """Two models on one graph; vectors are small whole numbers, so that ties are exact and frequent."""
     entities, relations, models = draw(st.integers(4, 6)), draw(st.integers(1, 3)), 2
     entity, relation = st.integers(0, entities - 1), st.integers(0, relations - 1)
     triple = st.tuples(entity, relation, entity)
@@ -148,7 +148,7 @@ def worlds(draw: st.DrawFn) -> World:
 
 
 def check(world: World, result: Result, expected: Callable[[int], tuple[set[Triple], set[Triple], set[int]]]) -> None:
-    """A result is what brute force finds of (queries, filter, candidates) of each model."""
+    """Check a result against brute force; ``expected``: (queries, filter, candidates) by model."""
     for model in range(len(world.splits)):
         queried, filtered, candidates = expected(model)
         measures, ties = brute_force(world, model, queried, filtered, candidates)

@@ -20,7 +20,7 @@ def measure(
     counts: Mapping[Triple, int], embedding: Embedding, answers: Collection[Triple],
     filtered: Collection[Triple] = NONE, candidates: Collection[int] | None = None,
 ) -> list[float]:  # fmt: skip
-    """MRR*, its entity and relation halves, and MRR of the first model, of chosen queries."""
+    """MRR*, entity half, relation half and MRR of the first model over the queries of ``answers``."""
     _, entities, _ = embedding.entity.shape
     session = session_of(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
     queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (answers, filtered))
@@ -30,7 +30,7 @@ def measure(
 
 
 def scalar(entities: list[float], relations: list[float]) -> Embedding:
-    """f(h, r, t) = h · r · t: all but the first coordinate is zero."""
+    """An embedding with f(h, r, t) = h · r · t: all coordinates but the first are zero."""
     return Embedding(*(torch.tensor([[[x, 0, 0, 0] for x in table]]) for table in (entities, relations)), ANALOGY)
 
 
@@ -41,7 +41,7 @@ QUERY: Triple = (0, 0, 3)
 
 @dataclass(frozen=True)
 class Case:
-    """The query's terms of MRR* and its reciprocal ranks, with 1/2 for both in the relation slot."""
+    """Expected terms of MRR* and reciprocal ranks of the query; both are 1/2 for the relation slot."""
 
     tail: float
     head: float

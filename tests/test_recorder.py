@@ -33,25 +33,25 @@ SCENES = {f"FloorPlan{number}": KITCHEN[number - 1 :] for number in (1, 2, 3)}
 
 
 def settings(program: object, output: Path, **changes: object) -> dict[str, object]:
-    """Those of params with a player of ours."""
+    """The recorder's settings in params, with our player."""
     ours = {"platform": str(program), "output": str(output), "scenes": ["FloorPlan1-3"], "retries": 1}
     return {**RAW["recorder"], **ours, "seconds": 60.0, "start_seconds": 60.0, **changes}
 
 
 def recorded(program: object, output: Path, **changes: object) -> list[str]:
-    """Names of the scenes that a run leaves in a recording."""
+    """Run the recorder; returns the names of the scenes in the recording."""
     record(config.check(settings(program, output, **changes), Recorder, "recorder"))
     return names(output)
 
 
 def names(output: Path) -> list[str]:
-    """Of the scenes in a recording, in their order."""
+    """Names of the scenes in a recording, in order."""
     _, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
     return [Layout(scene=scene["scene"], spawn=scene["spawn"]).name for scene in scenes]
 
 
 def refusal(program: object, output: Path, **changes: object) -> str:
-    """The one line with which a run ends."""
+    """The line with which a run of the recorder fails."""
     with pytest.raises(InputError) as refused:
         recorded(program, output, **changes)
     line = str(refused.value)
@@ -62,7 +62,7 @@ def refusal(program: object, output: Path, **changes: object) -> str:
 
 @pytest.fixture(autouse=True)
 def _at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine with a graphics card that no one has set up, and without a display."""
+    """A machine with a graphics card that is not set up, and without a display."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -250,7 +250,7 @@ def test_mining_all_scenes_that_were_recorded_over_the_wire_gives_the_bytes_of_t
 
 
 def mine(path: Path, source: str) -> bytes:
-    """The bytes of the table of a source of AI2-THOR's scenes, other settings being those of params."""
+    """Mine a recording with AI2-THOR's settings in params; returns the bytes of the table."""
     given = {**RAW["sources"]["ai2thor"], "sha256": None, "from": source}
     OBSERVATIONS.write_parts(path, Source(given, "sources.ai2thor", 0).tables(), "mine")
     return path.read_bytes()

@@ -41,20 +41,20 @@ HEADER = FORMAT | SIMULATOR
 
 
 def package() -> dict[str, Any]:
-    """As the package has it: thirty scenes a room, empty but for one, and RoboTHOR's 75."""
+    """A recording in the package's format: thirty scenes per room and RoboTHOR's 75, empty except one."""
     scenes: dict[str, Any] = {key: [[] for _ in range(30)] for key in KEYS}
     scenes["kitchens"][4] = [dict(MUG)]
     return scenes | {"robothor": [[] for _ in range(74)] + [[dict(MUG)]]}
 
 
 def read(path: Path, content: object, plans: tuple[FloorPlans, ...] = ITHOR) -> list[Scene]:
-    """Write the recording of a package (JSON, or text as it is) and read it with its own hash."""
+    """Write a recording of the package (JSON, or text unchanged), and read it with its SHA-256."""
     path.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
     return list(read_recording(path, hashlib.sha256(path.read_bytes()).hexdigest(), plans))
 
 
 def read_lines(path: Path, *lines: object, plans: tuple[FloorPlans, ...] = ITHOR) -> list[Scene]:
-    """Write a recording of the recorder (JSON, or bytes as they are) and read it."""
+    """Write a recording of the recorder (JSON, or bytes unchanged), and read it."""
     encoded = [line if isinstance(line, bytes) else json.dumps(line).encode() for line in lines]
     path.write_bytes(gzip.compress(b"\n".join(encoded)))
     return list(read_recording(path, None, plans))

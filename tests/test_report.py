@@ -17,7 +17,7 @@ from tests.reports import INITIALIZERS, frame_of, of_experiment, runs, small_par
 
 
 def converged(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Epochs to convergence against joint models of 70 points."""
+    """Epochs to convergence for joint models with MRR* 0.7."""
     cells = rows[["scope", "size", "seed"]].drop_duplicates().assign(mrr_star=0.7)
     return epochs_to_convergence(rows, cells, 0.08, 150, by)
 
@@ -42,7 +42,7 @@ def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
 
 
 def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:
-    """Rows of one group: the values of each seed."""
+    """Rows of one group, with the values of each seed."""
     rows = [(0, seed, value) for seed, values in enumerate(seeds.values()) for value in values]
     return pd.DataFrame(rows, columns=["group", "seed", "value"])
 
@@ -197,7 +197,7 @@ def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> 
 
 def test_initializers_are_ordered_at_every_rate() -> None:
     def cells(es: int, rs: int) -> pd.DataFrame:
-        """Epochs to convergence at three rates; at the last, after so many."""
+        """Epochs to convergence with three factors on the rate; ``es`` and ``rs``: epochs with the last factor."""
         rows = [("es", finetuning.AS_CHOSEN, 3), ("rs", finetuning.AS_CHOSEN, 4), ("es", 0.5, 6), ("rs", 0.5, 8),
                 ("es", 2, es), ("rs", 2, rs)]  # fmt: skip
         frame = pd.DataFrame(rows, columns=["model", "factor", "epoch"])

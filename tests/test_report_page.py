@@ -38,7 +38,7 @@ def results_of(experiments: tuple[str, ...] = tuple(GRAPHS), analyses: bool = Tr
 
 @cache
 def parts_of(results: Results) -> list[FilledSection]:
-    """Every section that has something to show."""
+    """All sections with content."""
     return [part for section in SECTIONS if (part := section.filled(results))]
 
 

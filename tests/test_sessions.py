@@ -87,12 +87,12 @@ def test_splits_differ_between_seeds_and_roots() -> None:
 
 
 def touching(graph: Graph, entities: set[int]) -> np.ndarray:
-    """Which triples have one of these entities at an end."""
+    """A mask of the triples with one of these entities at an end."""
     return np.isin(graph.triples[:, [0, 2]], list(entities)).any(1)
 
 
 def sessions_of(points: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Entities and splits of D⁰, D¹, ... of the first cell."""
+    """Entities and splits of D⁰, D¹, ... of the first model."""
     found = [points.session(number) for number in range(points.sessions + 1)]
     return [(session.entities[0].numpy(), session.splits[0].numpy()) for session in found]
 
@@ -243,7 +243,7 @@ SHARES = Shares(valid=0.2, test=0.2, insert_fraction=0.5)
 
 
 def store_of(graph: Graph, sources: list[str] | None = None, **sessions: Any) -> Store:
-    """The sessions that are drawn of a graph, as a store of tables in memory."""
+    """A store in memory of a graph and the sessions sampled for it."""
     names = np.array(graph.entities)
     entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": sources or "here"})
     head, relation, tail = graph.triples.numpy().T

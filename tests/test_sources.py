@@ -20,7 +20,7 @@ HOUSES = {**MP3D, "reader": "mp3d_houses", "folder": "houses", "category": "mpca
 
 
 def of_kind(triples: pd.DataFrame, rooms: set[str]) -> pd.DataFrame:
-    """Entities of a kind that no home has."""
+    """Entities with kinds that homes do not have."""
     assert rooms == {"sea"}
     names = sorted({*triples["head"], *triples["tail"]})
     return pd.DataFrame({"entity": names, "kind": "animal", "phrase": names})
@@ -28,7 +28,7 @@ def of_kind(triples: pd.DataFrame, rooms: set[str]) -> pd.DataFrame:
 
 @reader("pretended", of_kind)
 def pretended(mining: Mining, fish: Count, name: str = "cod") -> Iterator[Observation]:
-    """As many fish as it is set to."""
+    """A reader that yields ``fish`` observations."""
     for number in range(fish):
         mining.counts["fish"] += 1
         yield "scene", "sea", str(number), name, "eats", "crab", 1

@@ -54,7 +54,7 @@ def cases(name: str) -> Iterator[dict[str, str]]:
 
 
 def at(key: str) -> Any:
-    """The value at a dotted key of the params of either pipeline, which must be there."""
+    """The value at a dotted key of either pipeline's params; the key must exist."""
     return reduce(operator.getitem, key.split("."), PARAMS | BEYOND_PARAMS)
 
 
@@ -74,13 +74,13 @@ def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
 
 
 def code_of(name: str) -> list[Path]:
-    """The code that a stage depends on."""
+    """The files of code that a stage depends on."""
     return [Path(dep) for dep in STAGES[name]["deps"] if dep.split("/")[0] in ("isi", "stages")]
 
 
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_modules_params_name(name: str) -> None:
-    """And on all that those import."""
+    """Indirect imports count, too."""
     files, depended = closure(Path(f"stages/{name}.py")), code_of(name)
     keys = [key.split(".")[0] for key in STAGES[name].get("params", []) if isinstance(key, str)]
     for package, key in PLUGINS.items():
@@ -94,7 +94,7 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_m
 
 @pytest.mark.parametrize("name", sorted(set(STAGES) - {"report"}))
 def test_no_stage_depends_on_what_changes_for_other_reasons(name: str) -> None:
-    """A message, the command, the page, or, for training and insertion, a table that only the report reads."""
+    """Messages, the command, the page, and, for training and insertion, tables that only the report reads."""
     apart = {*PLUMBING, Path("isi/cli"), Path("isi/report")} | (set(map(Path, APART)) if name in MAKING else set())
     assert not [dep for dep in code_of(name) for path in apart if path.is_relative_to(dep) or dep.is_relative_to(path)]
 
@@ -143,7 +143,7 @@ def test_no_two_stages_write_the_same() -> None:
 
 @pytest.mark.parametrize("stages", [FIRST, BEYOND], ids=["first", "beyond"])
 def test_the_lock_has_the_stages_that_there_are(stages: dict[str, dict[str, Any]]) -> None:
-    """DVC keeps those that are no more, and reads them all at every start."""
+    """DVC keeps entries of removed stages in the lock, and parses them at every start."""
     lock = (paths.PIPELINE if stages is FIRST else paths.BEYOND_PIPELINE).with_name("dvc.lock")
     if not lock.exists():
         pytest.skip("the pipeline has not run")

@@ -48,7 +48,7 @@ SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130)
 
 
 def session(leader: int) -> set[int]:
-    """Living processes of the session that a process leads."""
+    """Ids of the living processes in the session of a leader."""
     processes = set()
     for process in psutil.process_iter():
         with suppress(psutil.Error, OSError):  # it ended meanwhile
@@ -59,7 +59,7 @@ def session(leader: int) -> set[int]:
 
 @contextmanager
 def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iterator[subprocess.Popen[str]]:
-    """A command in a session of its own, once it has begun; none of its processes stays."""
+    """A command in a new session, after it has begun; all its processes are killed in the end."""
     with subprocess.Popen(
         command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=WITH_CODE, preexec_fn=_heed_ctrl_c,
@@ -74,12 +74,12 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
 
 
 def _heed_ctrl_c() -> None:
-    """Though whoever runs the tests may have wanted it ignored, as shells do in the background."""
+    """Accept Ctrl-C, which a shell makes background processes ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def asleep(folder: Path) -> Callable[[], bool]:
-    """Whether the workers of ``sleepers`` all sleep."""
+    """A function that tells whether all workers of ``sleepers`` sleep."""
     return lambda: len([path for path in folder.iterdir() if path.name.isdigit()]) == sleepers.WORKERS
 
 

@@ -23,19 +23,19 @@ SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializer
 
 
 def few_results(studies: bool = True, names: Collection[str] = ("xavier", "es", "rs", "mean")) -> data.Results:
-    """Of one experiment with few initializers, since a report of all takes three times as long."""
+    """Results of one experiment with few initializers; a report of all initializers takes three times as long."""
     models = {name: SHIPPED[name] for name in INITIALIZERS if name in names}
     return small_results(["home"], studies, initializers=models, **{"sweep.initializers": {"es": {}}})
 
 
 def words(folder: Path) -> str:
-    """What a page says, its scripts apart."""
+    """The text of the page in a folder, without scripts."""
     text = re.sub(r"<(script|style).*?</\1>", " ", (folder / "index.html").read_text("utf-8"), flags=re.DOTALL)
     return re.sub(r"<[^>]*>", " ", text)
 
 
 def written(folder: Path, found: data.Results) -> Path:
-    """A report of it, which has no number that is none."""
+    """Write a report into a folder, and check that it has no NaN and no infinity."""
     with svg_alone():
         page.write(folder, found, page.SECTIONS)
     assert not {"nan", "inf", "nan.0"} & set(re.findall(r"[\w.]+", words(folder)))
@@ -45,7 +45,7 @@ def written(folder: Path, found: data.Results) -> Path:
 
 @st.composite
 def strange(draw: st.DrawFn) -> data.Results:
-    """Some experiments, some initializers, and up to three things that are strange."""
+    """Results of random experiments and initializers, with up to three changes of ``STRANGE``."""
     names = draw(st.sampled_from([("home",), ("moved",), ("away",), ("home", "moved")]))
     chosen = draw(st.sets(st.sampled_from(INITIALIZERS), min_size=1, max_size=3))
     models = {name: SHIPPED[name] for name in INITIALIZERS if name in chosen}
@@ -93,7 +93,7 @@ def test_a_collapsed_model_is_named() -> None:
 
 
 def noisy(found: data.Results, size: float) -> data.Results:
-    """The same with every measure changed by up to a share, each by itself."""
+    """Results with every measure changed by a random share of at most ``size``."""
     rng = np.random.default_rng(5)
 
     def change(frame: pd.DataFrame) -> pd.DataFrame:
@@ -106,7 +106,7 @@ def noisy(found: data.Results, size: float) -> data.Results:
 
 
 def lines(folder: Path) -> dict[tuple[str, int], str]:
-    """Of every text file of a report, its lines."""
+    """All lines of the text files of a report, by file and line number."""
     return {
         (str(path.relative_to(folder)), number): line
         for path in sorted(folder.rglob("*.*")) if path.suffix != ".png"

@@ -43,7 +43,7 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: 
 
 
 def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
-    """Nor with the tools around it."""
+    """It also shares no code with the other tools."""
     listed = {"verify": {"tools.recomputed"}, "recomputed": set()}
     for name, allowed in listed.items():
         nodes = list(ast.walk(ast.parse((ROOT / f"tools/{name}.py").read_text(encoding="utf-8"))))
@@ -177,7 +177,7 @@ DATA = (
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """WordNet's files for nouns: ``mug`` of two senses, the second of which is the only one of ``cup``."""
+    """WordNet's files for nouns: ``mug`` with two senses; the second is also the only sense of ``cup``."""
     offsets = [DATA.index(start) for start in ("00000051", "00000087")]
     (tmp_path / "data.noun").write_text(DATA, encoding="latin-1")
     (tmp_path / "index.noun").write_text(

@@ -116,7 +116,7 @@ def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, p
 
 
 def validations_of(model: int, looks: pd.DataFrame) -> list[tuple[int, float, bool]]:
-    """Epoch, MRR* and whether it was the best, of one model."""
+    """Rows (epoch, MRR*, whether it was the best) of one model."""
     return list(looks.loc[looks["place"] == model, ["epoch", "mrr_star", "kept"]].itertuples(index=False, name=None))
 
 
@@ -141,7 +141,7 @@ def test_fit_keeps_the_best_and_respects_patience() -> None:
 
 @pytest.fixture(params=["tables", "lists"])
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Batches in either form."""
+    """Set the form of batches: tables or lists."""
     if request.param == "lists":
         monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
 

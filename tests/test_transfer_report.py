@@ -18,7 +18,7 @@ ENTITIES = pd.DataFrame(
 
 
 def ranked(model: str, seed: int, order: list[int]) -> list[tuple[str, int, int, int, int]]:
-    """Ranks of the answers about the fan, the first first."""
+    """Ranks of the answers about the fan (entity 4); ``order``: the answers from rank 1 on."""
     return [(model, seed, 4, answer, rank) for rank, answer in enumerate(order, 1)]
 
 

@@ -21,7 +21,7 @@ FILES = {
 
 
 def folder_of(path: Path, **changes: str | None) -> Path:
-    """A folder of the files, some of them changed or missing."""
+    """A folder with the files; ``changes``: other contents by name, None: missing."""
     for name, content in {**FILES, **{f"{key}.txt": content for key, content in changes.items()}}.items():
         if content is not None:
             (path / name).write_bytes(content.encode("utf-8", "surrogateescape"))
@@ -29,7 +29,7 @@ def folder_of(path: Path, **changes: str | None) -> Path:
 
 
 def mined(from_: str, triples: list[str] | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Observations, and kinds."""
+    """Observations and kinds of a folder of triples."""
     observed = observations_of({"reader": "triples_with_ids", "from": from_, "triples": triples})
     return observed.table, observed.kinds
 

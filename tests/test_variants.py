@@ -107,7 +107,7 @@ def test_a_variant_knows_what_its_changes_concern() -> None:
 
 
 def stored(size: int = 2) -> Models:
-    """Θ⁰ and the joint models, as the first pipeline trains them."""
+    """Θ⁰ and the joint models, trained as in the first pipeline."""
     return train_models(points_of(GRAPH, size, SEEDS), LEARNING)
 
 
@@ -195,7 +195,7 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(section: str, wrong: d
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the first pipeline leaves of an experiment: of sizes 1 and 2, with two seeds."""
+    """A folder with the first pipeline's outputs for an experiment with sizes 1 and 2 and two seeds."""
     folder: Path = tmp_path_factory.mktemp("variants")
     small.run_all(folder)
     return folder
@@ -203,7 +203,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def varied(experiment: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
-    """Runs the stage of a variant of the experiment: its runs, and what its models answer."""
+    """A function that runs the stage of a variant; returns its runs and its query breakdown."""
     monkeypatch.chdir(experiment)
 
     def run(stack: int = 2, **settings: Any) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -56,7 +56,7 @@ def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
 
 
 def test_convergence_is_against_the_joint_model_of_the_variant_and_of_the_session() -> None:
-    """Within 8 points of it; the variant says how many epochs there are at most."""
+    """The margin is 8 points; the variant sets the maximum number of epochs."""
     later = {("es", 0): [0.5, 0.62, 0.7], ("es", 1): [0.5, 0.5, 0.5], ("joint", 0): [0.7], ("joint", 1): [0.7]}
 
     def heldout(runs: VariantRuns) -> pd.DataFrame:
@@ -137,7 +137,7 @@ def test_without_isi_no_initializer_is_above_it() -> None:
 
 
 def embedded() -> list[list[VariantRuns]]:
-    """Two embedding models on one graph, the first of them on another, too; on that, Xavier is as good as ISI."""
+    """Two embedding models on one graph; the first also on another graph, on which Xavier equals ISI."""
     later = {("es", 0): [0.5, 0.62, 0.7], ("es", 1): [0.5, 0.5, 0.5], ("xavier", 0): [0.7], ("xavier", 1): [0.7],
              ("joint", 0): [0.7], ("joint", 1): [0.7]}  # fmt: skip
     one = {"xavier": (0.1, 0.1), "es": (0.2, 0.4), "mean": (0.2, 0.2), "joint": (0.9, 0.9)}
@@ -193,7 +193,7 @@ def test_insert_triples_go_from_the_fewest_to_all() -> None:
 
 
 def main_runs(values: Mapping[tuple[str, int], tuple[float, float]], epochs: int) -> pd.DataFrame:
-    """Runs in scope all by (model, size): MRR* and its entity half at once; all converge after so many epochs."""
+    """Runs in scope all by (model, size): (MRR*, entity half) at epoch 0; all converge after ``epochs`` epochs."""
     cells = list(values.items())
     rows = runs([(model, "all", size, 0, 0, mrr_star) for (model, size), (mrr_star, _) in cells])
     rows["mrr_star_entity"] = [entity for _, (_, entity) in cells]
@@ -202,7 +202,7 @@ def main_runs(values: Mapping[tuple[str, int], tuple[float, float]], epochs: int
 
 
 def compared() -> Results:
-    """Of two graphs; the first with curves of size 1, and with a query breakdown."""
+    """Results on two graphs; the first has learning curves for size 1, and a query breakdown."""
     results = results_with(
         variant("insert_triples", {"home": {"es": [0.5]}}),
         variant("causes", {"home": {"xavier": [0.5], "es": [0.5], "rs": [0.5], "ers": [0.5], "joint": [0.5]}},

@@ -25,7 +25,7 @@ LOCALS = {"found", "how", "one", "own", "some", "what"}
 
 
 def names(path: Path) -> Iterator[str]:
-    """Of a module: its own, its folder's, and those of its classes and functions."""
+    """Names of a module, of its folder, and of its classes and functions."""
     yield from (path.stem, path.parent.name)
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ClassDef | ast.FunctionDef):

@@ -70,7 +70,7 @@ def test_theta0_is_trained_until_what_it_knows_scores_above_what_it_does_not() -
 
 
 def insert(initializer: str, **options: int) -> torch.Tensor:
-    """The vector that an initializer gives the cup; shape (1, 1, 2)."""
+    """The vector that an initializer gives to the cup; shape (1, 1, 2)."""
     triples = torch.tensor([[0, 0, OBSERVED]])
     context = context_of(THETA0, D0, NOVEL, triples, WORDS, root=0, keys=SIZE_AND_SEED)
     return INITIALIZERS.get(initializer, "initializers").function(context, **options).vectors

@@ -126,7 +126,7 @@ def test_a_phrase_is_one_token_or_joined_or_the_mean_of_its_tokens_or_nothing(
 
 @pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"])
 def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
-    """Blanks other than those between numbers, and GloVe's tokens of several pieces."""
+    """Tokens with unusual blanks, and GloVe's tokens that contain spaces."""
     vectors = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
     assert vectors.index_to_key == ["the", token]
     assert vectors[token].tolist() == [3.0, 4.0]
@@ -160,7 +160,7 @@ def definitions() -> list[str]:
 
 
 def object_types() -> list[str]:
-    """All of AI2-THOR's and RoboTHOR's in the recording, the floor too."""
+    """All object types of AI2-THOR and RoboTHOR in the recording, including the floor."""
     scenes = json.loads(locate("recording").read_bytes())
     return sorted({entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
 
