@@ -28,23 +28,23 @@ $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 	@python -m isi.params
 	@touch $@
 
-install: $(INSTALLED)  ## set up .venv, and no more
+install: $(INSTALLED)  ## set up .venv
 
-repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
+repro: $(CHECKED)  ## run all stages that are not up to date; print the report's path and headline
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page
+beyond: repro  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions; update the report
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden
 	@dvc repro --single-item --force report
 
-quick: $(CHECKED)  ## the same on a small grid, in about five minutes, in the folder quick/
+quick: $(CHECKED)  ## run the pipeline on a small grid in the folder quick/, in about eight minutes
 	@python tools/workspace.py quick
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports
 
-record: $(CHECKED)  ## record scenes of the live simulator, as params say (or with ARGS="--scenes FloorPlan1-3", see --help)
+record: $(CHECKED)  ## record scenes of the live simulator (ARGS="--scenes FloorPlan1-3" instead of the params' list; see --help)
 	@python -m stages.record $(ARGS)
 
 test: $(INSTALLED)  ## ruff, mypy and pytest
@@ -58,18 +58,18 @@ types: $(INSTALLED)
 pytest: $(INSTALLED)
 	pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
-fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
+fuzz: $(INSTALLED)  ## feed 10,000 malformed files to the readers, in about ten minutes (ARGS="--inputs 1000" for fewer); table in docs/benchmarks
 	python -m tests.fuzz $(ARGS)
 
-kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, and eight disks, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
+kill-test: $(INSTALLED)  ## kill 20 runs of a small pipeline at random moments and fill 8 disks, in about 20 minutes (ARGS="--kills 4" for fewer); table in docs/benchmarks
 	python -m tests.kills $(ARGS)
 
-mutants: $(INSTALLED)  ## change the code of ranks, query sets, batches, sessions, models and insertion bit by bit, in half an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
+mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about an hour; table in docs/benchmarks (installs the extra `mutants`)
 	$(BIN)/pip install --quiet --editable '.[mutants]'
 	mutmut run $(ARGS)
 	python -m tools.mutants
 
-verify: $(INSTALLED)  ## compute vectors, MRR* and epochs of the last run again from its tables alone, by other code, and compare
+verify: $(INSTALLED)  ## recompute vectors, MRR* and epochs of the last run from its tables, with independent code, and compare
 	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about ten minutes (installs the extra `benchmark`), into docs/benchmarks
@@ -82,22 +82,22 @@ words: $(INSTALLED)  ## embed the phrases of data/raw/words again (installs the 
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.embed_phrases
 
-readme: $(INSTALLED)  ## put the tables and numbers of the report and of the benchmarks into the README and docs/
+readme: $(INSTALLED)  ## copy tables and numbers of the report and the benchmarks into the README and docs/
 	python -m tools.docs
 
-lock: $(INSTALLED)  ## write requirements.lock, with hashes, from what is installed beside a CPU build of torch
+lock: $(INSTALLED)  ## write requirements.lock, with hashes, from the packages installed in .venv
 	$(BIN)/pip install --quiet uv
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
 	uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate $(VENV)/frozen -o requirements.lock > /dev/null
 
-console: $(INSTALLED)  ## put what commands print into docs/insert.md (installs the extra `words`)
+console: $(INSTALLED)  ## run the commands in docs/insert.md and copy their output there (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.docs docs/insert.md
 
-models: $(INSTALLED)  ## choose rate, decay and margin of every embedding model again, in about ten minutes
+models: $(INSTALLED)  ## search learning rate, weight decay and margin of each embedding model, in about ten minutes
 	python -m tools.choose_models
 
-initializers: $(INSTALLED)  ## choose the options of initializers again on hidden entities, in about ten minutes
+initializers: $(INSTALLED)  ## search the options of initializers on hidden entities, in about ten minutes
 	python -m tools.choose_initializers
 
 clean:  ## remove the environment and quick/
