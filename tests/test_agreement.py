@@ -110,14 +110,14 @@ def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_kno
     drawn = novel((1, 0, 0, 1), (1, 0, 2, 2))
     agreement.insert_triples_fit(
         FILE, given((1, 0, 0, 0, 1), (1, 0, 2, 4, 2)), drawn, split(*[TRAIN] * 6), GRAPH
-    )  # 0 is known by then
+    )  # entity 0 is known after session 1
     agreement.insert_triples_fit(FILE, given(), drawn, split(*[TRAIN] * 6), GRAPH)
     for row, says in (
-        ((1, 0, 1, 0, 1), "expected an entity that the session inserts"),  # who is known
+        ((1, 0, 1, 0, 1), "expected an entity that the session inserts"),  # the entity is known
         ((1, 0, 0, 0, 2), "expected an entity that the session inserts"),  # in another session
         ((1, 1, 0, 0, 1), "expected an entity that the session inserts"),  # of another seed
         ((1, 0, 0, 1, 1), "expected the entity at one end of the triple"),
-        ((1, 0, 0, 4, 1), "expected the other end to be known before the session"),  # 2 comes in the next
+        ((1, 0, 0, 4, 1), "expected the other end to be known before the session"),  # 2 is inserted later
     ):
         shown = f"size {row[0]}, seed {row[1]}, entity {row[2]}, triple {row[3]}"
         with refused(rf"row 0 \({shown}\): {says}"):

@@ -38,7 +38,7 @@ def thing(
 
 
 COLUMNS = ["scene", "room", "instance", "head", "relation", "tail", "count"]
-#: FloorPlan1: a mug stands on a counter and in a sink at once; the counter stands on the floor.
+#: FloorPlan1: a mug is both on a counter and in a sink; the counter is on the floor.
 KITCHEN = [
     thing("Floor", 1, None, ["Wood"], "receptacle", "dirtyable"),
     thing("CounterTop", 1, ["Floor|1"], ["Stone", "Wood"], "receptacle"),

@@ -198,7 +198,7 @@ def test_dead_coordinates_take_no_part_in_rs() -> None:
     of = four_novel(model_named("distmult"))
     assert torch.equal(insert("rs_alive", of, k=3).vectors, insert("rs", of, k=3).vectors)
     relation = of.theta0.relation.clone()
-    relation[0, 0, 3] = DEAD / 2  # its inverse is all that counts of what the relation says
+    relation[0, 0, 3] = DEAD / 2  # a dead coordinate, whose inverse would dominate α
     dead = replace(of, theta0=replace(of.theta0, relation=relation))
     assert (~alive(dead.theta0)).nonzero().tolist() == [[0, 0, 3]]
     only = insertion(dead.theta0, [0], [[(1, 0, False)]], of.words, of.kinds.tolist())
@@ -229,7 +229,7 @@ def test_insert_triples_lie_in_cells_and_bring_negatives(of: InitContext) -> Non
     assert positive[0].nonzero().tolist() == sorted(map(list, cells))
     assert positive.sum() == 7
     negative = evidence.expected_negatives(of, positive, ratio=4)[0]
-    assert (negative[..., [0, 5, 9, 11]] == 0).all()  # the novel ones are no known ends
+    assert (negative[..., [0, 5, 9, 11]] == 0).all()  # novel entities are no ends of corrupted triples
     assert negative.sum() == pytest.approx(7 * 2 * 4)
     one_relation = random_embedding(1, ENTITIES, 1, DIMENSION)  # which is never corrupted
     of = insertion(one_relation, [0], [[(1, 0, False), (4, 0, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES)
@@ -332,7 +332,7 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
     step, _ = evidence.newton(known, theta0, known.mean, similarity.alpha_of_all_triples(theta0))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
-        expected = [share, share, 1, share]  # the third has nothing to go for
+        expected = [share, share, 1, share]  # the third has no insert triples, hence a zero step
         assert evidence.step_size(known, theta0, known.mean, times * step)[0].tolist() == expected
 
 

@@ -216,7 +216,7 @@ def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]
         ("indicator", "kettle"), ("indicator", "bed"),
     ]  # fmt: skip
     fact, _, words, kettle, _ = explained["without"]
-    assert fact["moved"] == pytest.approx(0.0, abs=1e-6)  # ES goes by words alone
+    assert fact["moved"] == pytest.approx(0.0, abs=1e-6)  # ES uses word vectors alone
     assert fact["changes"] == []
     assert words["moved"] > 0.01
     both, bed = np.array([2.0, 1.5, 1.0, 1.0]), np.array([1, 2, 0, 2])  # centroids of both, and without the kettle

@@ -45,7 +45,7 @@ def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> No
     data = training_data(points.last_session, "training", points.keys(), "unseen")
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
-        return torch.tensor([place != 1 for place in models.tolist()])  # the second leaves at once
+        return torch.tensor([place != 1 for place in models.tolist()])  # model 1 stops at the first call
 
     with pytest.raises(NotFinite) as ended:
         train(embedding, data, SAMPLED, settings, 0, onward)

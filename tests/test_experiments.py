@@ -127,7 +127,7 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
     other_splits = replace(points, splits=np.where(later, TRAIN, points.splits).astype(np.int8))
     assert np.array_equal(train_stack(other_splits, grid.LEARNING, 1).theta.entity, first.entity)
     alone = train_stack(points.all_known, grid.LEARNING).theta
-    assert np.array_equal(last.entity, alone.entity)  # of the last session, what it is with any number of sessions
+    assert np.array_equal(last.entity, alone.entity)  # equal to the joint model of a single session
 
 
 # Sessions that insert one after the other
@@ -148,7 +148,7 @@ def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as
         d0, d1 = (points.session(number).entities[model] for number in (0, 1))
         assert not torch.equal(learned[d0], before[model][d0])
         assert not np.array_equal(learned[novel1], first.vectors[model])
-        assert not learned[novel2].any()  # nobody knows them yet
+        assert not learned[novel2].any()  # entities of session 2 are not yet known
         assert torch.equal(after[d1], learned[d1])
         assert np.array_equal(after[novel2], second.vectors[model])
         assert np.allclose(first.vectors[model, 0], before[model][d0].mean(0), atol=1e-6)
@@ -170,7 +170,7 @@ def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_befor
         triples = rows[rows[:, 0] == model, 2]
         assert context.observed[model].sum() == len(triples)
         assert np.isin(grid.GRAPH.triples[triples][:, [0, 2]], novel2).any(1).all()
-    assert came_before  # some triple ties the two sessions
+    assert came_before  # a triple connects entities of both sessions
     assert context.keys.tolist() == [[grid.SIZE, seed, 2] for seed in grid.SEEDS]
 
 

@@ -20,7 +20,7 @@ from tests.small_grid import EXPLORER, explorer_task
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator
 
-#: Of the 14 entities of the study's small graph, some with what a page must not take for markup.
+#: Names of the 14 entities of the small graph; some contain characters of HTML markup.
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup", "cupboard", "mug", "pan",
          "pot", "sofa", "shelf"]  # fmt: skip
 BEST = "soft_hybrid"

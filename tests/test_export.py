@@ -18,7 +18,7 @@ from tests.small_experiment import ENTITIES, TRIPLES, write_experiment
 
 ROOT = Path(__file__).parent.parent
 ROWS = set(TRIPLES[TRIPLE].itertuples(index=False, name=None))
-#: By hand, best first, without what the graph has: with distmult, (?, atLocation, ?) compares second coordinates.
+#: Best missing triples by hand, best first: with DistMult, (?, atLocation, ?) compares second coordinates.
 BEST = [
     ("mug", "atLocation", 'Öfen 5"', 3.0, 1), ("mug", "atLocation", "mug", 1.0, 2),
     ("tea/pot", "atLocation", 'Öfen 5"', 3.0, 1), ("tea/pot", "atLocation", "mug", 1.0, 2),

@@ -25,7 +25,7 @@ from tests.small_insertion import insertion
 @pytest.fixture
 def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
     """The module that docs/extending.md shows for an extension."""
-    for plugins in (MODELS, INITIALIZERS):  # what the page registers goes when the test does
+    for plugins in (MODELS, INITIALIZERS):  # undo the page's registrations after the test
         monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     monkeypatch.setattr(READERS, "_registered", dict(READERS._registered))
     module = ModuleType(request.param.replace(" ", "_"))

@@ -106,7 +106,7 @@ def test_interference_by_hand() -> None:
     assert (result.rank_before, result.rank_after) == (2.5, 2.5)  # 3rd as head, 2nd as tail
     assert result.mrr_before == pytest.approx((1 / 3 + 1 / 2) / 2)
     lowest = on_a_line().interference([(3, 0, 1)])  # heads by 2: -4 last; tails by -4: -4, 0.5 before 1, 2, 3
-    assert lowest.above == [0.5]  # as tail, but as head it is told to be right
+    assert lowest.above == [0.5]  # 4 ranks above 3 as a tail; as a head it is a true answer
     assert (lowest.rank_before, lowest.rank_after) == ((4 + 3) / 2, (4 + 4) / 2)
     other = on_a_line([(4, 0, 0)]).interference([(3, 0, 1)])
     assert other.above == [1.0]

@@ -169,7 +169,7 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
     assert not Path("exploded").exists()
     with pytest.raises(SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with one"):
         imported("evil", "--trust-pickle")
-    assert Path("exploded").exists()  # which is what the help warns of
+    assert Path("exploded").exists()  # the help warns of this
     main(["import", "--help"])
     assert "can have it run any program" in " ".join(capsys.readouterr().out.split())
 

@@ -38,7 +38,7 @@ EVERYONE: dict[str, dict[str, Option]] = {
 RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
 CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
 
-#: Plain Python: α of an insert triple needs its known end, relation, and whether the novel entity is the tail.
+#: An insert triple: its known end, its relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
 
 
@@ -220,7 +220,7 @@ def test_random_initializers_are_keyed_by_root_and_grid_point_and_no_other_draws
         assert all((initial(name, other).vectors != first).all() == drawn for other in others)
         assert all(torch.equal(initial(name, other).vectors, first) != drawn for other in others)
     theta0 = replace(given.theta0, entity=given.theta0.entity[:1].expand(2, -1, -1))
-    alike = replace(given, theta0=theta0, known=given.known[:1].expand(2, -1))  # only keys tell the models apart
+    alike = replace(given, theta0=theta0, known=given.known[:1].expand(2, -1))  # the models differ in their keys alone
     if drawn and name != "class_noise":
         swapped = initial(name, replace(alike, keys=given.keys.flip(0))).vectors
         assert torch.equal(swapped.flip(0), initial(name, alike).vectors)
@@ -243,7 +243,7 @@ def test_gaussians_have_the_moments_of_the_known_vectors_in_each_coordinate(name
 
 
 def test_options_come_from_the_signature_and_the_label_is_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))  # what is registered here goes
+    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))  # undone after the test
 
     @initializer("constant")
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:

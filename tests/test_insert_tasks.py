@@ -37,7 +37,7 @@ def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the
         place = CONVERGING.index(scope) / 10
         assert values.dtype == np.float64
         np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])
-        values[:] = 0  # its own
+        values[:] = 0  # changes this task's copy alone
     assert joint_targets(joint_runs(), POINTS)[1, CONVERGING[0]].all()
 
 

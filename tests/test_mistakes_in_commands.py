@@ -29,7 +29,7 @@ from tests.mistakes.of_pykeen import PYKEEN_CASES
 from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
 from tests.small_embedding import call, fit
 
-#: Modules that are run, what their lines begin with, and mistakes in what is typed behind their names.
+#: By module: the beginning of its lines of refusal, and mistakes in its command line.
 PROGRAMS: dict[str, tuple[str, list[Typed]]] = {
     "isi": ("isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
     "stages.record": ("record: ", RECORD_CASES), "isi.params": ("", PARAMS_CASES),
@@ -47,7 +47,7 @@ def inserted() -> Inserted:
     return call()
 
 
-#: What takes the arguments, and mistakes in them.
+#: By name: a function of the library, and mistakes in its arguments.
 LIBRARY: dict[str, tuple[Callable[..., object], list[Called]]] = {
     "isi.insert": (call, INSERT_CASES),
     "isi.fit_new": (lambda **given: fit(inserted(), **given), FIT_CASES),
@@ -64,7 +64,7 @@ def line_of(module: str, case: Typed) -> tuple[str, object, str]:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
         _run(module, shlex.split(case.typed))
     status = ended.value.code
-    if isinstance(status, str):  # as Python ends a program that is left so
+    if isinstance(status, str):  # as for a program: the text goes to standard error, and the status is 1
         return status, 1, out.getvalue()
     return err.getvalue().removesuffix("\n"), status, out.getvalue()
 

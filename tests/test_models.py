@@ -43,7 +43,7 @@ class Stretch(RelationMapModel):
         return vectors.roll(-1, -1) * relation.exp()
 
 
-#: Options of models that ship, whatever params say; a model of a user's own has those of params.
+#: Options of the shipped models, independent of params; a user's model takes its options from params.
 OPTIONS: dict[str, dict[str, Option]] = {"analogy": {}, "distmult": {}, "complex": {}, **MODEL_OPTIONS}
 
 
@@ -229,7 +229,7 @@ def complex_score(head: list[complex], relation: list[complex], tail: list[compl
         ("distmult", [2.0, -1.0, 3.0, 4.0], -16.0),
         # pairs (1, 3), (2, -1) by (2, 3), (-1, 4) with (1, -1), (0.5, 2)
         ("complex", [2.0, -1.0, 3.0, 4.0], complex_score([1 + 3j, 2 - 1j], [2 + 3j, -1 + 4j], [1 - 1j, 0.5 + 2j])),
-        # 4 less the length of (1 + 2 - 1, 2 - 1 - 0.5, 3 + 3 + 1, -1 + 4 - 2)
+        # 4 minus the length of (1 + 2 - 1, 2 - 1 - 0.5, 3 + 3 + 1, -1 + 4 - 2)
         ("transe", [2.0, -1.0, 3.0, 4.0], 4 - math.sqrt(4 + 0.25 + 49 + 1)),
         ("transe squared", [2.0, -1.0, 3.0, 4.0], 4 - 54.25),
         # (1 + 3i) turned by a right angle is -3 + i; (2 - i) by half a turn is -2 + i

@@ -18,7 +18,7 @@ from tests.reports import small_results, svg_alone
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-#: A table whose order by number is not that of its text, with what is not there and thousands among it.
+#: A table whose numeric order differs from the order of its texts, with a null and a number above 1,000.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
 TEXT = "# Plain\n\n@table plain_table | Plain table\nOf four rows."
 PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME})], TEXT)
@@ -50,7 +50,7 @@ def test_all_of_it_fits_its_window_and_asks_for_nothing(
 ) -> None:
     with fine(chromium, report, width=width, scheme=scheme) as window:
         assert window.page.title()
-        if width != 768:  # contents stand beside the page, and fold on a phone
+        if width != 768:  # the contents are beside the page on a desktop, and folded on a phone
             assert window.page.locator("nav ul").first.is_visible() is (width == 1280)
         window.page.get_by_role("button", name="Open all parts").click()
         assert window.page.locator("main details:not([open]):not(.words)").count() == 0
@@ -91,7 +91,7 @@ def test_tables_sort_by_click_and_by_keyboard_and_come_back(chromium: Browser, r
         by_points, by_name = (table.locator("thead th", has_text=name) for name in ("points", "name"))
         assert by_points.get_attribute("aria-sort") == "none"
         by_points.get_by_role("button").click()
-        assert (names(), by_points.get_attribute("aria-sort")) == ("abdc", "descending")  # what is not there is last
+        assert (names(), by_points.get_attribute("aria-sort")) == ("abdc", "descending")  # null is last
         by_points.get_by_role("button").click()
         assert (names(), by_points.get_attribute("aria-sort")) == ("dbac", "ascending")
         by_name.get_by_role("button").focus()

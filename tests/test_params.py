@@ -46,7 +46,7 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
 
 
 AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
-#: A key too many, or one that is missing.
+#: Unknown or missing keys.
 KEYS: list[tuple[str, object]] = [
     *((key, 1) for key in (
         "typo", f"{AI2THOR}.typo", f"{TRANSFER}.graph.extend.typo", "initializers.es.typo", "models.transe.typo",
@@ -57,7 +57,7 @@ KEYS: list[tuple[str, object]] = [
         "initializers.ers.k", "sources.mp3d.reader", "sources.mp3d.rooms", "models.rotate.margin",
     )),
 ]  # fmt: skip
-#: Values of a wrong type, or out of the range of their own key.
+#: Values of a wrong type or out of range.
 WRONG: list[tuple[str, object]] = [
     ("seed", "0"), ("seed", -1), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
     ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"), ("sources.ai2thor.reader", "unity"),
@@ -78,10 +78,10 @@ WRONG: list[tuple[str, object]] = [
     ("compute.workers", 0), ("compute.engine", "threads"),
     ("compute.scheduler", "localhost:8786"), ("compute.scheduler", "tcp://localhost"),
 ]  # fmt: skip
-#: Values that do not agree with another key, or name what there is not.
+#: Values that contradict another key, or names that do not exist.
 DISAGREEING: list[tuple[str, object]] = [
     (f"{AI2THOR}.graph.source", "home"), (f"{TRANSFER}.graph.extend.source", "home"),
-    (f"{TRANSFER}.graph.extend.candidates", 9),  # fewer than are drawn of them
+    (f"{TRANSFER}.graph.extend.candidates", 9),  # fewer than the sampled entities
     (f"{TRANSFER}.graph.extend.always", ["fan", "fan"]), (f"{TRANSFER}.sessions.sizes", [51]),
     (f"{TRANSFER}.sessions.sizes", [5, 10]),  # where novel is added
     (f"{TRANSFER}.sessions.steps", 6),  # of 10 of 50

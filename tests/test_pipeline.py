@@ -230,7 +230,7 @@ def test_every_number_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
     shown = rows["paper"].value_counts()
     for number, times in pd.Series(leaves(paper)).value_counts().items():
         assert shown.get(number, 0) >= times or number in (41.4, 37.6, 42.1, 78.2), number
-    assert shown[41.4] == 2  # the abstract's, which is ES's
+    assert shown[41.4] == 2  # the number of the abstract is that of ES
     assert rows["paper"].round(1).eq(40.4).sum() == 1
     runs = pd.read_parquet(folder / "data/runs/transfer/es.parquet")
     immediate = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()

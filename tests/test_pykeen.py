@@ -20,7 +20,7 @@ from torch.optim import SGD, Adam
 
 from isi.pykeen import InteractionModel, read_model
 
-#: Models of each way to be read, with what they are made with.
+#: Models that are read in different ways, with their options.
 CLOSED: list[tuple[str, dict[str, Any]]] = [
     *(("transe", {"scoring_fct_norm": norm}) for norm in (1, 2)),
     ("transe", {"scoring_fct_norm": 2, "power_norm": True}),
@@ -82,7 +82,7 @@ def test_a_model_scores_in_our_terms_what_it_scores_itself(name: str, options: d
     head, relation, tail = factory.mapped_triples.T[:, None]
     ours, theirs = read.score(head, relation, tail)[0], scores(model, factory.mapped_triples)
     torch.testing.assert_close(ours - ours.mean(), theirs - theirs.mean(), rtol=1e-4, atol=1e-5)
-    if not read.model.linear:  # the margin lies between what is true and what is not
+    if not read.model.linear:  # the margin is between true and corrupted triples
         assert ours.mean() > 0 > read.score_tails(head, relation).mean()
 
 
@@ -154,7 +154,7 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
         assert np.isfinite(losses).all()
     after = larger.entity_representations[0]._embeddings.weight
     assert (after[-2:] != before[-2:]).any()
-    torch.testing.assert_close(after, before, rtol=0, atol=1e-3)  # and not drawn anew
+    torch.testing.assert_close(after, before, rtol=0, atol=1e-3)  # not initialized again
 
 
 def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:

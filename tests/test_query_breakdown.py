@@ -60,7 +60,7 @@ def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pyte
         pd.testing.assert_frame_equal(one, two, check_exact=exact)
 
 
-#: f(h, r, t) = h · t. Entity 3 is novel; what it was seen in is told but for (3, 0, 1); entities 3 and 4 are asked for.
+#: f(h, r, t) = h · t. Entity 3 is novel, with one insert triple (3, 0, 0).
 GRAPH = graph_of({(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 1, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2)
 SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
 
@@ -142,7 +142,7 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     candidates = [0, 1, 2, 3, 5]
     score = {e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates}
     expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
-    for points in (INSERTED, IN_TWO_SESSIONS):  # ranked after the first session, whoever comes later
+    for points in (INSERTED, IN_TWO_SESSIONS):  # ranked after the first session in both
         found = rank_answers(points, theta0, "es", vectors.numpy(), relation=1)
         assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
         assert set(found["seed"]) == {3}
@@ -172,7 +172,7 @@ def test_parts_weigh_queries_within_a_relation_and_observations_between_and_a_ha
     assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
     assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
     assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
-    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # as where the novel entity is elsewhere
+    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # a group of another role of the novel entity
     assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
     by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})

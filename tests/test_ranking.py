@@ -143,5 +143,5 @@ def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     points = points_of(graph, 1, [0] * guesses)
     chance = evaluate(guessed, validation(points.last_session))["valid"].measures.mean(0)
     assert (zero <= chance).all()
-    assert zero[1] < 0.1  # 28 rivals or so: an expected rank of about 15 where 1 would be right
+    assert zero[1] < 0.1  # about 28 competitors: the expected rank is about 15, the true rank 1
     assert chance[1] < 0.25

@@ -133,7 +133,7 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
     found = choices.means_of(swept[swept["epoch"] == 0], converged(swept, ["model", "k"]), models)
     chosen = choices.chosen_sizes(found, {"es": {"k": 4}, "rs": {}}, {"es": 8, "ers": 9})
     table = frame_of(choices.indicator_sizes(found, chosen)).set_index("initializer")
-    # epochs fall on and on; of MRR* size 4 has 7 points less than the best before it
+    # epochs decrease throughout; MRR* at size 4 is 7 points below the best smaller size
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
     assert table["paper"].dropna().to_dict() == {"ES": 8, "ERS": 9}
     assert table["this run"].dropna().to_dict() == {"ES": 4}

@@ -135,7 +135,7 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
         for scope, words in (("all", ""), ("novel_heldout", ", on held-out triples of the novel entities instead")):
             own = cells[(cells["scope"] == scope) & (cells["model"] == "es")]["epochs"]
             assert column["Table 2", f"ES: epochs to convergence, mean{words}"] == pytest.approx(own.mean())
-    # the graph that was extended has what became of it, the other has not; and no scenes
+    # home, which is extended, has numbers of the transfer; away has none, and it has no scenes
     moved = [key for key in frame.index if key[0] in ("section 6.3", "Table 3")]
     studied = [key for key in frame.index if "cross-validation" in key[1] or "the rule picks" in key[1]]
     assert home[[*moved, *studied]].notna().all()

@@ -50,7 +50,7 @@ def test_all_colours_are_variables_that_change_sides_where_it_is_dark() -> None:
         parts = tuple(int(shown[place : place + 2], 16) for place in (1, 3, 5))
         lighter, darker = (figures.luminance(colour) + 0.05 for colour in (parts, paper))
         assert lighter / darker >= 4.4
-    assert figures.dark("e69f00") == "#e69f00"  # which stands out as it is
+    assert figures.dark("e69f00") == "#e69f00"  # its contrast suffices
 
 
 def test_a_figure_is_described_in_its_own_numbers() -> None:

@@ -58,7 +58,7 @@ def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(
 def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone() -> None:
     tables = sessions(novel=["room", "material"], seeds=20)
     assert set(tables[NOVEL]["entity"]) == {row for row in range(NUMBER) if row % 3}
-    assert (tables[SPLITS].groupby("seed").size() == len(GRAPH.triples)).all()  # who is not drawn is known
+    assert (tables[SPLITS].groupby("seed").size() == len(GRAPH.triples)).all()  # other entities are known
 
 
 def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise() -> None:

@@ -144,7 +144,7 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
     novel = sample_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
     for session in range(1, steps + 1):
         pairs = sample_insert_triples(graph, splits, novel, session, 0, seed, fraction)
-        unknown = set(novel[session - 1 :].ravel().tolist())  # who came in an earlier session is known
+        unknown = set(novel[session - 1 :].ravel().tolist())  # entities of earlier sessions are known
         assert len(set(pairs)) == len(pairs)
         assert {entity for entity, _ in pairs} <= set(novel[session - 1].tolist())
         for entity in novel[session - 1].tolist():

@@ -33,9 +33,9 @@ PARAMS, BEYOND_PARAMS = read(paths.PARAMS), read(paths.BEYOND_PARAMS)
 OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Packages whose modules are imported by name, and the params that name them.
 PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sources": "sources"}
-#: Stages of which every other result is made.
+#: Stages on which all other results depend.
 MAKING = ("mine", "build_graph", "embed_words", "make_sessions", "train_theta0", "train_joint", "insert")
-#: What changes for reasons of its own: words of messages, the command, the page, tables that the report alone reads.
+#: Code that changes for other reasons: messages, the command, the page, tables that only the report reads.
 APART = ("isi/errors.py", "isi/process.py", "isi/stage.py", "isi/params.py", "isi/cli", "isi/report", "isi/analyses",
          "isi/bundle", "isi/insertion", "isi/pykeen")  # fmt: skip
 

@@ -173,7 +173,7 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
     full = tuned([0, 1, 2, 3], nowhere, full_curves=True)
     assert full.groupby("epoch")["place"].nunique().to_dict() == dict.fromkeys(range(TUNING.max_epochs + 1), 4)
     every = {scope: [series(full, model, scope) for model in range(4)] for scope in nowhere}
-    # model 0 is there at once, 1 has no target, 2 never gets there, 3 does on its way in both scopes
+    # model 0 converges at epoch 0, 1 has no target, 2 never converges, 3 converges later in both scopes
     late = [max(every[scope][3][1:]) for scope in ("all", "novel_heldout")]
     targets = {
         "all": torch.tensor([-1.0, torch.nan, 2.0, late[0]], dtype=torch.float64),

@@ -99,7 +99,7 @@ def test_the_definition_of_either_end_may_leak_triples_of_any_source_and_each_co
     table, number = run.leaks(graphs, said)
     leaked = [*rows[0], "head", said["shelf"]], [*rows[0], "tail", said["open"]], [*rows[1], "head", said["fan"]]
     assert (table.to_numpy().tolist(), number) == (list(leaked), 3)
-    called = named.assign(phrase=named["phrase"].replace("kitchen", "air"))  # a tail goes by its phrase
+    called = named.assign(phrase=named["phrase"].replace("kitchen", "air"))  # a tail is looked up by its phrase
     assert run.leaks([(called, triples)], said)[0]["tail"].tolist() == ["open", "kitchen", "open"]
     called = named.assign(phrase=named["phrase"].replace("kitchen", "hall"))
     assert run.leaks([(called, triples)], said)[0]["tail"].tolist() == ["open", "open"]

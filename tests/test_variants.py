@@ -142,7 +142,7 @@ def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
     groups = ["model", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "observations"]
     for runs, answers in (nothing, one):
         pd.testing.assert_frame_equal(answers[groups], everything[1][groups])
-        for model in ("xavier", "es", "joint"):  # who do not look at insert triples
+        for model in ("xavier", "es", "joint"):  # these do not use insert triples
             pd.testing.assert_frame_equal(of_model(answers, model), of_model(everything[1], model))
         assert not np.allclose(of_model(answers, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"])
         pd.testing.assert_frame_equal(of_model(runs, "joint"), of_model(everything[0], "joint"))

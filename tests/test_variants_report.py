@@ -236,7 +236,7 @@ def test_each_cause_has_its_gain_over_xavier_and_its_epochs() -> None:
         "this run, 1 novel entities": [90, 40, 60, 50, 2, 2],
         "2 novel entities, 50 % of all": [90, 20, 50, 150, 2, 2],
         "entity prediction alone": [80, 20, 40, 100, np.nan, np.nan],
-        # of whom ES alone was asked: halves of 70 and 90 against 40
+        # of ISI, ES alone has a query breakdown, so ISI's mean is NaN; Xavier has 40
         "all true triples left out of the candidates": [np.nan, 40, np.nan, np.nan, np.nan, np.nan],
         "another decay (the home graph)": [90, 25, 50, 100, np.nan, np.nan],  # which is not fine-tuned
         "the away graph, 2 novel entities": [90, 50, 50, 0, 3, 3],

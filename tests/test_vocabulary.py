@@ -10,17 +10,17 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parent.parent
-#: Words that no part of a name is.
+#: Words that must not be part of a name.
 PARTS = {
     "asked", "asking", "chance", "chances", "crowding", "damage", "elsewhere", "families", "family", "followed",
     "kept", "keeping", "meeting", "rehearsal", "rehearsed", "stated", "steady", "tell", "told", "varied",
 }  # fmt: skip
-#: Words that no name is as a whole.
+#: Words that must not be a whole name.
 WHOLE = {
     "approach", "at_once", "cell", "cells", "drawing", "every", "found", "given", "held", "how", "keep", "listed",
     "meet", "news", "nothing", "one", "own", "placed", "pull", "rates", "some", "what",
 }  # fmt: skip
-#: Words that name no argument and no local: they do not say what the thing is.
+#: Words that must not name an argument or a local, since they do not describe the value.
 LOCALS = {"found", "how", "one", "own", "some", "what"}
 
 

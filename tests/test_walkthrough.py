@@ -26,8 +26,8 @@ BOWL, CUP, DRINK, KITCHEN, LIVING_ROOM, MUG, SOFA = range(7)
 TRIPLES = pd.DataFrame(
     [
         ("bowl", "atLocation", "kitchen", 2),
-        ("cup", "atLocation", "kitchen", 1),  # what the robot observes of the cup: its insert triple
-        ("cup", "hasAffordance", "drink", 1),  # what it does not know yet
+        ("cup", "atLocation", "kitchen", 1),  # the robot's observation of the cup: its insert triple
+        ("cup", "hasAffordance", "drink", 1),  # a true triple that the robot does not know
         ("mug", "atLocation", "kitchen", 3),
         ("mug", "hasAffordance", "drink", 5),
         ("sofa", "atLocation", "living room", 1),
