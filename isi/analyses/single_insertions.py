@@ -26,7 +26,7 @@ from isi.training.trainer import never_stop
 
 #: ``entity`` (1,), ``known`` (E,), ``theta0`` (E, d); for each initializer ``NAME.path`` and ``NAME.indicators``.
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
-TRUE = (None, "told", "learned", "held_out")  #: Triple with an answer: false, inserted, in train, held out.
+TRUE = (None, "told", "learned", "held_out")  #: An answer: false, insert triple, other training triple, held out.
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
 HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}  #: By hidden slot: columns of the hidden and of the given entity.
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
