@@ -76,11 +76,11 @@ def brute_force(
         nonlocal ties
         own, best = world.counts[answer], score(*answer)
         true, predicted, plain = 1.0, 1.0, 1.0
-        for rival in others:
-            if rival == answer or rival in filtered:
+        for competitor in others:
+            if competitor == answer or competitor in filtered:
                 continue
-            count = world.counts.get(rival, 0)
-            ahead = 1.0 if score(*rival) > best else 0.5 if score(*rival) == best else 0.0
+            count = world.counts.get(competitor, 0)
+            ahead = 1.0 if score(*competitor) > best else 0.5 if score(*competitor) == best else 0.0
             true += count > own
             plain += ahead
             if count != own:

@@ -242,10 +242,10 @@ def term(
     scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int, tie: float
 ) -> float:
     """1 / (|R_G - R_P| + 1) of one query; arrays have an entry for each entity or relation."""
-    rivals = able & ~barred
-    rivals[answer] = False
+    competitors = able & ~barred
+    competitors[answer] = False
     ahead, width = scores - scores[answer], tie * np.abs(scores).max()
     wins = np.where(ahead > width, 1.0, np.where(ahead < -width, 0.0, 0.5))
-    true_rank = 1 + (rivals & (counts > counts[answer])).sum()
-    predicted_rank = 1 + wins[rivals & (counts != counts[answer])].sum()
+    true_rank = 1 + (competitors & (counts > counts[answer])).sum()
+    predicted_rank = 1 + wins[competitors & (counts != counts[answer])].sum()
     return float(1 / (abs(true_rank - predicted_rank) + 1))

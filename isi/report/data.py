@@ -183,8 +183,8 @@ class Experiment(ModelRuns):
         query; the mean is over triples. A model is listed if its mean is at least |E| / 2.
         """
         tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
-        rivals = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
-        return {str(model): float(number) for model, number in rivals.items() if number >= len(self.entities) / 2}
+        competitors = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
+        return {str(model): float(number) for model, number in competitors.items() if number >= len(self.entities) / 2}
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,13 +42,13 @@ def verdict(results: Results) -> Iterator[Content]:
         if BASELINE not in initializers or not methods or not {BASELINE, JOINT} <= set(given):
             continue
         best = max(methods, key=lambda model: given[model].mean)
-        rivals = sorted(of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
-        named = [BASELINE, "iu", _KIND, *methods, *rivals[:1], JOINT]
+        others = sorted(of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
+        named = [BASELINE, "iu", _KIND, *methods, *others[:1], JOINT]
         numbers = {
             "experiment": experiment, "best": best,
             "answer": [name for name in isi(initializers) if name in gains and gains[name].low > 0],
             "everything": dict.fromkeys((best, BASELINE, JOINT), nan) | experiment.mrr_star.get("all", {}),
-            "given": stats.values(given), "rival": next(iter(rivals), None), "kind": _KIND if _KIND in given else None,
+            "given": stats.values(given), "other": next(iter(others), None), "kind": _KIND if _KIND in given else None,
             "epochs": experiment.epochs().get("all", {}),
         }  # fmt: skip
         drawn = _means_and_intervals({model: given[model] for model in named if model in given}, experiment.models)

@@ -49,8 +49,8 @@ def stronger(results: Results) -> Iterator[Content]:
             stronger = {model: given[model].mean for model in order if given[model].mean > best and model != JOINT}
             above.append((runs, best, stronger))
         ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
-        rivals = [name for name in ran if name not in results.params.initializers]
-        yield Content({"rivals": rivals, "size": variant.size, "above": above, "reference": REFERENCE}, tables)
+        added = [name for name in ran if name not in results.params.initializers]
+        yield Content({"added": added, "size": variant.size, "above": above, "reference": REFERENCE}, tables)
 
 
 def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
