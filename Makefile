@@ -39,7 +39,7 @@ beyond: repro  ## after repro, run the second pipeline: other embedding models, 
 	@python -m tools.hidden
 	@dvc repro --single-item --force report
 
-quick: $(CHECKED)  ## run the pipeline on a small grid in the folder quick/, in about eight minutes
+quick: $(CHECKED)  ## run the pipeline on a small grid in the folder quick/, in about five minutes
 	@python tools/workspace.py quick
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports

@@ -60,7 +60,7 @@ def about(queries: Queries, novel: Tensor) -> Queries:
 
 
 def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float) -> GridPoints:
-    """Grid points whose novel entities are ``number`` random entities with training triples in D⁰; no test triples."""
+    """Grid points whose novel entities are ``number`` entities trained in D⁰ (sample ``draw``); no test triples."""
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
     novel = np.stack([

@@ -47,7 +47,7 @@ class Experiment:
             of_seed[split].add(self.triples[triple])
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
-        """Rows of a table in ``data/sessions``, by size, seed and session, in the order of the table."""
+        """Rows of the columns ``names`` of a table in ``data/sessions``, in its order, by (size, seed, session)."""
         by_cell: dict[tuple[int, int, int], list[Any]] = {}
         path = f"sessions/{self.name}/{table}.parquet"
         for size, seed, session, *row in rows_of(path, "size", "seed", "session", *names):
@@ -211,8 +211,8 @@ def mrr_star(
     """MRR*, entity half and relation half in [0, 1] of one scope (equation 7); NaN without queries.
 
     Args:
-        scores: of all triples, shape (R, E, E): relation, head, tail.
-        tie: two scores are tied if they differ by at most this share of the largest |score| in their row.
+        scores: of all triples, shape (R, E, E): relation, head, tail; ``scope``: a value of ``Session.scopes``.
+        tie: two scores are tied if they differ by at most this share of the largest |score| of the query.
     """
     queried, filtered, candidates = scope
     if not queried:

@@ -112,7 +112,7 @@ class LockFile:
 def mend_notes(path: Path = NOTES) -> None:
     """Remove DVC's file of locks if it is broken, since DVC would refuse to run.
 
-    It must stay broken for a second, since another DVC may be writing it.
+    The file is removed only if it stays broken for a second, since another DVC may be writing it.
     """
     with suppress(FileNotFoundError):
         for _ in range(10):

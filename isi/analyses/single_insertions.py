@@ -108,7 +108,7 @@ def trace_trajectory(
 def place_of_traced(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
-    """Index in ``novel`` of the first entity of a kind that has a word vector and insert triples; None without one."""
+    """Index in ``novel`` of the first entity of ``kind`` with a word vector and insert triples, or None."""
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
@@ -245,7 +245,7 @@ def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, pl
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Queries that occur with an entity's kind, (K, R, 2), bool; index of each answer in ``TRUE``, (K, R, 2, E)."""
+    """Whether a triple has the entity's kind as given end, (K, R, 2); each answer's index in ``TRUE``, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)

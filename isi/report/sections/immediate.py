@@ -1,4 +1,4 @@
-"""Right after insertion: the answer, Figure 3a and gains (section 6.1), their parts, and their significance."""
+"""MRR* right after insertion: summary, Figure 3a and gains (section 6.1), parts of the gain, significance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, product

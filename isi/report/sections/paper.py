@@ -152,7 +152,7 @@ def _analysis(name: str, *experiments: Experiment | None) -> tuple[Experiment, A
 
 
 def _choices(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
-    """Cross-validation, and the size of the indicator set."""
+    """Rows on cross-validation and the indicator set size: as ``Row``, but the note may be missing."""
     paper, choice = results.paper, results.params.settings[0].model_dump()
     words = {"dimension": "dimension", "ratio": "negatives per positive", "learning_rate": "learning rate of Θ⁰",
              "weight_decay": "weight decay of Θ⁰"}  # fmt: skip

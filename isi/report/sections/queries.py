@@ -60,7 +60,7 @@ def _breakdown(experiment: Experiment) -> Content:
 
 
 def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
-    """The best initializer, its mean, and the means of all contenders; None without means."""
+    """The initializer of the highest mean, this mean, and the means of all but controls; None if all are missing."""
     present = {name: mean for name, mean in values(estimates).items() if name != JOINT and not pd.isna(mean)}
     best = max(present, key=lambda name: present[name], default=None)
     return None if best is None else (best, present[best], {name: present[name] for name in contenders(present)})
@@ -148,7 +148,7 @@ class Answers:
 
     @property
     def hits(self) -> pd.DataFrame:
-        """Rows of rank ``TOP`` or better for all inserted entities; ``hit``: whether the answer has a right kind."""
+        """Rows of ``ranks`` with rank ≤ ``TOP``; column ``hit``: whether the kind of the answer is in ``kinds``."""
         rows = self.ranks[self.ranks["rank"] <= TOP]
         return rows.assign(hit=rows["answer"].map(self.entities["kind"]).isin(self.kinds))
 
