@@ -197,7 +197,7 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
 
 
 def _check_study(study: Study, params: Params, name: str) -> None:
-    """Check that the sizes and seeds of a study are among those of its experiments."""
+    """InputError unless each experiment of a study has the sizes and seeds of the study."""
     last = "seeds" if hasattr(study, "seeds") else "seed"
     seeds = getattr(study, "seeds", getattr(study, "seed", -1) + 1)
     for experiment in study.experiments:

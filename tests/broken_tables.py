@@ -89,7 +89,7 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("seeds of splits changed", SPLITS, lambda f: f.assign(seed=f["seed"] + 1),
      "novel.*expected only seeds that have splits"),
     ("an entity above all", NOVEL, put("entity", 10**6), "row 0 .*expected ids below"),
-    ("a novel entity less", NOVEL, lambda f: f[:-1], "as many novel entities as the size"),
+    ("a novel entity less", NOVEL, lambda f: f[:-1], "the number of novel entities to equal size"),
     ("nobody novel", NOVEL, lambda f: f[:0], "at least one set of novel entities"),
     ("a seed less", NOVEL, less(1), "the same seeds, and the same sessions"),
     ("session 0", NOVEL, lambda f: f.assign(session=0), "'session' of at least 1"),

@@ -97,7 +97,7 @@ def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -
     agreement.novel_sets_are_whole(FILE, novel(*whole), splits)
     with refused("expected at least one set of novel entities"):
         agreement.novel_sets_are_whole(FILE, novel(), splits)
-    with refused(r"row 4 \(size 2, seed 0, session 2\): expected as many novel entities"):
+    with refused(r"row 4 \(size 2, seed 0, session 2\): expected the number of novel entities"):
         agreement.novel_sets_are_whole(FILE, novel(*whole[:-1]), splits)
     with refused(r"column 'seed': expected only seeds that have splits"):
         agreement.novel_sets_are_whole(FILE, novel(*whole), [1])

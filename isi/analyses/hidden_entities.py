@@ -30,7 +30,7 @@ HIDDEN_ENTITIES = Table(
 
 
 def seconds_path(graph: str) -> Path:
-    """Path of a JSON file beside ``HIDDEN_ENTITIES``: mean CPU seconds of each method by ``told``."""
+    """Path of a JSON file in the folder of ``HIDDEN_ENTITIES``: mean CPU seconds of each method by ``told``."""
     return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
 
 

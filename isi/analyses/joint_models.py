@@ -83,7 +83,7 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
     """Grid points of up to ``stack`` models; fold i validates the model of seed i; InputError if a fold is empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
-        expected = "expected fewer folds: each entity and relation keeps a training triple, and a fold has no other"
+        expected = "expected fewer folds: one is empty, since each entity and relation keeps a training triple"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
     numbers = [list(range(first, min(first + stack, number))) for first in range(0, number, stack)]
     return [GridPoints.without_insertion(experiment, graph, part, splits[part]) for part in numbers]

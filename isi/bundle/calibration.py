@@ -51,7 +51,7 @@ class Answer:
 
     @property
     def unexpected(self) -> bool:
-        """Whether it is probable (without a curve: of rank 1), but no known answer of the entity or an indicator."""
+        """Whether the answer is probable (no curve: rank 1), but not a known answer of the entity or an indicator."""
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 

@@ -172,7 +172,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 
 
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """Refuse a folder with other files than a bundle's, or with an inserted entity that ``names`` lack."""
+    """InputError for a folder with a file that no bundle has, or a bundle with an inserted entity not in ``names``."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -198,7 +198,7 @@ def read(folder: Path) -> Bundle:
 
 
 def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
-    """Parse and check the bundle of ``files``, contents by name."""
+    """Parse and check a bundle (InputError); ``files``: bytes by file name; ``folder``: for messages alone."""
     with at(folder / MANIFEST):
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
     rows = {}
@@ -277,10 +277,10 @@ def triple_ids(
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """Refuse a table that is not (rows, any) floats up to ``LARGEST``, beyond which float32 scores overflow."""
+    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``, above which float32 scores overflow."""
     if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
         raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
     largest = np.abs(table).max(1)
     if not (sound := largest <= LARGEST).all():  # false for NaN
         row = int(sound.argmin())
-        raise InputError("", f"row {row}", f"expected finite numbers up to {LARGEST:g}, got {largest[row]:.3g}")
+        raise InputError("", f"row {row}", f"expected finite |x| up to {LARGEST:g}, got {largest[row]:.3g}")

@@ -186,7 +186,7 @@ def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundl
 
     *known, new = look_up(read_vectors(path), [*opened.phrases, phrase]).vectors
     if not np.any(known):
-        raise InputError(path, "", "expected word vectors of this embedding's phrases, got none of any")
+        raise InputError(path, "", "expected word vectors of this embedding's phrases, got none")
     source = WordSource(source=str(path), text="phrase", model=None)
     opened = replace(opened, manifest=opened.manifest.model_copy(update={"words": source}), words=np.stack(known))
     return (opened, new, f"by {path}") if new.any() else (opened, None, f"{path} has none of {phrase!r}")

@@ -77,7 +77,7 @@ class OpenBundle(Bundle):
         return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """The ids of entities without a kind or of a kind in this slot of the known triples; all if it has none."""
+        """Ids of entities without a kind, or of a kind in this slot of known triples; all if the slot has no kinds."""
         kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
         return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
 
@@ -91,7 +91,7 @@ class OpenBundle(Bundle):
         return candidates[best.indices], best.values
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
-        """The ``number`` entities with the most similar vectors, and their cosines, best first."""
+        """The ``number`` other entities with the highest cosine to ``entity``, and these cosines, best first."""
         vectors = normalize(self.embedding.entity[0], dim=-1)
         cosines = (vectors @ vectors[entity]).index_fill(0, torch.tensor(entity), -torch.inf)
         best = cosines.sort(descending=True, stable=True)

@@ -62,7 +62,7 @@ def insert(
         label, head = known("--inverse-fact", relation, entity)
         triples.append((head, label, name))
     if set and initializer is None:
-        raise InputError("--set", "", "expected an --initializer, whose options these are")
+        raise InputError("--set", "", "expected an --initializer: --set gives its options")
     if kind is not None:
         kind = find(kind, dict.fromkeys(filter(None, opened.kinds)), "--kind", "a kind")
     if vectors is None:
@@ -70,7 +70,7 @@ def insert(
     else:
         opened, vector, note = with_vectors(opened, plain(name), vectors)
     if not triples and vector is None and initializer is None:
-        expected = f"expected a --fact, an --inverse-fact or a word vector, and it has none: {note}"
+        expected = f"expected a --fact, an --inverse-fact or a word vector; no word vector: {note}"
         raise InputError(repr(name), "", expected)
     request = InsertionRequest(
         entity=name, insert_triples=triples, definition=definition, requested_initializer=initializer,
@@ -87,7 +87,7 @@ def insert(
 
 
 def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str], top: int) -> dict[str, Any]:
-    """The report of the entity in the last row. ``words``: the source of its word vector, or why it has none."""
+    """Answer of ``isi insert``: report of the last entity. ``words``: source of its word vector, or why it has none."""
     from tqdm import tqdm
 
     from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
@@ -203,8 +203,8 @@ def open_folder(path: Path) -> OpenBundle:
     from isi.bundle.query import open_bundle
 
     if path == DEFAULT and not path.exists():
-        here = "not made yet: run `dvc repro train_final`"
-        away = f"{Path.cwd()} is not the folder of the project: go there"
+        here = "not trained yet: run `dvc repro train_final`"
+        away = f"no such folder in {Path.cwd()}: run this in the folder of the project"
         raise InputError(path, "", f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR")
     torch.set_num_threads(1)  # so that equal commands write equal bytes
     return open_bundle(path)

@@ -64,7 +64,7 @@ def export(
 ) -> None:  # fmt: skip
     """Read a graph, predict triples if requested, and write both."""
     if out.suffix == ".gz":
-        raise InputError(out, "", "expected another name: the output is not compressed")
+        raise InputError(out, "", "expected a name without .gz: the output is not compressed")
     if (embedding is None) == (experiment is None):
         raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
     if seed is not None and experiment is None:
@@ -137,7 +137,7 @@ def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.Da
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """The predictions (see ``best_tails``) of the joint model of a seed; null is the first seed."""
+    """Predictions (``best_tails``) of the joint model of ``seed`` (null: the first); InputError for an unknown seed."""
     graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
     entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()

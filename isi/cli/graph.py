@@ -40,7 +40,7 @@ def graph(
     readings = [read(file, reader, options, seed) for file in files]
     tables = build_tables(together([seen for *_, seen in readings]), min_count)
     if tables.triples.empty:
-        raise InputError(files[0], "", f"no triple was observed {min_count} times")
+        raise InputError(files[0], "", f"expected a triple of count {min_count} or more, got none: lower --min-count")
     described = describe(tables, values)
     if out:
         ENTITIES.write_file(out / "entities.parquet", tables.entities, "isi graph")
@@ -56,7 +56,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
         expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
         raise InputError("--reader", "", expected)
     if known[name].path is None:
-        raise InputError(f"reader {name}", "", "expected one that reads a file")
+        raise InputError(f"reader {name}", "", "expected a reader of files: this one reads shipped data")
     slot = str(known[name].path).removesuffix("_")
     for key in {"reader", slot} & set(given):
         raise InputError("--set", key, "expected another setting: FILE or --reader gives this one")

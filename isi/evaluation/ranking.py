@@ -40,7 +40,7 @@ class Competitors:
 
 @dataclass(frozen=True)
 class QueryRows:
-    """Queried triples and all that ranking needs beside scores; each slot is hidden in turn; padding has weight 0."""
+    """Queried triples, and the data for ranking except scores; each slot is hidden in turn; padding has weight 0."""
 
     slots: tuple[Competitors, Competitors, Competitors]  #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
     entity_weight: Tensor  #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
@@ -109,7 +109,7 @@ def padded_ids(queried: Tensor) -> Tensor:
 
 
 def make_queries(session: Session, triples: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor) -> Queries:
-    """A query set, with its rows where these fit into ``BUDGET`` (see ``Queries``)."""
+    """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else null; shapes: ``Queries``."""
     queries = Queries(session, triples, queried, filtered, candidates)
     return replace(queries, rows=_rows(queries, triples)) if len(_pieces(queries)) == 1 else queries
 

@@ -1,4 +1,4 @@
-"""Checks across the files of an experiment: ids, splits, novel entities, insert triples, shapes of tensors."""
+"""Checks across the files of an experiment: each raises InputError for ids, splits, sets or shapes that disagree."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str
 def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -> None:
     """Check that a table lists the entities in the graph's order."""
     if len(table) != len(entities):
-        raise InputError(path, "", f"expected {len(entities)} rows, the entities of the graph, got {len(table)}")
+        raise InputError(path, "", f"expected {len(entities)} rows, one per entity of the graph, got {len(table)}")
     differs = table["entity"].to_numpy(str) != entities["entity"].to_numpy(str)
     refuse(path, table, differs, ["entity"], "expected the entities of the graph, in its order")
 
@@ -30,7 +30,7 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Check that triples without undrawn added entities have a split, and each entity and relation a train triple."""
+    """Check that triples have a split (none with added entities that a seed omits); train has every name."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
@@ -55,7 +55,7 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
         raise InputError(path, "", "expected at least one set of novel entities")
     columns = ["size", "seed", "session"]
     of_set = novel.groupby(columns)["entity"]
-    expected = "expected as many novel entities as the size, in each session of each seed"
+    expected = "expected the number of novel entities to equal size, in each session of each seed"
     refuse(path, novel, of_set.transform("size") != novel["size"], columns, expected)
     if of_set.ngroups != novel["size"].nunique() * novel["seed"].nunique() * novel["session"].max():
         raise InputError(path, "", "expected the same seeds, and the same sessions from 1 on, for every size")
@@ -109,7 +109,7 @@ def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.nd
 def has_shape(
     path: Path, name: str, tensor: np.ndarray, shape: tuple[int, ...], kind: type[np.generic] = np.float32
 ) -> None:
-    """Check the shape and type of a tensor."""
+    """InputError unless a tensor has the given shape and dtype (``kind``)."""
     if tensor.shape != shape or tensor.dtype != kind:
         got = f"{tensor.dtype} of shape {list(tensor.shape)}"
         raise InputError(path, f"tensor {name!r}", f"expected {kind.__name__} of shape {list(shape)}, got {got}")

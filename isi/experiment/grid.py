@@ -60,7 +60,7 @@ class GridPoints:
         return self.session(self.sessions)
 
     def joint_prefix(self, session: int) -> str:
-        """Prefix of the tensors of a session's joint models; all sizes share those of the last session."""
+        """Prefix of the tensors of a session's joint models; all sizes share the models of the last session."""
         return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
     def novel_in(self, session: int) -> Tensor:

@@ -66,14 +66,14 @@ class InsertConfig:
     full_curves: Sequence[int] = ()  #: sizes fine-tuned for all epochs; the others stop at convergence
 
     def training(self, **changed: float) -> InsertConfig:
-        """The same with other settings of the optimizer."""
+        """This config with other settings of the optimizer."""
         return replace(self, optimizer=self.optimizer.model_copy(update=changed))
 
 
 def insert_config(
     params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
 ) -> InsertConfig:
-    """The config of an initializer, with ``options`` (None: those of params); ``InputError`` if they do not fit."""
+    """The config of an initializer, with ``options`` (None: from params); ``InputError`` for an invalid option."""
     options = params.initializers[initializer] if options is None else options
     trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(

@@ -75,7 +75,7 @@ def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> Tr
 
 
 def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[GridPoints, TrainConfig, int]]:
-    """Tasks that train the joint models of every session; all sizes share those of the last session, one per seed."""
+    """Tasks that train the joint models of every session; all sizes share the last session's, one per seed."""
     last = [(points.all_known, config, 0) for points in grid if points.size == grid[0].size]
     return [*last, *((points, config, session) for points in grid for session in range(1, points.sessions))]
 

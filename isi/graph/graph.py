@@ -91,7 +91,7 @@ class Extension(Section):
     """``graph.extend`` of an experiment in params: entities of another source that join the graph."""
 
     rules = ((lambda extension: len(extension.always) <= extension.candidates,
-              "expected at most as many names in always as candidates"),)  # fmt: skip
+              "expected len(always) ≤ candidates"),)  # fmt: skip
     source: Name
     min_observations: Count
     candidates: Count  #: maximal number of entities that join, ``always`` included
@@ -129,7 +129,7 @@ class GraphTables:
 
 
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """The graph of a source: unique triples with a count of at least ``min_count``, and their entities, both sorted."""
+    """Unique triples with count ≥ ``min_count`` and their entities, sorted; InputError for an entity without a kind."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected at most {MOST_OBSERVED:,} in all")
     key = ["head", "relation", "tail"]
@@ -145,7 +145,7 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
-    """New heads with their counts of observations; ``InputError`` for a tail that is no head and not in the graph."""
+    """Counts of the heads that the graph lacks (name, kind); InputError for a tail neither a head nor in the graph."""
     here, there = _kinds(entities), _kinds(seen.kinds)
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
@@ -156,7 +156,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
 
 
 def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFrame, minimum: int) -> pd.Series[int]:
-    """New entities observed ``minimum`` times or more; ``InputError`` if the graph has a name with another kind."""
+    """New entities with count ≥ ``minimum``; ``InputError`` if the graph has the same name with another kind."""
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
         also = f"the graph has another entity of this name, of kind {here[name]}: rename it in its source"
@@ -165,9 +165,9 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """``always`` and random others, ``candidates`` in all at most, sorted; InputError if one is too rare."""
+    """``always`` and random others, at most ``candidates``, sorted; InputError if ``enough`` lacks ``always``."""
     for name in set(settings.always) - set(enough.index):
-        which = f"that is not in the graph, observed at least {settings.min_observations} times"
+        which = f"that is not in the graph and has at least {settings.min_observations} observations"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"
         raise InputError(paths.PARAMS, f"{key}.always", expected)
     others = [str(name) for name in enough.index if name not in settings.always]

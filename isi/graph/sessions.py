@@ -50,7 +50,7 @@ class Session:
     splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
 
     def members(self, *splits: int) -> Tensor:
-        """Mask of the unique triples in one of the splits; shape: (M, T), bool."""
+        """Mask of the unique triples whose split is among ``splits``; shape: (M, T), bool."""
         return torch.isin(self.splits, torch.tensor(splits, dtype=self.splits.dtype))
 
     def trained(self) -> Tensor:
@@ -61,8 +61,8 @@ class Session:
 def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Session:
     """The graph D of session ``number``: entities and triples that have arrived by then (section 5.2); 0 gives D⁰.
 
-    A novel entity arrives in its session, another one in session 0, a triple with the later of its ends. An entity
-    without triples in ``splits``, (M, T), never arrives. ``novel``: ids of the n entities of each session, (M, S, n).
+    A novel entity arrives in its session, any other in session 0, a triple with its later end. An entity without
+    triples in ``splits``, (M, T), never arrives. ``novel``: ids of the n entities of each session, (M, S, n).
     """
     arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
     for session in range(novel.shape[1]):
@@ -109,7 +109,7 @@ class SessionsOf(Section):
     """``sessions`` of one experiment: candidates for novel entities, set sizes, numbers of seeds and of sessions."""
 
     rules = ((lambda sessions: sessions.novel != "added" or len(sessions.sizes) == 1,
-              "sizes: expected one with novel: added, since a seed's triples depend on its candidates"),)  # fmt: skip
+              "sizes: expected one size with novel: added, as a seed's triples depend on its candidates"),)  # fmt: skip
     novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
     seeds: Count
@@ -179,7 +179,7 @@ def sample_insert_triples(
 
 
 def later_key(session: int) -> tuple[int, ...]:
-    """Key that a session adds to those of its random streams: none for session 1, else its number."""
+    """Key that a session adds to the keys of its random streams: none for session 1, else its number."""
     return (session,) if session > 1 else ()
 
 

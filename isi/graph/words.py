@@ -184,7 +184,7 @@ def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str
             expected = f"expected a token and {dimension or 'its'} numbers, got {short(text[-40:])}"
             raise InputError("", f"line {number}", expected)
         if not line.endswith(b"\n"):
-            raise InputError("", f"line {number}", "is cut short: expected a line end behind the last vector")
+            raise InputError("", f"line {number}", "is cut short: expected a line end after the last vector")
         yield "line", number, token, row.tobytes()
 
 

@@ -121,12 +121,12 @@ def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
 
 
 def all_known(context: InitContext) -> Tensor:
-    """All known entities as the indicators of each novel one; shape (M, n, E), bool."""
+    """All known entities as the indicators of each novel entity; shape (M, n, E), bool."""
     return context.known[:, None].expand(-1, context.novel.shape[1], -1)
 
 
 def same_kind(context: InitContext) -> Tensor:
-    """The known entities of each novel one's kind; shape (M, n, E), bool."""
+    """The known entities of the same kind as each novel entity; shape (M, n, E), bool."""
     return (context.kinds == context.kinds[context.novel][..., None]) & context.known[:, None]
 
 

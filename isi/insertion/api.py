@@ -43,26 +43,26 @@ def insert(
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not change.
 
     Args:
-        entities: vectors of the known entities, shape (E, d). Complex: the real half, then the imaginary half.
-        relations: vectors of the relations, shape (R, w).
-        triples: (head, relation, tail) by names or ids, each with a new entity. Those with one known end are
-            insert triples, which the initializer uses; the others are counted (``fit_new`` trains on them). New
-            entities have the ids E, E + 1, ... in the order of ``new``.
-        new: names of the new entities; their number n if ``entity_names`` is null.
+        entities: vectors of the known entities, shape (E, d); if complex, the real half, then the imaginary half.
+        relations: vectors of the relations, shape (R, w), with w = ``Model.width(d)``.
+        triples: (head, relation, tail) by names or ids, each with a new entity. The initializer uses insert triples,
+            whose other end is known; triples of new entities alone are only counted (``fit_new`` trains on them).
+            New entities have the ids E, E + 1, ... in the order of ``new``.
+        new: names of the new entities; without ``entity_names``, their number n.
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or your own ``Model``
             (set ``invertible = False`` if it does not implement ``transform`` and ``inverse``).
-        model_options: of distance models: ``margin`` and (except for ``transe_l1``) ``squared``.
-        entity_names: of the E known entities; ``relation_names``: of the R relations.
-        known_triples: of known entities. If given, indicators are among their entities. ``interference`` queries them.
+        model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored with a ``Model``.
+        entity_names: names of the E known entities; ``relation_names``: names of the R relations.
+        known_triples: triples of known entities, for ``interference``. If given, only their ends can be indicators.
         words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
             to vectors or texts.
-        word_source: embeds these texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
+        word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
         kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds.
-        initializer: its name; null: the best for the given data (``BEST``). ``options`` replace its defaults.
-        seed: of random initializers.
+        initializer: a name; null: the best for the given data (``BEST``). ``options`` replace its default options.
+        seed: root seed of random initializers.
 
     Returns:
-        the tables with n more entities; its method ``report`` describes each new entity.
+        an ``Inserted``: both tables, (E + n, d) and (R, w); its method ``report`` describes each new entity.
 
     Raises:
         InputError: names the wrong argument and the expected value.
@@ -103,7 +103,7 @@ def insert(
     with np.errstate(over="ignore"):
         rows[known:] = torch.cat([result.vectors[0] for result in results]).numpy()
     if not np.isfinite(rows[known:]).all():
-        expected = f"expected smaller numbers: of these, {name} makes NaN or infinity"
+        expected = f"expected smaller numbers: {name} computes NaN or infinity from them"
         raise InputError("argument 'entities'", "", expected)
     weights = [result.weights[0, :, :known].float() for result in results if result.weights is not None]
     few = len(weights) == len(results) and (names.number - known) * known <= MOST_WEIGHTS
@@ -204,14 +204,14 @@ def fit_new(
     Args:
         entities: vectors of known, then of new entities, as ``insert`` returns them; shape (E + n, d).
         relations: shape (R, w).
-        triples: of the new entities; the other end is known or new.
+        triples: triples of the new entities; the other end is known or new.
         new: number n of new entities, the last rows of ``entities``.
-        model: see ``insert``; also ``model_options`` and ``relation_names``. ``entity_names``: of all E + n entities.
+        model: see ``insert``; also ``model_options`` and ``relation_names``. ``entity_names``: all E + n names.
         known_triples: triples of known entities, which are trained on too; required if ``all_epochs`` > 0.
-        epochs: number of epochs that change new rows only; ``all_epochs``: of later epochs that change both tables.
-        learning_rate: of Adagrad; ``weight_decay``: added to each gradient, times the parameters.
-        batch_size: triples per update; ``ratio``: corrupted heads, tails and relations per triple (of each).
-        seed: of batches and negatives.
+        epochs: number of epochs that change new rows only; ``all_epochs``: number of later epochs on both tables.
+        learning_rate: step size of Adagrad; ``weight_decay`` · parameters is added to each gradient.
+        batch_size: triples per update; ``ratio``: number of corrupted heads, of tails and of relations per triple.
+        seed: root seed of batches and negatives.
 
     Returns:
         both tables. If ``all_epochs`` is 0, relations and known entities are returned unchanged.

@@ -64,7 +64,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: a tensor with a gradient
             raise InputError("", "", f"expected a table of floats (rows, numbers) ({error})") from error
         if np.iscomplexobj(numbers):
-            expected = "expected real numbers: of complex vectors the real halves, then the imaginary ones"
+            expected = "expected real numbers: of complex vectors, the real half, then the imaginary half"
             raise InputError("", "", expected)
         if numbers.ndim != 2 or numbers.dtype.kind != "f" or not numbers.size:
             raise InputError("", "", f"expected a table of floats (rows, numbers), got {numbers.dtype} {numbers.shape}")
@@ -124,7 +124,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
-    """The model of a name and options, or a given ``Model``. An ``InputError`` refuses an unsupported dimension."""
+    """A given ``Model`` (options ignored), or one made by name; InputError for a wrong name, option or dimension."""
     given = options_by_name(options, "model_options")
     with argument("model"):
         if not isinstance(model, str | Model):
@@ -149,15 +149,15 @@ def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
     known: int, triples: Any, known_triples: Any,
 ) -> Arguments:  # fmt: skip
-    """Check the other arguments of a call; ``entities``, ``names`` and ``known`` (a number) are checked already."""
+    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number, are checked already."""
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
     labels = Names("relation_names", len(rows), relation_names)
     new = triples_of(triples, "triples", names, labels)
     old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
     for name, ids, wrong, expected in (
-        ("triples", new, (new[:, [HEAD, TAIL]] < known).all(1), "a new entity: others are 'known_triples'"),
-        ("known_triples", old, (old[:, [HEAD, TAIL]] >= known).any(1), "known entities alone"),
+        ("triples", new, (new[:, [HEAD, TAIL]] < known).all(1), "a new entity, else use 'known_triples'"),
+        ("known_triples", old, (old[:, [HEAD, TAIL]] >= known).any(1), "known entities only"),
     ):
         for head, relation, tail in ids[wrong][:1].tolist():
             triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
@@ -243,7 +243,7 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
 
     keyed = read_vectors(Path(source)) if isinstance(source, str | Path) else source
     if not isinstance(keyed, KeyedVectors):
-        expected = f"expected a function, gensim's KeyedVectors or a file of such, got {short(source)}"
+        expected = f"expected a function, gensim's KeyedVectors or a file of word vectors, got {short(source)}"
         raise InputError("argument 'word_source'", "", expected)
     return look_up(keyed, texts).vectors
 

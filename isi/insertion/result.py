@@ -136,7 +136,7 @@ class Inserted:
         Args:
             triples: triples of known entities to query, held out or trained; null: ``known_triples``.
             most: maximum number of queried triples; a larger set is sampled at random.
-            seed: of the sample.
+            seed: root seed of the sample.
         """
         check(seed, Seed, "", "argument 'seed'")
         check(most, Count, "", "argument 'most'")

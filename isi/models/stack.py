@@ -49,7 +49,7 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """A value restricted to some embeddings of the stack, by mask or index; ``shared`` fields stay as they are."""
+    """Index the tensors, (M, ...), of a value (see ``mapped``) by a mask or ids of models; not in ``shared`` fields."""
     return mapped(stacked, lambda tensor: tensor[models], shared=False)
 
 

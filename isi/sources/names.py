@@ -87,7 +87,7 @@ class Naming:
         names = sorted({*triples["head"], *triples["tail"]})
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
-            raise InputError(f"entity {without!r}", "", "expected a kind, from the table of entities or its relations")
+            raise InputError(f"entity {without!r}", "", "expected a kind in the table of entities or the setting kinds")
         phrases = [self.phrase_of.get(name) or self.words(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 

@@ -125,7 +125,7 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
 
 
 def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
-    """The objects of all scenes, by name of their type."""
+    """Lists of the objects of all scenes, by the name of their type."""
     objects: dict[str, list[SceneObject]] = {}
     for thing in (thing for scene in scenes for thing in scene.objects):
         objects.setdefault(thing.name, []).append(thing)
@@ -150,7 +150,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """Room of each object, or null: its floor holds, else borders the object; ties: that in its id, else the first."""
+    """Per object, the room whose floor contains it, else borders it, or null; in a tie that in its id, or the first."""
     x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):

@@ -121,7 +121,7 @@ def check_settings(path: Path, content: str, named: Iterable[str], known: Iterab
 
 
 def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
-    """InputError for the first invalid name of a table (see ``read_batches``); ``optional`` columns may be empty."""
+    """InputError for the first invalid name, with line or row (``read_batches``); ``optional`` columns may be empty."""
     for column, names in table.drop(columns=COUNT, errors="ignore").items():
         faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
         if column in optional:

@@ -113,7 +113,7 @@ class Table(DataFile):
                     yield part
             except OSError as error:  # from a source of the parts
                 why = f"cannot be read ({error.strerror or error})"
-                raise InputError(error.filename or "its source", "", why) from error
+                raise InputError(error.filename or "a source of the table", "", why) from error
 
         io.write_parquet(path, checked(), self.schema, stage)
         return rows

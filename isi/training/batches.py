@@ -187,7 +187,7 @@ def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[
 def corrupt(
     data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
 ) -> list[Corrupted]:
-    """Corrupt observations of each embedding at random; expected counts are those of ``expected_negatives``.
+    """Corrupt observations of each embedding at random; the expected counts are ``expected_negatives``.
 
     Random streams are keyed by the purpose, the embedding's keys and ``number``: the epoch, and perhaps the batch.
     """

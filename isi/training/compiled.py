@@ -163,9 +163,9 @@ def run_compiled_epoch(
     embedding: Embedding, squares: Embedding, data: TrainingData, ratio: int, rate: float, decay: float,
     root: int, epoch: int,
 ) -> None:  # fmt: skip
-    """Train each embedding of a stack for an epoch, in place, with Adagrad's accumulators ``squares``.
+    """Train each embedding of a stack in place for an epoch by Adagrad (sums ``squares``, ``rate``, weight ``decay``).
 
-    Each observation has ``ratio`` corrupted tails, heads and relations.
+    Each observation has ``ratio`` corrupted tails, ``ratio`` heads and, if R > 1, ``ratio`` relations.
     """
     scalars = embedding.entity.shape[-1] * cast(BlockModel, embedding.model).scalars // 100
     for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
