@@ -13,9 +13,10 @@ from isi.analyses.finetuning import finetune_only
 from isi.analyses.joint_models import CrossValidation, Setting, best_validations, changed_config, compare, fold_points
 from isi.analyses.single_insertions import place_of_traced, trace_trajectory
 from isi.analyses.variants import train_models
-from isi.evaluation.query_sets import CONVERGING
+from isi.evaluation.query_sets import CONVERGING, novel_query_set
+from isi.evaluation.ranking import evaluate, measure_rows
 from isi.experiment import runner
-from isi.experiment.insert import InsertTask, init_context, insert_sessions, insert_stack
+from isi.experiment.insert import InsertTask, init_context, insert_sessions, insert_stack, with_vectors
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
@@ -172,6 +173,17 @@ def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_befor
         assert np.isin(grid.GRAPH.triples[triples][:, [0, 2]], novel2).any(1).all()
     assert came_before  # a triple connects entities of both sessions
     assert context.keys.tolist() == [[grid.SIZE, seed, 2] for seed in grid.SEEDS]
+
+
+def test_a_later_session_is_measured_and_fine_tuned_with_its_own_triples() -> None:
+    task = two_sessions("mean", np.nan, 2.0)  # the second session is fine-tuned, the first is not
+    points, ((theta1, _), (theta2, second)) = task[0], insert_sessions(*task)
+    novel, mask = points.novel_in(2), points.insert_mask(2)
+    inserted = with_vectors(theta1, novel, torch.as_tensor(second.vectors))
+    immediate = measure_rows(evaluate(inserted, novel_query_set(points.session(2), novel, mask)))
+    expected = immediate[immediate["scope"] == "novel"]["mrr_star"].tolist()
+    assert second.runs.query("scope == 'novel' and epoch == 0").sort_values("seed")["mrr_star"].tolist() == expected
+    assert (theta2.entity != inserted.entity).any(-1)[torch.arange(len(novel))[:, None], novel].all()
 
 
 def test_insertion_gives_rows_of_every_session() -> None:
