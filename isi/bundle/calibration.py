@@ -5,8 +5,8 @@ score, one per relation and slot. For a known entity, the curve is fitted to the
 the entities in known triples of the relation. A true but unknown answer counts as wrong.
 
 For an inserted entity the calibration is held out: known entities are hidden, inserted with the same initializer from
-as many triples (and words, if the entity has some), and queried; their other triples are the right answers. The other
-vectors were trained together with the hidden entities, so these probabilities are slightly optimistic.
+at most as many triples (and words, if the entity has some), and queried; their other triples are the right answers.
+The other vectors were trained together with the hidden entities, so these probabilities are slightly optimistic.
 """
 
 from __future__ import annotations
