@@ -51,7 +51,7 @@ def measured(
 
 
 def about(queries: Queries, novel: Tensor) -> Queries:
-    """The queries with the weight of an entity query set to 0 unless it gives a novel entity; ``novel``: (M, n)."""
+    """The queries, with entity weight only where a novel entity is given, rescaled to sum 1; ``novel``: (M, n)."""
     rows, is_novel = queries.rows, membership(novel, queries.candidates.shape[1])
     head, _, tail = rows.ids
     weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (tail, head)], 1)

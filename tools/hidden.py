@@ -21,9 +21,9 @@ def label(method: str, settings: Hidden, default: str) -> str:
     return {
         "insert": f"{insert}: `{default}`, its default",
         "own": "PyKEEN's own initialization",
-        "insert_new_rows": f"{insert}, then {settings.epochs} epochs of the new rows",
-        "own_new_rows": f"PyKEEN's own, then {settings.epochs} epochs of the new rows",
-        "own_all_rows": f"PyKEEN's own, then {settings.epochs} epochs of all rows",
+        "insert_new_rows": f"{insert} and {settings.epochs} epochs of the new rows",
+        "own_new_rows": f"PyKEEN's own and {settings.epochs} epochs of the new rows",
+        "own_all_rows": f"PyKEEN's own and {settings.epochs} epochs of all rows",
         "retrained": "retrained from scratch",
     }.get(method, f"{insert}: `{method}`")
 

@@ -233,7 +233,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:
                 if not {head, tail} <= known or relation not in labels or record.entity not in (head, tail):
-                    expected = f"expected known names, one of them {record.entity!r:.80}"
+                    expected = f"expected known names, {record.entity!r:.80} in each triple"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():

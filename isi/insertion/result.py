@@ -32,7 +32,7 @@ class Entity:
 
     name: str | int
     id: int
-    insert_triples: int  #: number of triples with a known end, which the initializer used
+    insert_triples: int  #: number of triples with a known end, which the initializer may use
     between: int  #: number of triples of two new entities, which it did not use
     fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid
     indicators: list[str | int] | None  #: the entities whose centroid is the vector; null for other initializers
