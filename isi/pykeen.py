@@ -133,7 +133,7 @@ def warm(optimizer: Optimizer) -> Optimizer:
 
 @dataclass(frozen=True)
 class Form:
-    """Shape and type of a value that is stored as a row of real numbers: the real half, then the imaginary half."""
+    """Shape and type of a value stored as a row of real numbers; if complex, the real half, then the imaginary half."""
 
     shape: tuple[int, ...]
     is_complex: bool

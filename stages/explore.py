@@ -29,7 +29,7 @@ def explore(context: StageContext, graph: str) -> None:
     with at(paths.BEYOND_PARAMS, key):
         tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"), settings.min_count)
         if tables.triples.empty:
-            raise InputError("", "source", f"expected triples that are observed at least {settings.min_count} times")
+            raise InputError("", "source", f"expected triples observed at least {settings.min_count} times, got none")
         store = in_memory(context, graph, tables, settings, f"{key}.sessions")
     runs, answers = results(changed(params, settings.changes), settings.variant(graph), [store], graph)
     for table, rows in ((GRAPH_ENTITIES, tables.entities), (GRAPH_TRIPLES, tables.triples), (GRAPH_RUNS, runs),

@@ -167,7 +167,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("variants", {"options": {"soft_es": {"temper": 1.0}}}, "options.soft_es.temper: unknown key"),
         ("variants", {"changes": {"training.weight_deca": 0.1}}, "changes.training.weight_deca: unknown key"),
         ("variants", {"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: "),
-        ("variants", {"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected keys below "),
+        ("variants", {"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected a dotted key below "),
         ("variants", {"group": "baseline"}, "group: "),
         ("variants", {"seed": 3}, "seed: unknown key"),
         ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),

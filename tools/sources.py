@@ -97,10 +97,10 @@ def table(measured: Iterable[Measured]) -> pd.DataFrame:
             "observations": _number(int(source.counts.sum())),
             "unique triples": _number(len(source.counts)),
             "entities": _number(len(source.kinds)),
-            "of these": ", ".join(f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()),
+            "entities by kind": ", ".join(f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()),
             "relations": _number(source.counts.index.get_level_values("relation").nunique()),
             "counted by mining": "; ".join(f"{n:,} {step}" for step, n in source.left.items() if n) or NONE,
-            "s": f"{source.seconds:.1f}",
+            "seconds": f"{source.seconds:.1f}",
         }
         for source in measured
     ])  # fmt: skip

@@ -138,7 +138,7 @@ class Plane:
 
 
 def procrustes(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Rotate, scale and shift ``vectors`` (M, E, d) to fit ``onto`` on known entities; explained variance, (M,)."""
+    """Rotate, scale and shift ``vectors`` (M, E, d) to fit ``onto`` at known rows; explained share of variance (M,)."""
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
         centre, target_centre = model[mask].mean(0), target[mask].mean(0)

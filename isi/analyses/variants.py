@@ -91,7 +91,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
     for key, value in changes.items():
         name, _, within = key.partition(".")
         if name not in CHANGEABLE or not within:
-            raise InputError("", key, f"expected keys below {', '.join(CHANGEABLE)}")
+            raise InputError("", key, f"expected a dotted key below {', '.join(CHANGEABLE)}")
         section = getattr(params, name)
         place = values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
         *parents, last = within.split(".")

@@ -228,7 +228,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
             if (got := getattr(manifest, key)) != number:
                 raise InputError("", key, f"expected {number}, the number in the other files, got {got}")
         if list(bundle.insertions()) != names[len(names) - len(manifest.inserted) :]:
-            raise InputError("", "inserted", "expected the entities of the last rows, in their order")
+            raise InputError("", "inserted", f"expected the names in the last rows of {ENTITIES}, in order")
         known = set(names)
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:

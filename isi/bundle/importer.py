@@ -180,7 +180,7 @@ def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarr
     whole = np.concatenate([tensors[part] for part in parts], axis=1)
     if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
         if whole.shape[1] % 2:
-            expected = f"expected real and imaginary parts in turn, got rows of {whole.shape[1]} numbers"
+            expected = f"expected rows that alternate real and imaginary parts, got {whole.shape[1]} numbers"
             raise InputError("", parts[0], expected)
         whole = whole[:, ::2] + 1j * whole[:, 1::2]
     if np.iscomplexobj(whole):
@@ -228,7 +228,7 @@ def _pykeen_triples(path: Path, entities: Sequence[str], relations: Sequence[str
     triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
     most = [len(entities), len(relations), len(entities)]
     for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
-        raise InputError(path, f"line {row + 2}", f"expected ids below {most}")
+        raise InputError(path, f"line {row + 2}", f"expected ids below {most[0]} (entities) and {most[1]} (relations)")
     return ((entities[head], relations[relation], entities[tail]) for head, relation, tail in triples.tolist())
 
 

@@ -78,7 +78,7 @@ def together(sources: Sequence[MinedSource]) -> MinedSource:
     for seen in sources:
         for name, kind in zip(seen.kinds["entity"], seen.kinds["kind"], strict=True):
             if kind != (first := kind_of.setdefault(name, kind)):
-                raise InputError(seen.source, f"entity {name!r}", f"expected kind {first!r}, got {kind!r}")
+                raise InputError(seen.source, f"entity {name!r}", f"another file has kind {first!r}, got {kind!r}")
     kinds = pd.concat([seen.kinds for seen in sources]).drop_duplicates("entity", ignore_index=True)
     return MinedSource("files", pd.concat([seen.observations for seen in sources]), kinds)
 

@@ -72,7 +72,7 @@ def run(
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
                     if isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error):
-                        much = f"not enough memory for {points} and the tasks beside it: try a lower number"
+                        much = f"not enough memory for this and the other running tasks ({points}): try a lower number"
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
                 bar.update(len(points.seeds))
@@ -82,7 +82,7 @@ def run(
 def run_task(
     function: Callable[[GridPoints, *Arguments], Done], task: tuple[GridPoints, *Arguments], device: str
 ) -> Done:
-    """Run a task on one thread, with denormal numbers as zero (they are slow), and return CPU tensors.
+    """Run a task on one thread, denormal numbers as zero (they are slow); return CPU tensors. InputError for NaN or ∞.
 
     Both settings belong to the thread of the engine and are never reset, so that tasks cannot disturb each other.
     """

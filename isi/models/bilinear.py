@@ -40,7 +40,7 @@ class BlockModel(RelationMapModel):
         return relation
 
     def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Gradient by relations, (..., w), from the gradient by their ``maps``, (..., d)."""
+        """Gradient with respect to relations, (..., w), from that with respect to their ``maps``, (..., d)."""
         return by_maps
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:

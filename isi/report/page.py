@@ -149,7 +149,7 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Curves for ``dvc plots``, by file name: means over seeds in points, a column for each model."""
+    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch, a column for each model."""
     frames = {}
     for experiment in results.experiments.values():
         initializers, name = experiment.initializers, f"{experiment.name}_{{}}"

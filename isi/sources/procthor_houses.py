@@ -97,7 +97,7 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
     """Observations of objects in houses; walls, doors, windows and floors are not among the objects.
 
     ``path`` is a file in ProcTHOR-10K's format, with one house per line (plain or gzip), or one house as ``*.json``.
-    ``materials``: ``suncg`` samples SUNCG's shares, ``simulator`` copies a random recorded object of the same type.
+    ``materials``: ``suncg`` samples by SUNCG's shares, ``simulator`` copies a random recorded object's of the type.
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}

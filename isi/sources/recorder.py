@@ -209,7 +209,7 @@ def _chain(error: BaseException) -> list[BaseException]:
 
 
 class Player(Controller):  # type: ignore[misc]
-    """A running player. It is ended if it cannot start, and the controller cannot restart it."""
+    """A running player (simulator process). If its start fails, it is killed; the controller cannot restart it."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
         """Start the player; its first message sets ``started``; ``local`` is the folder of a local build's logs."""

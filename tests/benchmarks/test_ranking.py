@@ -90,7 +90,7 @@ def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: 
     def ranked() -> None:
         evaluate(embedding, {"test": ready if prepared else ask(session)})
 
-    label = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
+    label = "isi, prepared queries" if prepared else "isi, including preparation"
     measure(benchmark, ranked, int(ready.queried.sum()), what=label)
 
 
@@ -117,5 +117,5 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     model = make_model(name, params.models[name], f"models.{name}")
     stack = uniform(session.entities, len(home.relations), model, params.embedding.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.queried.sum()) for scope in scopes.values())
-    label = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
+    label = f"isi, {SCOPES_MODELS} models, {len(scopes)} query sets"
     measure(benchmark, lambda: evaluate(stack, scopes), triples, what=label)
