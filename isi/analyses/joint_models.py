@@ -115,7 +115,7 @@ def usual_epochs(log: pd.DataFrame) -> int:
     """Lower median over seeds of the best epoch in ``log`` (``TRAINING_LOG``); ``InputError`` if no epoch is best."""
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
-        raise InputError("joint.log.parquet", "column 'kept'", "expected true for the best epoch of a model")
+        raise InputError("joint.log.parquet", "column 'kept'", "expected true in at least one row, a best epoch")
     return int(median_low(kept.tolist()))
 
 

@@ -177,7 +177,7 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
     for name in sorted(present - {MANIFEST, VECTORS, *COLUMNS}):
-        raise InputError("", name, "not a file of a bundle: expected an empty folder or a bundle alone")
+        raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
     if MANIFEST in present:
         try:
             inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]

@@ -170,7 +170,7 @@ def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarr
     present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
     if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
-        raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
+        raise InputError("", "", f"expected {slot!r}, or the name in PyKEEN, TorchKGE or OpenKE, got {listed:.200}")
     (parts,) = present
     for part in parts:
         values = tensors[part]

@@ -103,7 +103,7 @@ def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.nd
     ):
         if wrong.any():
             model, row = np.argwhere(wrong)[0].tolist()
-            raise InputError(path, f"tensor {name!r}, model {model} of these seeds, entity {row}", says)
+            raise InputError(path, f"tensor {name!r}, model {model} of its stack, entity {row}", says)
 
 
 def has_shape(

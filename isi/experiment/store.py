@@ -132,7 +132,7 @@ class Store:
         chosen = novel if size is None else novel[novel["size"] == size]
         chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
-            raise InputError(path, "column 'size'", f"expected novel entities: size {size}, {seeds} seeds (None: all)")
+            raise InputError(path, "column 'size'", f"expected rows of size {size} and seed below {seeds} (None: any)")
         given, grid = self.insert_triples(), []
         for number in sorted(set(chosen["size"].tolist())):
             of_size = chosen[chosen["size"] == number]
