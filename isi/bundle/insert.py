@@ -111,7 +111,7 @@ def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, New
 
 @dataclass(frozen=True)
 class Ablation:
-    """The effect of an insertion that leaves out one piece of the input."""
+    """Effect on an inserted entity of leaving out one piece of its input."""
 
     left_out: str  #: fact, words, indicator
     what: str  #: the triple as text, the phrase, or the indicator

@@ -123,7 +123,7 @@ class Registered:
         return "a score that is linear in a vector" if "linear_score" in self.needs and not model.linear else None
 
     def check(self, model: Model) -> None:
-        """InputError if the model lacks a property that the initializer needs; it lists those that fit the model."""
+        """InputError, with the initializers that fit the model, if the model lacks a property that this one needs."""
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"

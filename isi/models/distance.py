@@ -51,7 +51,7 @@ class TransE(Translation, DistanceModel):
 @register_model("transe_l1")
 @dataclass(frozen=True)
 class TransEL1(Translation):
-    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default of PyKEEN, TorchKGE and OpenKE."""
+    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default TransE of PyKEEN and OpenKE."""
 
     margin: Positive
 

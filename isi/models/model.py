@@ -98,7 +98,7 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Memory of mapped heads (``DenseTriples.empty``); a function from their gradient to those of both tables."""
+        """Map heads into ``triples.empty``; its memory, and a function from their gradient to those of both tables."""
         memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 

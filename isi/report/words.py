@@ -88,7 +88,7 @@ def joined(parts: Iterable[str]) -> str:
 
 
 def with_values(values: Mapping[str, float], models: Iterable[str] | None = None, form: str = "{:.1f}") -> str:
-    """An enumeration of the models that have a value, each with it."""
+    """An enumeration of the models that have a value, each with its value."""
     names = values if models is None else [model for model in models if model in values]
     return joined(f"{label(model)} {form.format(values[model])}" for model in names)
 

@@ -79,7 +79,7 @@ class Table(DataFile):
             refuse(path, frame, rule.broken(frame), rule.columns, rule.expected)
 
     def read(self, **names: str | int) -> pd.DataFrame:
-        """Read the table at ``path(**names)``; InputError for a broken rule. Encoded text becomes categories."""
+        """Read the table at ``path(**names)``, dictionary-encoded text as categories; InputError for a broken rule."""
         return self.read_file(self.path(**names))
 
     def read_text(self, **names: str | int) -> pd.DataFrame:
