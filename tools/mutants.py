@@ -9,7 +9,7 @@ import pandas as pd
 from tools.docs import BENCHMARKS, write_table
 
 #: Result of a mutant by the exit status in mutmut's files; any other status: killed.
-FATES = {0: "live", 5: "met by no test", 33: "met by no test", None: "not tried", 34: "not tried"}
+FATES = {0: "alive", 5: "run by no test", 33: "run by no test", None: "not tried", 34: "not tried"}
 
 
 def main() -> None:
@@ -25,8 +25,8 @@ def main() -> None:
     counts["all"] = sum(counts.values(), Counter())
     table = pd.DataFrame([
         {"code": name, "mutants": f"{count.total():,}"}
-        | {fate: f"{count[fate]:,}" for fate in ("killed", "live", "met by no test")}
-        | {"killed of all": f"{100 * count['killed'] / count.total():.1f} %"}
+        | {fate: f"{count[fate]:,}" for fate in ("killed", "alive", "run by no test")}
+        | {"share killed": f"{100 * count['killed'] / count.total():.1f} %"}
         for name, count in counts.items() if count
     ])  # fmt: skip
     write_table(BENCHMARKS / "mutants.md", table, 1)

@@ -21,7 +21,7 @@ from tests.fuzz.formats import FORMATS
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.md")
 COLUMNS = [
-    "changed files of", "inputs", "read", "refused in one line", "faults", "longest s (of a processor)", "peak MiB"
+    "file format", "inputs", "read", "refused in one line", "faults", "longest processor time (s)", "peak MiB"
 ]  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def main() -> None:
     for of_format in counts:
         write_faults(of_format)
     rows = pd.DataFrame([of_format.row() for of_format in counts], columns=COLUMNS)
-    total = {"changed files of": "all", **rows[COLUMNS[1:5]].sum(), **{name: rows[name].max() for name in COLUMNS[5:]}}
+    total = {"file format": "all", **rows[COLUMNS[1:5]].sum(), **{name: rows[name].max() for name in COLUMNS[5:]}}
     if not given.format:
         table = pd.concat([rows, pd.DataFrame([total])])
         given.out.write_text(table.to_markdown(index=False, intfmt=",", floatfmt=".1f") + "\n", encoding="utf-8")

@@ -240,7 +240,7 @@ def _formats() -> dict[str, Format]:
             {"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz",
             **(recording | {"broken": "drop", "circular": "drop"}),
         ),
-        "recording to go on with": Format({"r.jsonl.gz": recorder()}, gone_on_with),
+        "recording to continue": Format({"r.jsonl.gz": recorder()}, gone_on_with),
         "shares of materials": _source(
             shares | {"r.json": package()}, reader="ai2thor", from_="r.json", **(recording | {"materials": "suncg"})
         ),

@@ -90,7 +90,7 @@ GIANTS: dict[str, tuple[str, Callable[[], Files]]] = {
     "a gigabyte of zeros, compressed": ("table, TSV", lambda: {"log.tsv.gz": gzip.compress(bytes(2**30), 1)}),
     "a recording of a gigabyte of zeros": ("recording", lambda: {"r.jsonl.gz": gzip.compress(bytes(2**30), 1)}),
     "a recording of zeros to go on with": (
-        "recording to go on with", lambda: {"r.jsonl.gz": gzip.compress(bytes(2**30), 1)}
+        "recording to continue", lambda: {"r.jsonl.gz": gzip.compress(bytes(2**30), 1)}
     ),
     "a house of a million records": (
         "houses of Matterport3D",

@@ -106,7 +106,7 @@ def table(faults: Sequence[Fault]) -> str:
     counts = groups.agg(
         times=("stage", "size"), stages=("stage", "nunique"), ended=("status", "sum"), lost=("lost", "sum")
     )
-    names = ["struck", "by", "times", "in as many stages", "the run ended", "lost something"]
+    names = ["target", "signal or fault", "trials", "different stages", "run ended", "data lost"]
     return counts.reset_index().set_axis(names, axis=1).to_markdown(index=False) + "\n"
 
 
