@@ -50,7 +50,7 @@ class Product:
         return (mapped * tail).sum(-1), lambda slope: (tail * slope[..., None], mapped * slope[..., None])
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """The same for all pairs: (M, N, d) and (M, E, d), scores (M, N, E); slopes may lack last rows, (M, ≤ N, E)."""
+        """As ``rows``, of all pairs: (M, N, d), (M, E, d); scores (M, N, E); slopes may lack last rows: (M, ≤N, E)."""
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
             return torch.bmm(slope, tail), torch.bmm(slope.mT, mapped[:, : slope.shape[1]])

@@ -209,7 +209,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Compare all pairs of models, ISI first; ``measures``: for each, a frame with rows of runs, columns of models."""
+    """Compare all pairs of models, ISI first; ``measures``: frames with a row per run, a column per model."""
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
         names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]

@@ -106,9 +106,9 @@ def training_data(
 
 
 def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
-    """Triple ids of an epoch's shuffled observations, (N,), by batch, then model; N ≤ ``size``, equal within one.
+    """Triple ids of an epoch's shuffled observations, (N,), by batch, then model; N ≤ ``size``.
 
-    Embeddings with fewer batches than others have empty ones at the end.
+    The N of one model differ by at most 1. Embeddings with fewer batches than others have empty ones at the end.
     """
     by_model = []
     for counts, key in zip(data.counts.cpu().numpy(), data.keys.tolist(), strict=True):
