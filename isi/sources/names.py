@@ -20,7 +20,7 @@ AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAff
 def name_fault(name: object) -> str | None:
     """The message of the error for an invalid name; null for a valid one."""
     if not isinstance(name, str) or not name:
-        return "expected a name, got none"
+        return f"expected a name, got {short(name) if name else 'none'}"
     if len(name) > LONGEST:
         return f"expected a name of at most {LONGEST} characters, got {len(name):,}: {short(name)}"
     if not name.isprintable() or name != name.strip() or "../" in name:

@@ -57,7 +57,7 @@ class DenseBatch:
 
 @dataclass(frozen=True)
 class ListBatch:
-    """A batch of each embedding of a stack as one list of N triples, positives before negatives."""
+    """Batches of a stack's embeddings, joined to one list of N triples; in each batch, positives before negatives."""
 
     triples: TripleList
     positive: Tensor  #: 1 for positives, 0 for negatives; shape: (N,), float32

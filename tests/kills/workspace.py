@@ -214,7 +214,7 @@ def _nobody_left(leader: int) -> None:
 
 def _victims(leader: int, whom: str) -> list[psutil.Process]:
     """Processes of kind ``whom`` (``WHOM``) in a run: itself, DVC, the running stage, or the stage's workers."""
-    level = [psutil.Process(leader)]
+    level = [process for process in psutil.process_iter() if process.pid == leader]  # none once it has ended
     for _ in range(WHOM.index(whom)):
         below = []
         for process in level:
