@@ -105,7 +105,7 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--experiments", nargs="+", help="default: all that have sets of this size")
+    parser.add_argument("--experiments", nargs="+", help="default: all that have grid points of --size")
     names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
     parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
     parser.add_argument("--size", type=int, default=5, help="|ξ| of the grid points")
@@ -129,7 +129,7 @@ def main() -> None:
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
-    """A row per setting, best first: means over experiments and per experiment; arrays: (settings, sets, 2)."""
+    """A row per setting, each initializer's best first: means over and per experiment; arrays: (settings, sets, 2)."""
     means = {experiment: np.nanmean(values, 1) for experiment, values in results.items()}
     means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
     columns = {

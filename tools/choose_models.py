@@ -1,4 +1,4 @@
-"""Compare learning rates, weight decays and margins of every embedding model; those in params.yaml were chosen so.
+"""Compare learning rates, weight decays, margins and norms of embedding models; those in params.yaml were chosen so.
 
 Each setting trains the joint model with a few seeds; its score is the best validation MRR*, averaged over seeds. No
 test triple is used. Writes the table of the documentation.

@@ -78,7 +78,7 @@ def main() -> None:
 
 def show(name: str, grid: list[tuple[int, float]], mrr_star: np.ndarray) -> None:
     table = pd.DataFrame(grid, columns=["batch size", "learning rate"]).assign(value=100 * mrr_star)
-    print(f"\n{name}: validation MRR*")
+    print(f"\n{name}: validation MRR* (points)")
     print(table.pivot(index="batch size", columns="learning rate", values="value").round(2).to_string())
 
 

@@ -48,7 +48,7 @@ def table_of(mean: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden, defaul
 
 
 def sentences_of(mean: pd.DataFrame, settings: Hidden, default: str) -> Iterator[str]:
-    """The best method of all and the best without training, by number of insert triples; the rank of the default."""
+    """By number of insert triples: best method, best without training, rank of the default; then earlier triples."""
     for number in settings.max_insert_triples:
         ranked = mean["mrr", "known", str(number or ALL)].dropna().sort_values(ascending=False)
         untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]

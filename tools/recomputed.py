@@ -198,7 +198,7 @@ def ers(around: Around, k: int, candidates: int) -> Chosen:
     return chosen, min(gap, last)
 
 
-#: The initializers without randomness and without training.
+#: The initializers that are recomputed, each with the function that chooses its indicators.
 RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs, "ers": ers}
 
 

@@ -106,7 +106,7 @@ def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], me
 
 
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
-    """Compare ``number`` random grid points, and all epochs to convergence; print which vectors are skipped."""
+    """Compare random grid points, and mean epochs of experiments with one source; print which vectors are skipped."""
     experiments = []
     for name, settings in params["experiments"].items():
         listed = settings.get("initializers", "all")
@@ -121,7 +121,7 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
         left_open = sum(check_cell(*cell, params["initializers"], initial, immediate) for cell in chosen)
         others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
-        print(f"Not computed again: vectors of {others or 'none'}, which are random or trained; and {left_open} "
+        print(f"Not computed again: vectors of {others or 'none'}; and {left_open} "
               f"vectors whose last indicator scores less than {UNDECIDED:.0e} above the next entity.")  # fmt: skip
     else:
         print("Not computed again: vectors and MRR*, which are computed for ANALOGY alone.")

@@ -85,7 +85,7 @@ class ModelRuns:
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer that is fine-tuned, session, size and seed."""
+        """``converged`` for the fine-tuned initializers: rows by model, scope, size, seed and session."""
         return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
 
     @property
@@ -105,7 +105,7 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity MRR* in [0, 1] about novel entities by direction (``scope``), model, size, seed; usual filter."""
+        """Entity MRR* in [0, 1] about novel entities by direction (``scope``), model, size, seed (filter: learned)."""
         rows = self.queries
         assert rows is not None  # noqa: S101  # used only with a query breakdown
         rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
@@ -137,7 +137,7 @@ class ModelRuns:
 
 @dataclass(frozen=True, eq=False)
 class Experiment(ModelRuns):
-    """The tables of one experiment, as text (``read_text``); columns that hold ids in the files hold ids here."""
+    """The tables of one experiment, with strings in place of categories (``read_text``); ids stay numbers."""
 
     #: end of the names of its tables and figures; empty for the first experiment
     suffix: str

@@ -63,7 +63,7 @@ def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8)
 
 
 def in_words(canvas: Canvas) -> str:
-    """Alternative text of a figure, panel by panel: titles, and the first and last y-value of each line."""
+    """Alternative text by panel: titles; first and last y-value of each line, or without lines the labelled values."""
     texts = []
     for axes in canvas.axes:
         lines = []
@@ -150,7 +150,7 @@ def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: 
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
-    """Values of column ``by``, and for each the mean over seeds and the bounds of its interval; shape (4, values)."""
+    """Values of ``by``, and for each ``scale`` × the mean over seeds and the interval's bounds; shape (4, values)."""
     line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
     return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
 
@@ -198,7 +198,7 @@ def colours(figures: Iterable[str]) -> dict[str, str]:
 
 
 def dark(name: str) -> str:
-    """The counterpart of a colour in the dark scheme: greys are inverted, others are lightened until they stand out."""
+    """The dark scheme's counterpart of a colour: greys are inverted, others lightened to the contrast ``_CONTRAST``."""
     colour = tuple(bytes.fromhex(name))
     if max(colour) - min(colour) < _GREY:
         light = (sum(colour) / (3 * 255)) ** _FAINT

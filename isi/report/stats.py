@@ -22,7 +22,7 @@ RESAMPLES = 9_999
 LEVEL = 0.05
 #: Format of a difference.
 signed = "{:+.2f}".format
-#: The sign-flip test is exact up to ``_COUNTED`` seeds that differ; beyond, it samples ``_DRAWN`` choices of signs.
+#: The sign-flip test is exact up to ``_COUNTED`` nonzero differences; beyond, it samples ``_DRAWN`` choices of signs.
 _COUNTED, _DRAWN = 40, 99_999
 #: Values by scope, then by model.
 ByScope = dict[str, dict[str, float]]
@@ -69,7 +69,7 @@ def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
 
 
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
-    """The gain of each model over Xavier, in per cent: the ratio of means, averaged over sizes (section 6.1)."""
+    """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes (section 6.1)."""
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
     return relative({str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
                      for model in cells.columns.unique("model") if BASELINE in cells})  # fmt: skip
@@ -135,7 +135,7 @@ def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str)
 
 
 def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
-    """Means of ``columns`` (name to new name) by group, with 95 % intervals over seeds; nulls are left out."""
+    """Means × ``scale`` of ``columns`` (name to new name) by group, with 95 % intervals over seeds; nulls left out."""
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
@@ -147,7 +147,7 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
 
 
 def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
-    """Mean of a column with its interval over seeds, for each of ``models`` that has rows, in their order."""
+    """Mean × ``scale`` of a column, with its interval over seeds, for each of ``models`` that has rows, in order."""
     estimates = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
     return {model: estimates[model] for model in models if model in estimates.index}
 

@@ -68,7 +68,7 @@ def contenders(models: Iterable[str]) -> list[str]:
 
 
 def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
-    """Matplotlib's colour, label and dashes of a model; ``models``: all in the figures, which share spare colours."""
+    """Matplotlib's colour, label and dashes of a model; ``models``: all in the figures (for spare colours)."""
     if model in _OTHERS:
         return dict(zip(("label", "color", "ls"), _OTHERS[model], strict=True))
     uncoloured = [name for name in models if name not in _OTHERS and _registered(name).colour is None]

@@ -57,7 +57,7 @@ def indicators(results: Results) -> Iterator[Content]:
 
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with column ``value``: MRR* (points) minus MRR* at the swept k that is nearest to ``reference``."""
+    """Runs with column ``value``: MRR* (points) minus MRR* at the swept k nearest to ``reference[model]``."""
     swept, cell = immediate.groupby("model")["k"].unique(), ["model", "scope", "size", "seed"]
     nearest = {model: k[np.abs(k - reference.get(str(model), k.min())).argmin()] for model, k in swept.items()}
     base = immediate[immediate["k"] == immediate["model"].map(nearest)].set_index(cell)["mrr_star"]
@@ -196,7 +196,7 @@ def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """The best value of a factor, and a note if it is not the chosen one, which wins ties; NaN without folds."""
+    """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs; NaN without folds."""
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
     if others["mrr_star"].isna().all():
         return nan, ""

@@ -122,7 +122,7 @@ def differences(results: Results, experiment: Experiment) -> Content | None:
 
 
 def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """Headline measures by title: a row for each session, size, seed, a column a model; points or epochs; or null."""
+    """Headline measures (points or epochs) by title: rows (session, size, seed), columns models; null: no queries."""
     listed = (
         ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
         ("immediate entity prediction", 100, immediate, "novel", "mrr_star_entity"),
@@ -134,7 +134,7 @@ def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequenc
 
 
 def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for each pair of an initializer of ISI and another one, a column for each measure."""
+    """A row for each pair of an initializer of ISI and one outside ISI, a column for each measure."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for pair in sorted(pairs, key=lambda pair: initializers.index(pair.first)):
         if isi([pair.first]) and not isi([pair.second]):
@@ -146,7 +146,7 @@ def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[
 
 
 def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
-    """For each measure with queries: number of pairs and of significant ones, and the others if they are few."""
+    """For each measure with queries: numbers of all and of significant pairs; the insignificant pairs, if few."""
     lines = []
     for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
         of_measure = list(group)

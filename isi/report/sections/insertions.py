@@ -113,7 +113,7 @@ def explorer(results: Results) -> Iterator[Content]:
         try:
             data = _data(experiment, tables, results.params.explorer)
         except KeyError as error:
-            expected = f"expected places and answers of each entity after each step, but {error} is missing"
+            expected = f"expected positions and answers of each entity by model and epoch, but {error} is missing"
             path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
             raise InputError(path, "", expected) from error
         yield Content({"experiment": experiment, "data": data, "absent": absent if len(absent) <= FEW else []})
@@ -176,7 +176,7 @@ def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
 
 
 def queries_of(answers: pd.DataFrame, first: int, steps: Sequence[Step], relations: list[str]) -> dict[int, list[Any]]:
-    """Queries by entity, those with true answers first: the ``first`` best answers, and ranks of true answers."""
+    """Queries by entity, those with true answers first; by step, the ``first`` best answers and true answers' ranks."""
     ranked: dict[Any, dict[Step, list[tuple[int, int, Any]]]] = defaultdict(lambda: defaultdict(list))
     columns = ["entity", "relation", "hidden", "model", "epoch", "answer", "rank", "true"]
     for entity, relation, hidden, model, epoch, *answer in answers[columns].itertuples(index=False, name=None):

@@ -67,7 +67,7 @@ def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, flo
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
-    """Entity queries by scope, role of the novel entity, relation, direction: number, mean MRR* (points) by model."""
+    """Entity queries by scope, role of the novel entity, relation, hidden end: number, mean MRR* (points) by model."""
     rows = rows[(rows["filter"] == "learned") & rows["scope"].isin(["all", "novel"]) & (rows["hidden"] != "relation")]
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
     means = 100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
@@ -89,7 +89,7 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Answers:
-    """Ranked answers to (entity, relation, ?) in one experiment: ``AFFORDANCES`` with ``model``; entities are ids."""
+    """Ranked answers to (entity, relation, ?) in one experiment: ``AFFORDANCES`` with ``initializer`` as ``model``."""
 
     ranks: pd.DataFrame
     entities: pd.DataFrame

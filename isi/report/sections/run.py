@@ -113,7 +113,7 @@ def definitions(results: Results) -> Iterator[Content]:
 def leaks(
     graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
 ) -> tuple[pd.DataFrame, int]:
-    """Triples in which the definition of one end names the other end, and the number of distinct triples."""
+    """Triples in which the definition of one end names the other end, and the number of all distinct triples."""
     parts = []
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
@@ -200,7 +200,7 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
 
 
 def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
-    """Number of competitors tied with the answer right after insertion, by experiment and model; each counts half."""
+    """Number of competitors tied with the answer right after insertion, by experiment, model and scope."""
     ties_of = {name: experiment.ties.groupby(["model", "scope"])["ties"] for name, experiment in experiments.items()}
     counts = {name: groups.sum() for name, groups in ties_of.items()}
     return [

@@ -159,7 +159,7 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
 
 
 def shared(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
-    """A matrix of graphs: the number of phrases of entities that two graphs share."""
+    """A matrix of graphs: the number of entity phrases that two graphs share."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
     return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
             for title, here in phrases.items()]  # fmt: skip
