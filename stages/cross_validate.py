@@ -1,4 +1,4 @@
-"""Train the joint model with several settings on all but one fold, and measure it on the held-out fold."""
+"""For every fold and each of several settings, train a joint model on the other folds, and measure it on the fold."""
 
 import pandas as pd
 

@@ -17,7 +17,7 @@ def sweep_indicators(context: StageContext, experiment: str, initializer: str) -
     options = sweep.initializers[initializer]
     sizes = [k for k in sweep.k if k <= options.get("candidates", k)]  # a larger k selects all candidates
     if not sizes:
-        raise InputError(paths.PARAMS, "sweep.k", f"expected k up to sweep.initializers.{initializer}.candidates")
+        raise InputError(paths.PARAMS, "sweep.k", f"expected a k up to sweep.initializers.{initializer}.candidates")
     grid = store.grid(stack_height(params.compute), sweep.size, sweep.seeds)
     configs = [insert_config(params, initializer, options={**options, "k": k}) for k in sizes]
     tasks = [task for config in configs for task in insert_tasks(store, params, grid, config)]

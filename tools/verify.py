@@ -26,7 +26,7 @@ class Check:
     """The comparison of recomputed numbers with those of a table."""
 
     about: str
-    #: maximum absolute difference of two equal numbers, in their unit
+    #: maximum absolute difference at which two numbers agree, in their unit
     tolerance: float
     number: int = 0
     worst: float = 0.0
