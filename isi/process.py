@@ -82,7 +82,7 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """Exit with one line on InputError, OSError, MemoryError or a stop signal; ``then``: advice after a signal."""
+    """Exit with one line (broken pipe: none) on InputError, OSError, MemoryError or a signal (``then``: advice)."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may lack letters of a name
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}

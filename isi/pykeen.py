@@ -45,7 +45,7 @@ def insert(
 
     Args:
         model: has one vector per entity, no inverse triples. TransE (L1, L2, squared), DistMult, ComplEx and RotatE
-            support all initializers; others only those without the inverse of a relation (mean, es, soft_es, ...).
+            support all initializers (ridge: DistMult, ComplEx); others those without inverse (mean, es, soft_es, ...).
         factory: the triples factory that the model was trained on.
         triples: (head, relation, tail) of the new entities, as labels (if the factory has labels) or ids.
         arguments: keyword arguments of ``inserted``.

@@ -110,7 +110,7 @@ def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples()
     done = isi.insert(entities, relations, [(3000, 1, 2), (5, 3, 3001)], new=2, model="complex")
     assert done.initializer == "soft_rs"
     assert "size" in done.why
-    with pytest.raises(InputError, match=r"argument 'initializer': too large for ridge, which scores"):
+    with pytest.raises(InputError, match=r"argument 'initializer': the embedding is too large for ridge, which scores"):
         isi.insert(np.tile(entities, (20, 1)), relations, [(60000, 1, 2)], new=1, model="complex", initializer="ridge")
 
 

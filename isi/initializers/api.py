@@ -38,7 +38,7 @@ class InitContext:
     kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
     other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
-    novel_is_tail: Tensor  #: whether its tail is the novel entity; shape: (M, n, I), bool
+    novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
     observed: Tensor  #: true for an insert triple, false for padding; shape: (M, n, I), bool
     root: int  #: root seed of the random streams
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
@@ -94,11 +94,11 @@ def without_weights(vectors: Tensor) -> InitResult:
 
 
 Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and its own options.
-#: The paper's baselines; ISI; controls (each shares one property with ISI, but ignores the meaning); stronger
-#: baselines beyond the paper; a user's own.
+#: The paper's baselines; ISI; controls (ISI with one part left out or replaced, or random vectors); baselines beyond
+#: the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
-Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Of an initializer, beside known vectors.
-Cost = Literal["entities", "pairs", "triples"]  #: Memory grows with it; ``triples``: possible ones.
+Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Required data or property of the model.
+Cost = Literal["entities", "pairs", "triples"]  #: Memory grows with their number; ``triples``: all possible ones.
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def projection(context: InitContext, penalty: Positive) -> InitResult:
 
 
 def predicted(context: InitContext, penalty: float) -> Tensor:
-    """ȳ + (x - x̄)ᵀB with B = argmin Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + ``penalty`` ‖B‖²; shape (M, n, d), float64."""
+    """ȳ + Bᵀ(x - x̄), B = argmin Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + penalty ‖B‖²; x: unit word vector, y: vector; (M, n, d)."""
     weight = similarity.word_eligible(context)[:, 0, :, None].double()
     words, entity = normalize(context.words.double(), dim=-1), context.theta0.entity.double()
     number = weight.sum(1, keepdim=True).clamp(min=1)

@@ -1,7 +1,7 @@
 """MAP and ridge: the vector that best fits the insert triples and a prior.
 
-Each insert triple is a positive, with the negatives that training expects: ``ratio`` copies with a known end drawn
-uniformly, the true end included, and ``ratio`` with another relation. Both are weights of triples, as in Evidence.
+Each insert triple is a positive. Its expected negatives: ``ratio`` copies whose known end is a uniformly random known
+entity, perhaps the true one, and ``ratio`` with another relation. Both are weights of triples in ``Evidence``.
 """
 
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from isi.models.stack import Embedding, NotFinite, mapped, select
 
 SHRINKAGE = 0.1  #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be singular.
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
-TOLERANCE = 1e-6  #: A step with a smaller predicted gain of log-probability, times two, is the last.
+TOLERANCE = 1e-6  #: A step is the last if twice its predicted gain of log-probability is at most this.
 ROUNDING = 1e-12  #: Relative rounding error of the objective.
 HALVINGS = 10  #: Of a step, at most.
-BUDGET = 2**23  #: Maximal numbers in a product of slopes and weights in ``gram``, for each model.
+BUDGET = 2**23  #: Maximum number of elements in a product of slopes and weights in ``gram``, for each model.
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None)
 
 
 def step_size(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tensor:
-    """The longest step of 1, ½, ¼, ... that does not increase the objective; shape (M, n)."""
+    """The first factor of 1, ½, ¼, ... whose step does not increase the objective, else 2^-``HALVINGS``; (M, n)."""
     here, share = objective(known, theta0, at), torch.ones(at.shape[:2], dtype=at.dtype)
     for _ in range(HALVINGS):
         worse = objective(known, theta0, at + share[..., None] * step) > here * (1 + ROUNDING)
@@ -127,7 +127,7 @@ def scores(theta0: Embedding, at: Tensor) -> Tensor:
 
 
 def score_gradients(theta0: Embedding, at: Tensor) -> Tensor:
-    """Gradient, (M, K, d), of f of each possible triple by the novel vector; each model has one, (M, 1, d)."""
+    """Gradient of each possible triple's f, (M, K, d), by the novel vector ``at``, one per model: (M, 1, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     shape = (*theta0.relation.shape[:2], *theta0.entity.shape[1:])
     with torch.enable_grad():

@@ -122,7 +122,7 @@ def _es_permuted(context: InitContext, purpose: str, groups: Tensor, k: int) -> 
 
 
 def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
-    """Entity ids, (M, E), permuted per model among entities with word vectors of one group; ``groups``: (E,)."""
+    """Entity ids, (M, E), permuted per model within each group's entities that have a word vector; ``groups``: (E,)."""
     wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)

@@ -61,7 +61,7 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
 
 
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
-    """The k eligible entities of highest relational score (``alpha`` as there); shape (M, n, E), bool."""
+    """The k eligible entities of highest ``relational_score``, which defines ``alpha``; shape (M, n, E), bool."""
     return top_k(relational_score(context, alpha), context.eligible[:, None], k)
 
 
@@ -75,7 +75,7 @@ def insert_triple_table(context: InitContext) -> Tensor:
 
 
 def alpha_of_all_triples(theta0: Embedding) -> Tensor:
-    """Mapped known ends of the K = 2·R·E triples a novel entity may have: as head Wv, as tail vᵀW; (M, K, d)."""
+    """Known ends v of a novel entity's K = 2·R·E possible triples, mapped: Wv if it is head, else vᵀW; (M, K, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
     return torch.stack([back, there], 1).flatten(1, 3)
@@ -146,6 +146,6 @@ def word_eligible(context: InitContext) -> Tensor:
 
 
 def cosines(vectors: Tensor) -> Tensor:
-    """Cosine of each pair of rows, zero where one is zero; shape (E, E)."""
+    """Cosine of each pair of rows, zero if either row is zero; shape (E, E)."""
     unit = normalize(vectors, dim=-1)
     return unit @ unit.T

@@ -25,7 +25,7 @@ from isi.training.trainer import Optimizer, train
 #: Candidates for the default initializer, the best first (compared in docs/method.md). The default is the first one
 #: whose data are given, that supports the model, and that is fast enough (``QUICK``).
 BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
-#: Limits of 2·R·E·d, numbers in vectors of all possible triples of a new entity: for MAP as default; for any use.
+#: Limits of 2·R·E·d (vectors of a new entity's possible triples): for MAP as default; for any of cost ``triples``.
 QUICK, MOST = 2**24, 2**28
 #: Limits, in numbers: word similarities of entity pairs; one batch of new entities; the weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
@@ -50,10 +50,10 @@ def insert(
             New entities have the ids E, E + 1, ... in the order of ``new``.
         new: names of the new entities; without ``entity_names``, their number n.
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or your own ``Model``
-            (set ``invertible = False`` if it does not implement ``transform`` and ``inverse``).
+            (set ``invertible = False`` if its ``transform`` or ``inverse`` only raises an error).
         model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored with a ``Model``.
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
-        known_triples: triples of known entities, for ``interference``. If given, only their ends can be indicators.
+        known_triples: triples of known entities, for ``interference``. If given, similarity compares their ends only.
         words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
             to vectors or texts.
         word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
@@ -85,7 +85,7 @@ def insert(
         return InputError(f"new entity {names.of(known + int(np.argmax(entities)))!r:.80}", "", expected)
 
     if initializer is None and (bare := ~(has_triple | (has_words & words_serve))).any():
-        expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
+        expected = "expected a triple with a known entity, word vectors of both, or an initializer that needs neither"
         raise refusal(bare, expected)
     theta0 = stack_of_one(rows, given.relations, given.model)
     chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
@@ -96,7 +96,7 @@ def insert(
             with argument("initializer"):
                 results.append(chosen.initialize(context, used))
     except NoRelationMap as error:
-        raise refusal(has_triple & ~has_words, f"expected a word vector, which {name} needs") from error
+        raise refusal(has_triple & ~has_words, f"expected word vectors, also of known entities, for {name}") from error
     except NotFinite as error:
         expected = f"expected known vectors that differ: {name} needs their covariance"
         raise InputError("argument 'entities'", "", expected) from error
@@ -142,7 +142,7 @@ def choose(
             ("pairs", entities**2 > PAIRS, f"compares the words of every two of {entities:,} entities"),
         ):
             if registered.cost == cost and too_large:
-                raise InputError("", "", f"too large for {initializer}, which {work}: choose another initializer")
+                raise InputError("", "", f"the embedding is too large for {initializer}, which {work}: choose another")
     by_triples = possible if model.linear else possible * dimension
     numbers = by_triples if registered.cost == "triples" else max(entities, theta0.relation.shape[1] * dimension)
     return registered, checked, why, max(1, BUDGET // numbers)  # numbers: for one new entity
@@ -159,7 +159,7 @@ def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, st
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The given margin; null: −(mean score of triples, (T, 3), + mean score of corrupted ones) / 2; 0 if linear."""
+    """The given margin; null: −(mean score of triples, (T, 3), + mean of corrupted ones) / 2; 0 if linear or T = 0."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
@@ -176,7 +176,7 @@ def init_context_of(
 ) -> InitContext:  # fmt: skip
     """The data that an initializer gets for new entities. Their ids ``new``, (n,), are consecutive and ≥ ``known``.
 
-    Shapes: triples (I, 3) and (K, 3), words (E, v), kinds (E,). With K = 0, every known entity may be an indicator.
+    Shapes: triples (I, 3), (K, 3); words (N, v), kinds (N,) for all N entities. If K = 0, all known ones are eligible.
     """
     session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT

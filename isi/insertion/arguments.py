@@ -26,7 +26,7 @@ SLOTS = ("head", "relation", "tail")
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Name an argument in an ``InputError`` that names no file or argument yet, or that names ``params.yaml``."""
+    """Name an argument in an ``InputError`` (not ``NotFinite``) that names no file or argument, or ``params.yaml``."""
     try:
         yield
     except InputError as error:

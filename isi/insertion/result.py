@@ -33,7 +33,7 @@ class Entity:
     name: str | int
     id: int
     insert_triples: int  #: number of triples with a known end, which the initializer may use
-    between: int  #: number of triples of two new entities, which it did not use
+    between: int  #: number of triples whose ends are all new, which the initializer did not use
     fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid
     indicators: list[str | int] | None  #: the entities whose centroid is the vector; null for other initializers
     nearest: list[tuple[str | int, float]]  #: known entities with the highest cosines, and the cosines
@@ -74,10 +74,10 @@ class Inserted:
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
     fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid
-    #: weights of known entities in each new vector (MAP: in the mean of its prior); shape (n, E); null if the
+    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); null if the
     #: initializer has no weights, or n · E is too large
     weights: np.ndarray | None
-    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; null if it is no centroid
+    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; null if vectors are no centroids
 
     @property
     def known(self) -> int:
@@ -94,7 +94,7 @@ class Inserted:
         return Names("entity_names", len(self.entities), self.entity_names)
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """The report of each new entity, with its ``nearest`` known entities (a number)."""
+        """The report of each new entity; ``nearest``: the number of nearest known entities in it."""
         check(nearest, Seed, "", "argument 'nearest'")
         of, vectors = self.names.of, self.embedding.entity[0]
         inserted, between = (

@@ -16,7 +16,7 @@ from torch import Tensor
 from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
 
-BUDGET = 2**24  #: Maximal numbers in an intermediate tensor when ``Model`` scores all entities of a query.
+BUDGET = 2**24  #: Maximum number of elements in an intermediate tensor when ``Model`` scores all entities of a query.
 
 
 class Model(ABC):
@@ -25,7 +25,7 @@ class Model(ABC):
     Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w = ``width(d)``.
     """
 
-    linear: ClassVar[bool] = False  #: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
+    linear: ClassVar[bool] = False  #: whether f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
     invertible: ClassVar[bool] = True  #: whether ``transform`` and ``inverse`` are known
     distance: ClassVar[bool] = False  #: whether f = margin - a distance, with the margin as an option
     complex_vectors: ClassVar[bool] = False  #: whether vectors are complex numbers, real halves before imaginary ones
@@ -98,7 +98,7 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Map heads into ``triples.empty``; its memory, and a function from their gradient to those of both tables."""
+        """Memory with mapped heads (``triples.empty``); a function from gradients by them to those by both tables."""
         memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 

@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 EPSILON = 1e-6  #: Smallest squared distance: a gradient that divides by less would be noise.
-_REGISTER = 64  #: A multiple of the numbers in a register of any processor.
+_REGISTER = 64  #: A multiple of the number of floats in a register of any processor.
 
 Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: Maps slopes to both gradients of Σ slope · f.
 Linear = Callable[[Tensor], Tensor]
@@ -128,7 +128,7 @@ class DenseTriples:
         return memory, memory[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        """Sum by head, (M, E, d), of values, (..., d), plus f(x) if ``swapped`` is (x, f), f linear; alters values."""
+        """Sum values, (..., d), plus f(x) if ``swapped`` is (x, f), f linear, by head; (M, E, d); may alter values."""
         total = values.sum(1)
         return total + swapped[1](swapped[0].sum(1)) if swapped else total  # f of the sums, which are fewer
 

@@ -54,7 +54,7 @@ def select(stacked: T, models: Tensor) -> T:
 
 
 def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) -> T:
-    """Apply a function to each tensor in nested data classes, dicts, lists and tuples; ``shared``: to shared fields."""
+    """Apply a function to tensors in nested data classes (``shared`` fields if ``shared``), dicts, lists and tuples."""
     result: Any = value
     if isinstance(result, Tensor):
         result = function(result)
@@ -82,7 +82,7 @@ def uniform(
 
 
 class NotFinite(InputError):
-    """Some models of a stack have NaN or infinity, for example because training diverged."""
+    """Some models of a stack have no finite result, for example because training diverged."""
 
     def __init__(self, models: list[int], message: str) -> None:
         super().__init__("", "", message)

@@ -31,7 +31,7 @@ KINDS = Table(
     {"entity": TEXT, "kind": NAME, "phrase": TEXT},
     key=["entity"],
 )
-#: Number of instances that remain after each step of mining, or that were dropped for the reason in ``step``.
+#: Number of instances (RDF: triples) by description, ``step``: those left after a step, dropped, or irregular.
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
 )
@@ -48,7 +48,7 @@ class Mining:
     """First argument of a reader: a seed, and two fields that the reader fills."""
 
     seed: int  #: root of every random stream
-    counts: Counter[str] = field(default_factory=Counter)  #: dropped items, or instances after a step, by description
+    counts: Counter[str] = field(default_factory=Counter)  #: instances or triples by description (``MINED``)
     name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless null
 
 
@@ -119,7 +119,7 @@ class Source:
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
-        """Yield ``OBSERVATIONS`` in parts; InputError for no or too many rows, or an entity without one kind."""
+        """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names, or not one kind per entity."""
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()

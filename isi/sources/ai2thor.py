@@ -86,7 +86,7 @@ def ai2thor_scene(
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:
-        raise InputError(path, "", "expected a scene: a list of objects, or a mapping with the key objects")
+        raise InputError(path, "", "expected a scene: a non-empty list of objects, or a mapping with one as objects")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
     scene = Scene(name, 0, room or of_plan, scene_objects(file, name, reported))
@@ -117,7 +117,7 @@ def mine(
 
 
 def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Yield (object, its receptacle or invalid content, key of ``PROBLEMS`` or null), by id; floors are omitted."""
+    """Yield ids of an object and a receptacle or invalid content, key of ``PROBLEMS`` or null; floors are omitted."""
     inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
     cycle_of: dict[str, int] = {}  # equal for objects that contain each other, perhaps through others
     if find_cycles:

@@ -92,7 +92,7 @@ class Naming:
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 
     def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
-        """Kind by entity, from its relations; InputError for two kinds. Skips ``kind_of`` unless ``household``."""
+        """Kind by entity, from relations; InputError for two. Skips entities in ``kind_of`` unless ``household``."""
         ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
         described = () if self.household else self.kind_of
         slots = {

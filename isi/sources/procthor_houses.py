@@ -97,7 +97,7 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
     """Observations of objects in houses; walls, doors, windows and floors are not among the objects.
 
     ``path`` is a file in ProcTHOR-10K's format, with one house per line (plain or gzip), or one house as ``*.json``.
-    ``materials``: ``suncg`` samples by SUNCG's shares, ``simulator`` copies a random recorded object's of the type.
+    ``materials``: ``suncg`` samples by SUNCG's shares, ``simulator`` copies those of a random recorded object.
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
@@ -150,7 +150,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """Per object, the room whose floor contains it, else borders it, or null; in a tie that in its id, or the first."""
+    """The room that contains each object, else borders it, else null; of several, the one in its id, else the first."""
     x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):

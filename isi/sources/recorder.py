@@ -142,7 +142,7 @@ class Simulator:
         self._folder.cleanup()
 
     def objects(self, layout: Layout) -> list[Reported]:
-        """Objects of a scene as the simulator reports them; InputError if it fails or dies ``retries`` + 1 times."""
+        """Objects of a scene as the simulator reports them; InputError if it fails, or dies ``retries`` + 1 times."""
         settings = self._settings
         for _ in range(settings.retries + 1):
             try:

@@ -76,7 +76,7 @@ class Corrupted:
         return Corrupted(self.triples[row], [ids[row] for ids in self.replacements])
 
     def negatives(self) -> Tensor:
-        """Corrupted triples, by tail, then by head, then (if R > 1) by relation; shape (3 or 2 · N · ratio, 3)."""
+        """Corrupted triples, by tail, then by head, then (if R > 1) by relation; shape (2 or 3 times N · ratio, 3)."""
         parts = []
         for slot, ids in zip((TAIL, HEAD, RELATION), self.replacements, strict=False):
             part = self.triples.repeat_interleave(ids.shape[1], 0)
@@ -88,9 +88,9 @@ class Corrupted:
 def training_data(
     session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
 ) -> TrainingData:
-    """The training data of a stack of sessions; ``TrainingData`` explains the arguments.
+    """The training data of a stack; ``novel``: ids, (M, n), of entities that the previous session lacks; None: all.
 
-    ``novel``: ids of the entities that the previous session lacks, (M, n); None: all entities of the session.
+    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. Rest: ``TrainingData``.
     """
     graph, train = session.graph, session.members(TRAIN)
     heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
@@ -179,7 +179,7 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
 
 
 def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
-    """Corrupt an epoch for batches of one: one stream per embedding, since a new stream costs more than an update."""
+    """Corrupt an epoch for batches of size 1: one stream per embedding, since a new one costs more than an update."""
     (observed,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
     return corrupt(data, observed, ratio, root, "negatives in turn", epoch)
 

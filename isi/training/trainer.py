@@ -37,7 +37,7 @@ class Optimizer(Section):
 
 
 class Training(Optimizer):
-    """``training`` in params: the same settings for Θ⁰ and the joint model, and early stopping."""
+    """``training`` in params: the settings of both Θ⁰ and the joint model, with early stopping."""
 
     new_rows_first: Literal[0] = 0  # all rows are new
     evaluate_every: Count
@@ -170,7 +170,7 @@ def adagrad(
 
 
 class EarlyStopping:
-    """Stores each model's best embedding by validation MRR*; stops after ``patience`` evaluations without a better one.
+    """Stores each model's best embedding by validation MRR*; stops after ``patience`` evaluations without gain.
 
     ``looks`` has, for each evaluation, measures (``measure_rows``) and ``kept``: whether MRR* is the best so far.
     """
@@ -200,7 +200,7 @@ class EarlyStopping:
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
 ) -> tuple[Embedding, list[pd.DataFrame]]:
-    """Train each embedding until validation MRR* stops improving; returns the best one and all measures."""
+    """Train each embedding until validation MRR* stops improving; returns the best embeddings and all measures."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
     return watch.best, watch.looks
