@@ -32,7 +32,7 @@ class InputError(Exception):
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Turn an error raised inside (InputError, pydantic, pyarrow, system) into an InputError with file and place::
+    """Turn an error raised inside (InputError, pydantic, pyarrow, UTF-8, system) into an InputError with file, place::
 
         with at("log.csv", "line 3"):  # log.csv: line 3, column 'head': expected a name, got ''
             raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
@@ -53,7 +53,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
         case InputError():
             return (error.place, error.message) if error.file in ("", file) else ("", str(error))
         case UnicodeDecodeError():
-            return "", f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at {error.start + 1:,}"
+            return "", f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at position {error.start + 1:,}"
         case ValidationError():
             return _first_mistake(error)
         case OSError():

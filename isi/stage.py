@@ -20,7 +20,7 @@ from isi.tables import paths
 if TYPE_CHECKING:
     from isi.params import Beyond, Params
 
-#: Pipeline file → params file, whose keys are the values of the pipeline's matrices.
+#: Pipeline file → params file, which lists the values of the pipeline's matrices.
 PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS}
 
 
@@ -50,7 +50,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage; InputError if params are invalid, or do not list the value of an argument."""
+    """The context of a stage; InputError if params are invalid, or an argument is no key of its mapping in params."""
     from isi import params  # imported here: it loads all packages, and a stage needs a few
 
     pipeline, entry = _entry(name)

@@ -36,7 +36,7 @@ BATCH = 256  #: Number of triples in a batch of evaluation.
 def hidden_in(
     points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Rows of ``HIDDEN_ENTITIES`` for one seed, and the CPU seconds of each method (method, told, seconds)."""
+    """Rows of ``HIDDEN_ENTITIES`` for one seed, and the CPU seconds by method, initializer and ``told``."""
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)

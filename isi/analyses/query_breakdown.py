@@ -34,7 +34,7 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
     """A table of mean MRR* and MRR over the queries of each relation, hidden slot and role of the novel entity.
 
     ``filter``: ``learned`` is the scope's filter, ``true`` is all true triples. ``hidden``: the slot to predict.
-    ``novel``: of ``NOVEL_AT``. ``observations``: count of the relation in D¹, its weight in equation 7.
+    ``novel``: a value of ``NOVEL_AT``. ``observations``: count of the relation in D¹, its weight in equation 7.
     """
     return Table(
         template,
@@ -48,7 +48,7 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
 
 #: The query breakdown of every model right after insertion.
 QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
-#: Coordinates (scalars or blocks) that a relation uses, out of ``of``; ``relation`` null: that any relation uses.
+#: ``used``: number of the ``of`` coordinates (scalars or blocks) that a relation, or (null) at least one of all, uses.
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
@@ -93,7 +93,7 @@ def break_down(
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
-    """Query sets of session 1 by (scope, filter): all and novel_heldout, then novel; a mapping shares ``triples``."""
+    """Query sets of session 1 by (scope, filter): all and novel_heldout, then novel with other ``triples``."""
     session, novel = points.session(1), points.novel_in(1)
     epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
     heldout = {name: epochs[name] for name in ("all", "novel_heldout")}

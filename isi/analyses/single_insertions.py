@@ -125,7 +125,7 @@ class Plane:
 
     @classmethod
     def of(cls, vectors: Tensor) -> Plane:
-        """The principal plane of vectors, (N, d); the largest coordinate of each axis is positive."""
+        """The principal plane of vectors, (N, d); the coordinate of largest magnitude of each axis is positive."""
         vectors = vectors.double()
         centre = vectors.mean(0)
         _, lengths, axes = torch.linalg.svd(vectors - centre, full_matrices=False)
@@ -245,7 +245,7 @@ def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, pl
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Whether a triple has the entity's kind as given end, (K, R, 2); each answer's index in ``TRUE``, (K, R, 2, E)."""
+    """Whether the entity's kind is a given end of triples, (K, R, 2); each answer's index in ``TRUE``, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
@@ -263,7 +263,7 @@ def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor
 def first_answers(
     embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
 ) -> pd.DataFrame:
-    """Rows of the ``first`` best and of all true answers to ``queried`` (K, R, 2); ties in rank go to the lower id."""
+    """Rows of the ``first`` best and of all true answers to ``queried`` (K, R, 2); tied scores: lower id first."""
     novel, pick = points.novel_in(1), shown.pick
     scores = torch.stack([
         torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)

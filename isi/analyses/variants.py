@@ -98,7 +98,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
         for parent in parents:
             place = place.setdefault(parent, {})
             if not isinstance(place, dict):
-                raise InputError("", key, f"expected a key, but {parent} is a value")
+                raise InputError("", key, f"expected {parent} to be a mapping, got a value")
         place[last] = value
         new = check(values, cast("type[Any]", type(params).model_fields[name].annotation), name, "")
         params = params.model_copy(update={name: new})

@@ -33,7 +33,7 @@ LIKELY = 0.2  #: Least probability of an unexpected answer.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
 MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
 STEPS, GAIN = 50, 1e-10  #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
-#: Least number of hidden entities, if enough are suitable; 1 / ONE_IN of all are hidden together; least right answers.
+#: Least number of hidden entities, if enough suit; at most 1 / ONE_IN hidden together; least number of right answers.
 LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
 
 
@@ -51,7 +51,7 @@ class Answer:
 
     @property
     def unexpected(self) -> bool:
-        """Whether the answer is probable (no curve: rank 1), but not a known answer of the entity or an indicator."""
+        """Whether it is probable (no curve: rank 1), not ``known``, and ``shared_by`` is an empty list, not null."""
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 
@@ -223,7 +223,7 @@ class HeldOutCalibration:
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
-        """One curve for several (relation, slot); null with too few right answers. Insert triples are left out."""
+        """One curve for (relation, slot) pairs, without insert triples; null with too few right or no wrong answers."""
         theta, scores, right = self.known.embedding, [torch.zeros(0).double()], [torch.zeros(0, dtype=torch.bool)]
         for relation, slot in slots:
             candidates, row = self.known.candidates(relation, slot), theta.relation[:, relation][:, None]

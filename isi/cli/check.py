@@ -93,7 +93,7 @@ def _check_entities(store: Store, path: Path, file: DataFile) -> None:
     elif isinstance(file, Table) and file.entity_ids:
         rows = file.read_file(path)
         for column in file.entity_ids:
-            agreement.ids_below(path, rows, column, len(store.entities()), "graph's entities")
+            agreement.ids_below(path, rows, column, len(store.entities()), "the graph's entities")
 
 
 def _check_stack(

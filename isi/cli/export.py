@@ -46,7 +46,7 @@ BUDGET = 2**24  #: Maximum number of scores in one matrix.
 
 def _check_name(_: object, name: str | None) -> None:
     if name is not None and not NAME.fullmatch(name):
-        raise ValueError("expected a name of lower-case letters, digits and _")
+        raise ValueError("expected a lower-case letter, then lower-case letters, digits or _")
 
 
 def export(
@@ -179,7 +179,7 @@ Files = dict[Path, str | None]  #: Contents by path; null removes an existing fi
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """GraphML, for networkx, Gephi and yEd: an edge per triple, with its count, and per prediction, with its rank."""
+    """GraphML, for networkx, Gephi and yEd: an edge per triple, with count, and per prediction, with score and rank."""
     graph, content = nx.MultiDiGraph(name=export.name), BytesIO()
     graph.add_nodes_from(export.entities.set_index("entity")[["kind", "phrase"]].to_dict("index").items())
     for table in (export.triples[[*TRIPLE, "count"]], export.predictions[PREDICTED]):

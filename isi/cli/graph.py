@@ -20,7 +20,7 @@ from isi.sources.readers import open_text, parse_json, reading, suffix_of
 from isi.tables import paths
 
 LISTED = 8  #: Maximum number of names in a list.
-SPLITS = 5  #: Random splits; the least number of triples outside train in one of them is reported.
+SPLITS = 5  #: Number of random splits; the least of their numbers of triples outside train is reported.
 MOST = 2**26  #: Maximum number of JSON characters that are read to guess the reader.
 COLUMNS = ["head", "relation", "tail"]
 
@@ -40,7 +40,7 @@ def graph(
     readings = [read(file, reader, options, seed) for file in files]
     tables = build_tables(together([seen for *_, seen in readings]), min_count)
     if tables.triples.empty:
-        raise InputError(files[0], "", f"expected a triple of count {min_count} or more, got none: lower --min-count")
+        raise InputError(files[0], "", f"expected a triple of count {min_count} (--min-count) or more, got none")
     described = describe(tables, values)
     if out:
         ENTITIES.write_file(out / "entities.parquet", tables.entities, "isi graph")

@@ -24,7 +24,7 @@ def validation(session: Session) -> dict[str, Queries]:
 
 
 def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Query sets of a session's D¹ that are measured at every epoch, by scope; ``novel``: ids, shape (M, n)."""
+    """Query sets of a session that are measured at every epoch, by scope; ``novel``: ids, shape (M, n)."""
     is_novel = membership(novel, session.entities.shape[1])
     new = touches(session.graph, is_novel)
     test, heldout = session.members(TEST), session.members(VALID, TEST) & new
@@ -39,7 +39,7 @@ def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
 
 
 def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
-    """Query set ``novel``: triples of D¹ with a novel entity, ids (M, n), minus insert triples, a mask (M, T)."""
+    """Query set ``novel``: a session's triples with a novel entity, ids (M, n), minus insert triples, a mask (M, T)."""
     return {"novel": _at_insertion(session, novel, novel, inserted)}
 
 
@@ -49,7 +49,7 @@ def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list
 
 
 def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> Queries:
-    """Queries of the triples with entities ``of``; the filter is train and valid of D⁰, and insert triples."""
+    """Queries of the triples with entities ``of``; filter: train and valid without ``novel``, and insert triples."""
     graph, entities = session.graph, session.entities.shape[1]
     new, of_entities = (touches(graph, membership(ids, entities)) for ids in (novel, of))
     queried = session.members(TRAIN, VALID, TEST) & of_entities & ~inserted
@@ -62,7 +62,7 @@ def epochs_to_convergence(
 ) -> pd.DataFrame:
     """The first epoch at which each run is within the margin of the joint model of the same scope, size and seed.
 
-    Both have the columns of ``RUNS``; columns ``by`` distinguish runs of one grid point. Runs that do not converge have
+    Both tables: rows of ``RUNS``; columns ``by`` distinguish runs of one grid point. Runs that do not converge have
     ``max_epochs``; runs without queries have no row. Columns: ``by``, scope, size, seed, epochs, converged, queries.
     """
     keys = ["scope", "size", "seed"]

@@ -19,7 +19,7 @@ from isi.models.stack import Embedding
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
 TIE = 1e-5
-#: Maximal numbers in the scores of heads and of tails together; more queries are ranked in pieces.
+#: Maximum number of scores of heads and of tails together; larger query sets are ranked in pieces.
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
@@ -28,13 +28,13 @@ K = TypeVar("K")
 
 @dataclass(frozen=True)
 class Competitors:
-    """The candidates of queries that hide one slot: all entities (or relations), minus other known answers."""
+    """The candidates of queries that hide one slot: entities (or relations), minus other answers in the filter."""
 
     candidates: Tensor  #: shape: (M, C), float32 of 0 and 1
     answer: Tensor  #: ids; shape: (M, Q)
     known: Tensor  #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
     excluded: Tensor  #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
-    excluded_or_equal: Tensor  #: the same for R_P, without candidates of equal count, too; shape: (M, Q, X)
+    excluded_or_equal: Tensor  #: the same for R_P, which also leaves out candidates of equal count; shape: (M, Q, X)
     true_rank: Tensor  #: R_G; shape: (M, Q)
 
 
@@ -70,7 +70,7 @@ class Ranks:
 
     closeness: Tensor  #: 1 / (|R_G - R_P| + 1), the term of MRR* (equation 7)
     rank: Tensor  #: the plain rank
-    tied: Tensor  #: competitors tied with the answer in R_P
+    tied: Tensor  #: number of competitors tied with the answer in R_P
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class Result:
     """Measures of each model of a stack; NaN where it has no queries."""
 
     measures: Tensor  #: in the order of ``MEASURES``; shape: (M, 4), float64
-    queries: Tensor  #: queried triples; shape: (M,)
-    ties: Tensor  #: competitors tied with the answer in R_P; shape: (M,)
+    queries: Tensor  #: number of queried triples; shape: (M,)
+    ties: Tensor  #: number of competitors tied with the answer in R_P; shape: (M,)
 
 
 def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None) -> pd.DataFrame:

@@ -16,7 +16,7 @@ ENDS = [0, 2]
 
 def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:
     """Check that ids in a column are below ``number``."""
-    refuse(path, table, table[column].to_numpy() >= number, [column], f"expected ids below {number}, the {of}")
+    refuse(path, table, table[column].to_numpy() >= number, [column], f"expected ids below {number} (number of {of})")
 
 
 def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -> None:
@@ -30,7 +30,7 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Check that triples have a split (none with added entities that a seed omits); train has every name."""
+    """Check that each triple has a split, except with an added entity that is not novel; train has every name."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])

@@ -64,7 +64,7 @@ class GridPoints:
         return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
     def novel_in(self, session: int) -> Tensor:
-        """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
+        """Ids of the entities that a session (from 1) inserts; shape: (M, size)."""
         return torch.as_tensor(self.novel[:, session - 1])
 
     def insert_triples_in(self, session: int) -> np.ndarray:

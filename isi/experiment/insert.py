@@ -157,7 +157,7 @@ def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: 
 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch, session: int = 1) -> Embedding:
-    """Fine-tune Θ on a session that has its novel entities, watched after every epoch (section 5.2)."""
+    """Fine-tune Θ, with a session's novel entities in it, on the session; ``watch`` as in ``train`` (section 5.2)."""
     keys, pool = points.keys(*later_key(session)), config.negatives.head_pool
     data = training_data(points.session(session), "fine-tuning", keys, pool, points.novel_in(session))
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)

@@ -107,7 +107,7 @@ def device_of(name: str) -> torch.device:
 
 
 def stack_height(compute: Compute) -> int:
-    """Models in a stack: ``compute.stack``, or on a GPU, if larger, the number that fits a worker's memory share."""
+    """Models in a stack: ``compute.stack``, or on a GPU (not Dask's), if larger, the number that fits a worker."""
     if compute.engine == "dask" or device_of(compute.device).type == "cpu":
         return compute.stack
     free, _ = torch.cuda.mem_get_info()

@@ -42,11 +42,11 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
     )  # fmt: skip
 
 
-#: Tensors ``entity`` (S, E, d), ``relation`` (S, R, d), ``known`` (S, E) and ``seed`` (S); zeros for novel entities.
+#: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros for novel entities.
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
-#: The same tensors; ``known``: entities of the seed's D¹.
+#: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of the seed's session.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
-#: Validation measures of ``model``, theta0 or joint, during training. The joint model has size 0.
+#: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is the best so far.
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
     {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType(pa.bool_())},
@@ -109,7 +109,7 @@ class Store:
     def splits(self) -> dict[int, np.ndarray]:
         """The split of each unique triple by seed, ``OUT`` for none; shapes: (T,), int8."""
         table, triples = self.table(SPLITS), len(self.table(TRIPLES))
-        agreement.ids_below(self._path(SPLITS), table, "triple", triples, "graph's triples")
+        agreement.ids_below(self._path(SPLITS), table, "triple", triples, "the graph's triples")
         codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLIT_NAMES)})
         splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
         for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
@@ -118,14 +118,14 @@ class Store:
 
     def insert_triples(self) -> pd.DataFrame:
         given, graph, path = self.table(INSERT_TRIPLES), self.graph(), self._path(INSERT_TRIPLES)
-        agreement.ids_below(path, given, "triple", len(graph.triples), "graph's triples")
+        agreement.ids_below(path, given, "triple", len(graph.triples), "the graph's triples")
         agreement.insert_triples_fit(path, given, self.table(NOVEL), self.splits(), graph)
         return given
 
     def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
         """Grid points of ``size`` and the first ``seeds`` (None: all), in stacks of at most ``stack`` seeds each."""
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
-        agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
+        agreement.ids_below(path, novel, "entity", len(graph.entities), "the graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))
         sources = self.entities()["source"].to_numpy(str)
         agreement.splits_are_whole(self._path(SPLITS), splits, graph, sources, novel)

@@ -81,7 +81,7 @@ def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[G
 
 
 def as_tensors(trained: Iterable[tuple[GridPoints, int, TrainResult]]) -> dict[str, Tensor]:
-    """Trained embeddings of a session of grid points as the tensors of one file (``GridPoints.joint_prefix``)."""
+    """Trained embeddings, each of a session of grid points, as the tensors of a file (``GridPoints.joint_prefix``)."""
     parts = defaultdict[str, list[Tensor]](list)
     for points, session, result in trained:
         tensors = {"entity": result.theta.entity, "relation": result.theta.relation}

@@ -165,7 +165,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """``always`` and random others, at most ``candidates``, sorted; InputError if ``enough`` lacks ``always``."""
+    """``always`` and random others, up to ``candidates``, sorted; InputError if ``enough`` lacks one of ``always``."""
     for name in sorted(set(settings.always) - set(enough.index)):
         which = f"that is not in the graph and has at least {settings.min_observations} observations"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"

@@ -109,7 +109,7 @@ class SessionsOf(Section):
     """``sessions`` of one experiment: candidates for novel entities, set sizes, numbers of seeds and of sessions."""
 
     rules = ((lambda sessions: sessions.novel != "added" or len(sessions.sizes) == 1,
-              "sizes: expected one size with novel: added, as a seed's triples depend on its candidates"),)  # fmt: skip
+              "sizes: expected one size with novel: added, as a seed's triples depend on the novel set"),)  # fmt: skip
     novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
     seeds: Count
@@ -130,12 +130,12 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
     """InputError if valid or test of a split, (T,), is below its share because too many triples must stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
-            expected = "expected shares that give each split a triple (every entity keeps one in train)"
+            expected = "expected shares of at least one triple that leave every entity and relation one in train"
             raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
 
 
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:
-    """Splits for cross-validation, (number, T), int8: row i has fold i in valid, the rest (with each name) in train."""
+    """Splits for cross-validation, (number, T), int8: in row i, fold i is in valid, the rest and all names in train."""
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
     for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
         row[fold] = VALID
@@ -193,7 +193,7 @@ def session_tables(
     of_kinds = np.flatnonzero(entities["kind"].isin(list(settings.novel)))
     candidates = {"any": np.arange(len(entities)), "added": added}.get(str(settings.novel), of_kinds)
     if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
-        few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
+        few = f"expected a lower size · steps: {len(candidates)} entities may be novel, and one must stay known"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
     splits = list[pd.DataFrame]()
     drawn_rows: dict[Table, list[tuple[int, ...]]] = {NOVEL: [], INSERT_TRIPLES: []}

@@ -135,7 +135,7 @@ def read_vectors(path: Path) -> KeyedVectors:
     broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # NaN, too
     if len(broken):
         place = f"vector of {short(words.index_to_key[broken[0]])}"
-        raise InputError(path, place, f"expected numbers within {LARGEST:,.0f}")
+        raise InputError(path, place, f"expected finite |x| up to {LARGEST:,.0f}")
     return words
 
 
