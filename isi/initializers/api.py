@@ -34,7 +34,7 @@ class InitContext:
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
     eligible: Tensor  #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
     novel: Tensor  #: ids; shape: (M, n)
-    words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
+    words: Tensor  #: word vectors, zero where there is none; shape: (E, v)
     kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
     other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
@@ -53,7 +53,7 @@ class InitContext:
 def context_of(
     theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor
 ) -> InitContext:
-    """The input of an initializer; rows of ``insert_triples``, (I, 3), ascend: model, place in ``novel``, triple id."""
+    """The input of an initializer; rows of ``insert_triples``, (T, 3), ascend: model, place in ``novel``, triple id."""
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend

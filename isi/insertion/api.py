@@ -27,7 +27,7 @@ from isi.training.trainer import Optimizer, train
 BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
 #: Limits of 2·R·E·d (vectors of a new entity's possible triples): for MAP as default; for any of cost ``triples``.
 QUICK, MOST = 2**24, 2**28
-#: Limits, in numbers: word similarities of entity pairs; one batch of new entities; the weights of a result.
+#: Maximum number of elements: word similarities of entity pairs; one batch of new entities; weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
@@ -124,7 +124,7 @@ def choose(
 ) -> tuple[Registered, dict[str, Any], str, int]:
     """The named initializer or the default; its options, the reason for the choice, and the new entities per batch.
 
-    ``triples`` and ``words``: whether any are given. ``InputError`` if the initializer or an option is unknown, the
+    ``triples`` and ``words``: whether any can be used. ``InputError`` if the initializer or an option is unknown, the
     embedding is too large for it, or the model does not support it.
     """
     given = arguments.options_by_name(options, "options")

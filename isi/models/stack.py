@@ -71,7 +71,7 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Uniform tables in ±``half_range``, zero outside ``entities``, (M, E); ``keys``, (M, K), of random streams."""
+    """Uniform tables in ±``half_range`` (relations: ``Model.half_range``), zero outside ``entities``, (M, E)."""
     bound, of_relations = half_range, model.half_range(half_range)
     shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
     streams = [stream(root, "embedding", *key) for key in keys.tolist()]
