@@ -180,7 +180,7 @@ def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarr
     whole = np.concatenate([tensors[part] for part in parts], axis=1)
     if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
         if whole.shape[1] % 2:
-            expected = f"expected rows that alternate real and imaginary parts, got {whole.shape[1]} numbers"
+            expected = f"expected rows that alternate real and imaginary parts, got rows of {whole.shape[1]} numbers"
             raise InputError("", parts[0], expected)
         whole = whole[:, ::2] + 1j * whole[:, 1::2]
     if np.iscomplexobj(whole):

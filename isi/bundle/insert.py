@@ -189,7 +189,7 @@ def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundl
         raise InputError(path, "", "expected word vectors of this embedding's phrases, got none")
     source = WordSource(source=str(path), text="phrase", model=None)
     opened = replace(opened, manifest=opened.manifest.model_copy(update={"words": source}), words=np.stack(known))
-    return (opened, new, f"by {path}") if new.any() else (opened, None, f"{path} has none of {phrase!r}")
+    return (opened, new, f"by {path}") if new.any() else (opened, None, f"{path} has no word of {phrase!r}")
 
 
 def _from_source(source: WordSource, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
@@ -204,7 +204,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
             listed = vector if vector.any() else None
     if source.model is None:
         if listed is None:
-            return None, f"{source.source} has none of {phrase!r}, or is not here"
+            return None, f"{source.source} has no word of {phrase!r}, or is not a file here"
         return listed, f"by {source.source}{' (of phrases: the definition is ignored)' if definition else ''}"
     if source.model != MODEL:
         return None, f"those of the others are by {source.model} (--vectors FILE replaces all of them)"
