@@ -96,6 +96,16 @@ def test_sampled_negatives_stay_in_the_session_and_with_their_batch(data: batche
         assert not (drawn.sum(-2)[outside.expand(-1, 3, -1)]).any()
 
 
+def test_each_epoch_and_batch_samples_its_own_negatives() -> None:
+    data = one_triple("unseen", count=60, entities=20)  # all batches have the same positives
+    sampling = batches.Negatives(mode="sampled", ratio=3, head_pool="unseen")
+    epochs = [list(batches.batches(data, sampling, 20, 0, epoch)) for epoch in (1, 2, 1)]
+    (first, second, _), (of_next, *_), (again, *_) = ([batch.negatives for batch, _ in epoch] for epoch in epochs)
+    assert torch.equal(first, again)
+    assert not torch.equal(first, second)
+    assert not torch.equal(first, of_next)
+
+
 def test_a_lone_relation_is_not_corrupted() -> None:
     data = one_triple("unseen", count=5, relations=1)
     assert sampled(data, 9, 0, 1).sum() == 2 * 45

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 import torch
+from scipy.stats import kstest
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
@@ -308,3 +309,14 @@ def test_rotate_starts_with_phases_all_around() -> None:
     assert start.relation.shape == (2, 200, 4)
     assert start.entity.abs().max() <= 0.01
     assert 3.1 < start.relation.abs().max() <= math.pi
+
+
+def test_each_model_of_a_stack_starts_from_its_own_uniform_numbers() -> None:
+    known = torch.ones(2, 50, dtype=torch.bool)
+    start = uniform(known, 50, ANALOGY, 8, 0.01, 0, torch.tensor([[3, 0], [3, 1]]))
+    for table in (start.entity, start.relation):
+        assert not (table[0] == table[1]).any()
+        for values in table:
+            assert kstest(values.flatten(), "uniform", (-0.01, 0.02)).pvalue > 0.01
+    alone = uniform(known[1:], 50, ANALOGY, 8, 0.01, 0, torch.tensor([[3, 1]]))
+    assert torch.equal(alone.entity[0], start.entity[1])
