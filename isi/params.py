@@ -216,7 +216,7 @@ def check_beyond(beyond: Beyond, params: Params) -> None:
         _check_variant(variant, params, f"variants.{name}")
     titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
     if not distinct(titles) or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1:
-        raise InputError("", "graphs", "expected a different title for each graph, and the same size for all")
+        raise InputError("", "graphs", "expected titles that nothing else has, and the same sessions.sizes in all")
     for name, graph in beyond.graphs.items():
         if name in params.experiments:
             raise InputError("", f"graphs.{name}", "expected a name that no experiment has")
