@@ -113,7 +113,7 @@ def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> N
     rows = [(0, 5, True), (0, 10, True), (0, 15, False), (1, 5, True), (2, 20, True), (2, 25, False), (3, 15, True)]
     log = pd.DataFrame(rows, columns=["seed", "epoch", "kept"])
     assert usual_epochs(log) == 10  # of 5, 10, 15, 20
-    with pytest.raises(InputError, match="column 'kept': expected true"):
+    with pytest.raises(InputError, match="column 'kept': expected true in at least one row, a best epoch"):
         usual_epochs(log.assign(kept=False))
 
 

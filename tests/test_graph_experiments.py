@@ -56,7 +56,8 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() ->
 @pytest.mark.usefixtures("workspace")
 def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written() -> None:
     list_entries(graphs={"again": GRAPH | {"sessions": SESSIONS | {"sizes": [500]}}})
-    with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected"):
+    expected = r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a lower size"
+    with pytest.raises(SystemExit, match=expected):
         small.run("explore again")
     list_entries(graphs={"again": GRAPH | {"min_count": 10_000}})
     with pytest.raises(SystemExit, match=r"graphs\.again\.source: expected triples .* 10000 times"):

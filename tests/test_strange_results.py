@@ -79,7 +79,7 @@ def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left:
         left = 0
     rows = {**analyses["explorer"], table: of_models.iloc[:left]}
     lacking = of_experiment(found, "home", analyses={"explorer": rows})
-    with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected .* answers"):
+    with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected positions and answers"):
         list(insertions.explorer(lacking))
 
 

@@ -135,9 +135,9 @@ class Workspace:
         run = self.begin()
         with _ended(run):
             time.sleep(after)
-            while not _victims(run.pid, running or whom) and run.poll() is None:
+            while run.poll() is None and not _victims(run.pid, running or whom):
                 time.sleep(0.02)
-            if not (victims := _victims(run.pid, whom)):
+            if run.poll() is not None or not (victims := _victims(run.pid, whom)):
                 return None
             stage = _stage_of(run.pid)
             with suppress(*ENDED):
@@ -214,7 +214,7 @@ def _nobody_left(leader: int) -> None:
 
 def _victims(leader: int, whom: str) -> list[psutil.Process]:
     """Processes of kind ``whom`` (``WHOM``) in a run: itself, DVC, the running stage, or the stage's workers."""
-    level = [process for process in psutil.process_iter() if process.pid == leader]  # none once it has ended
+    level = [psutil.Process(leader)]
     for _ in range(WHOM.index(whom)):
         below = []
         for process in level:
