@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 
 if sys.version_info < (3, 11) or not all(map(find_spec, ("numpy", "pandas", "pyarrow", "pydantic", "ruamel", "torch"))):
-    sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
+    sys.exit(f"stages: {sys.executable} cannot run this project: use `make repro`, or activate .venv first")
 
 from isi.process import handle_stop_signals, tie_to_parent
 

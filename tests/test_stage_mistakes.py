@@ -177,7 +177,7 @@ def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
         (["-S", repro], "lacks DVC or this project"),  # as where DVC is another installation's
         (
             ["-S", "-m", "stages.insert", "ai2thor", "es"],
-            "^stages: .* lacks the packages of this project: .*make repro",
+            "^stages: .* cannot run this project: .*make repro",
         ),
     ):
         command = [sys.executable, *arguments]

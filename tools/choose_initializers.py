@@ -129,7 +129,7 @@ def main() -> None:
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
-    """A row per setting, each initializer's best first: means over and per experiment; arrays: (settings, sets, 2)."""
+    """Rows by initializer, best setting first; means of all experiments and of each; arrays: (settings, sets, 2)."""
     means = {experiment: np.nanmean(values, 1) for experiment, values in results.items()}
     means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
     columns = {

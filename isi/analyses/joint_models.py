@@ -80,7 +80,7 @@ class ModelComparison(Study):
 
 
 def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
-    """Grid points in stacks of up to ``stack``; fold i validates the model of seed i; InputError if a fold is empty."""
+    """A model per fold, ≤ ``stack`` in a stack; fold i validates the model of seed i. InputError if a fold is empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
         expected = "expected fewer folds: one is empty, since each entity and relation keeps a training triple"

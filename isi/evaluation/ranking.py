@@ -102,7 +102,7 @@ def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor |
 
 
 def padded_ids(queried: Tensor) -> Tensor:
-    """Triple ids of a mask of shape (M, T), padded with -1 to the longest row; shape (M, Q)."""
+    """Ids of the triples in a mask, (M, T), padded with -1 to the longest row; shape (M, Q)."""
     longest = max(1, int(queried.sum(1).max()))
     order = torch.sort((~queried).to(torch.int8), dim=1, stable=True).indices[:, :longest]
     return torch.where(queried.gather(1, order), order, -1)

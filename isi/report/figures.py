@@ -46,10 +46,11 @@ class Figure:
 
 
 def rendered(canvas: Canvas, form: str) -> bytes:
-    """A canvas as ``svg`` or ``png``; equal figures give equal bytes."""
+    """A canvas as ``svg`` or ``png``; equal figures give equal bytes. The first call fixes the layout."""
     buffer = BytesIO()
     with mpl.rc_context(STYLE):
         canvas.savefig(buffer, format=form, metadata={"Date": None} if form == "svg" else None)
+    canvas.set_layout_engine("none")
     return rounded(buffer.getvalue().decode()).encode() if form == "svg" else buffer.getvalue()
 
 

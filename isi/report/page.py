@@ -56,7 +56,7 @@ def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> 
         if isinstance(item, ReportTable):
             files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
         elif isinstance(item, Figure):
-            drawn = {form: rendered(item.canvas, form) for form in ("png", "svg")}
+            drawn = {form: rendered(item.canvas, form) for form in ("svg", "png")}
             files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
             drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
     files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
