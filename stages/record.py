@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--platform", help="a build to download, such as CloudRendering, or the path of one")
     parser.add_argument("--output", help="the recording, such as data/recordings/robothor.jsonl.gz")
     given = {key: value for key, value in vars(parser.parse_args()).items() if value is not None}
-    with errors_in_one_line("record", "`make record` goes on from here"):
+    with errors_in_one_line("record", "the same command goes on from here"):
         section = config.read(paths.PARAMS).get("recorder")
         settings = {**section, **given} if isinstance(section, dict) else section
         record(config.check(settings, Recorder, "recorder"))

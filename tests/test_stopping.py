@@ -181,7 +181,8 @@ def test_make_repro_that_is_stopped_ends_in_one_line_with_all_its_processes(
     with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
         os.killpg(repro.pid, signalled)
         _, err = repro.communicate(timeout=30)
-        assert err == f"repro: stopped by {signalled.name}; no file is half-written; `make repro` goes on from here\n"
+        stopped = f"repro: stopped by {signalled.name}; no file is half-written"
+        assert err == f"{stopped}; the same command goes on from here\n"
         assert repro.returncode == status
         assert wait_for(lambda: not session(repro.pid), 10)
 

@@ -184,5 +184,5 @@ def _read(path: Path) -> dict[str, float]:
 if __name__ == "__main__":
     if not PIPELINES[0].exists():
         sys.exit(f"repro: {Path.cwd()} has no dvc.yaml: go to the folder of the project first")
-    with errors_in_one_line("repro", "`make repro` goes on from here"), alone():
+    with errors_in_one_line("repro", "the same command goes on from here"), alone():
         sys.exit(main(sys.argv[1:]))

@@ -72,7 +72,7 @@ def run(
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
                     if isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error):
-                        much = f"not enough memory for this and the other running tasks ({points}): try a lower number"
+                        much = f"not enough memory for the running tasks ({points}): lower it; on a GPU, use device cpu"
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
                 bar.update(len(points.seeds))
@@ -107,7 +107,7 @@ def device_of(name: str) -> torch.device:
 
 
 def stack_height(compute: Compute) -> int:
-    """Models in a stack: ``compute.stack``, or on a GPU (not Dask's), if larger, the number that fits a worker."""
+    """Maximum models in a stack: ``compute.stack``, or more if a worker's share of a GPU (not Dask's) holds more."""
     if compute.engine == "dask" or device_of(compute.device).type == "cpu":
         return compute.stack
     free, _ = torch.cuda.mem_get_info()
