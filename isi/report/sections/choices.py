@@ -45,7 +45,7 @@ def indicators(results: Results) -> Iterator[Content]:
             ("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""),
         )  # fmt: skip
         later = _by_size(
-            shares, models, chosen, 0, ("all", "all queries: not immediately", "share of runs (%)"),
+            shares, models, chosen, 0, ("all", "all queries: not yet converged", "share of runs (%)"),
             ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"),
         )  # fmt: skip
         frame = means.rename(index=label, level="model").rename_axis(["initializer", "indicators"]).reset_index()

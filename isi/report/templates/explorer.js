@@ -48,7 +48,7 @@
       item.addEventListener("mousedown", (event) => { event.preventDefault(); choose(id); });
       return item;
     }));
-    if (!options.length) list.append(html("li", { "aria-disabled": "true" }, "none of this name is in a set"));
+    if (!options.length) list.append(html("li", { "aria-disabled": "true" }, "no inserted entity has this name"));
     list.hidden = false;
     active = -1;
     input.setAttribute("aria-expanded", "true");
@@ -204,7 +204,7 @@
         answerList(query, 0, `${data.joint} model`))));
     const vain = drawn.filter((_, number) => !own.queries[number].true.length);
     const useful = drawn.filter((node) => !vain.includes(node));
-    const heading = html("summary", {}, "Asked of its kind, with nothing true of it");
+    const heading = html("summary", {}, "Queries of its kind without true answers");
     if (vain.length) useful.push(html("details", {}, heading, ...vain));
     at("answers").replaceChildren(...useful);
   };
