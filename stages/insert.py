@@ -1,6 +1,7 @@
 """Insert novel entities into Θ⁰ with one initializer, measure right after insertion, and fine-tune.
 
-An initializer that the experiment does not list leaves tables without rows.
+An initializer that the experiment does not list leaves tables without rows; one in ``immediate_only`` is not
+fine-tuned.
 """
 
 import torch

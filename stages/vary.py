@@ -1,4 +1,4 @@
-"""Run a variant of experiments: train if its changes require it, insert, and fine-tune until convergence."""
+"""Run a variant of experiments: train if its changes require it, insert, fine-tune unless ``finetuned`` is false."""
 
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
 from isi.experiment.store import Store

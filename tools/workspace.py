@@ -1,4 +1,4 @@
-"""Copy the pipeline with changed params into a folder, in which ``dvc repro`` can then run."""
+"""Copy the pipeline, with the params of a quick run and any other changes, into a folder for ``dvc repro``."""
 
 import argparse
 import shutil

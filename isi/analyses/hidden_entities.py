@@ -82,7 +82,7 @@ class HiddenSplit:
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Hide random entities; each known entity and relation keeps a triple of known entities; InputError if too few."""
+    """Hide random entities; others and relations keep a triple of known ones; InputError if too few can be hidden."""
     rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True

@@ -48,7 +48,7 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
 
 #: The query breakdown of every model right after insertion.
 QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
-#: ``used``: number of the ``of`` coordinates (scalars or blocks) that a relation, or (null) at least one of all, uses.
+#: ``used``: number of the ``of`` coordinates (scalars or blocks) that ``relation`` uses (null: at least one relation).
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
@@ -93,7 +93,7 @@ def break_down(
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
-    """Query sets of session 1 by (scope, filter): all and novel_heldout, then novel with other ``triples``."""
+    """Query sets of session 1 by (scope, filter); novel is apart, since each mapping shares ``Queries.triples``."""
     session, novel = points.session(1), points.novel_in(1)
     epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
     heldout = {name: epochs[name] for name in ("all", "novel_heldout")}
@@ -127,7 +127,7 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
 
 def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Rows of ``USED_COORDINATES`` for relation vectors (M, R, w); no rows for models without blocks."""
+    """Rows of ``USED_COORDINATES`` for relation vectors (M, R, w); none unless ``model`` is a BlockModel."""
     parts, by = [], pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
     for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)

@@ -24,7 +24,7 @@ from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, REAL, SHARE, one_of, 
 from isi.tables.table import Table, TensorFile
 from isi.training.trainer import never_stop
 
-#: ``entity`` (1,), ``known`` (E,), ``theta0`` (E, d); for each initializer ``NAME.path`` and ``NAME.indicators``.
+#: Shapes: entity (1,), known (E,), theta0 (E, d); of each initializer: NAME.path (epochs + 1, d), NAME.indicators (E,).
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
 TRUE = (None, "told", "learned", "held_out")  #: An answer: false, insert triple, other training triple, held out.
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
@@ -245,7 +245,7 @@ def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, pl
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Whether the entity's kind is a given end of triples, (K, R, 2); each answer's index in ``TRUE``, (K, R, 2, E)."""
+    """Whether any triple has the entity's kind at its given end, (K, R, 2); answers' indices in ``TRUE``, (..., E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)

@@ -30,7 +30,7 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Check that each triple has a split, except with an added entity that is not novel; train has every name."""
+    """Check: a triple has no split if and only if an added end is not novel; no split is empty; train has all names."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])

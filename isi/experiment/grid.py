@@ -12,7 +12,7 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import Session, session_at
 
 NO_INSERTION = 0  #: Size of grid points without insertion, in keys of random streams and in logs.
-JOINT_MODEL = "joint"  #: Name of the joint model, as of an initializer, in tables.
+JOINT_MODEL = "joint"  #: Name of the joint model in tables and paths, in place of an initializer's.
 
 
 @dataclass(frozen=True)

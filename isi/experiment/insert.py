@@ -36,7 +36,7 @@ JointTargets = Mapping[tuple[int, str], np.ndarray]  #: MRR* by session and scop
 
 
 def is_listed(listed: InitializerList, initializer: str) -> bool:
-    """Whether a list of initializers names one, or all."""
+    """Whether ``listed`` names the initializer or is "all"."""
     return listed == "all" or initializer in listed
 
 

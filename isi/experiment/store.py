@@ -22,7 +22,7 @@ from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, me
 from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
-FALLBACK_NAMES = ("es", "rs", "centroid")  #: Methods that replace an initializer without its data.
+FALLBACK_NAMES = ("es", "rs", "centroid")  #: Methods for entities without the data that their initializer needs.
 
 HALVES = mean_of(*MEASURES[:3])  #: MRR* is the mean of its halves.
 #: Columns of measures, null without queries; of a grid point; and of a session.
@@ -42,7 +42,7 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
     )  # fmt: skip
 
 
-#: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros for novel entities.
+#: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros unless known.
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
 #: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of the seed's session.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
@@ -63,7 +63,7 @@ INSERTED = Table(
      "queries": FROM_0, "ties": FROM_0, **SESSION},
     key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES), HALVES],
 )  # fmt: skip
-#: Number of candidates whose score is tied with the answer's, at epoch 0.
+#: Number of candidates whose score is tied with the answer's, summed over queries, at epoch 0.
 TIES = Table(
     "data/runs/{experiment}/{model}.ties.parquet",
     {**SIZE_AND_SEED, "scope": one_of(*SCOPES), "ties": FROM_0, **SESSION},

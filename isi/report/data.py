@@ -56,7 +56,7 @@ class ModelRuns:
 
     @property
     def finetuned(self) -> list[str]:
-        """The initializers whose entities are fine-tuned after insertion."""
+        """All initializers; of an ``Experiment``, those whose entities are fine-tuned after insertion."""
         return self.initializers
 
     @property
@@ -177,7 +177,7 @@ class Experiment(ModelRuns):
 
     @property
     def collapsed(self) -> dict[str, float]:
-        """Models that score nearly all candidates alike, each with its mean number of tied competitors.
+        """Models that score many candidates like the answer, each with its mean number of tied competitors.
 
         A triple of scope ``all`` counts the competitors tied with the answer of its head, its tail and its relation
         query; the mean is over triples. A model is listed if its mean is at least |E| / 2.

@@ -117,7 +117,7 @@ def mine(
 
 
 def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Yield ids of an object and a receptacle or invalid content, key of ``PROBLEMS`` or null; floors are omitted."""
+    """Yield (id, id of its receptacle or invalid content, key of ``PROBLEMS`` or null); a floor is no receptacle."""
     inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
     cycle_of: dict[str, int] = {}  # equal for objects that contain each other, perhaps through others
     if find_cycles:

@@ -214,7 +214,7 @@ def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str
 
 
 def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """Each control's share of each gain of ISI over Xavier (NaN below ``ZERO``), and the rest; [] without Xavier."""
+    """Each control's share of each gain of ISI over Xavier (NaN: gain < ``ZERO``), and the rest; [] without Xavier."""
     rows = []
     for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
