@@ -6,7 +6,7 @@
   const at = (id) => document.getElementById(`explorer-${id}`);
   const box = at("box"), input = at("entity"), list = at("list");
   const ids = Object.keys(data.entities).map(Number).sort((a, b) => data.names[a].localeCompare(data.names[b]));
-  const MOST = 12;  /* further answers that are shown unasked */
+  const MOST = 12;  /* further true answers that are shown without a click */
   const MARKS = [null, "insert triple", "trained", "held out"];
   const FALLBACKS = { es: "it falls back on words alone", rs: "it falls back on relations alone", centroid: "it falls back on all that are known" };
   let entity = data.start, model = data.models.length - 1, options = [], active = -1;
