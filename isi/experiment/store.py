@@ -44,7 +44,7 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
 
 #: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros unless known.
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
-#: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of the seed's session.
+#: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of that session.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 #: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is the best so far.
 TRAINING_LOG = Table(
