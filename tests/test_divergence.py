@@ -28,11 +28,11 @@ def test_models_that_are_not_finite_are_named_by_their_places() -> None:
         broken = sound.clone()
         broken[[1, 3], 2, 1] = value
         for tables in ((sound, broken), (broken, sound)):
-            with pytest.raises(NotFinite, match=r"^NaN or infinity in vectors$") as ended:
+            with pytest.raises(NotFinite, match=r"^NaN or huge numbers in vectors$") as ended:
                 check_finite(tables, "vectors")
             assert ended.value.models == [1, 3]
     again = pickle.loads(pickle.dumps(ended.value))  # noqa: S301 (its own bytes, as between processes)
-    assert (again.models, str(again)) == ([1, 3], "NaN or infinity in vectors")
+    assert (again.models, str(again)) == ([1, 3], "NaN or huge numbers in vectors")
 
 
 def test_vectors_below_the_bound_have_finite_scores() -> None:
@@ -55,7 +55,7 @@ def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> No
 def test_training_that_diverges_stops_with_its_epoch_and_rate() -> None:
     error = diverging(random_embedding(3, 13, 3, 8), STEEP, [0, 1, 2])
     assert error.models == [0, 2]  # places in the stack as it was at first
-    assert str(error).startswith("diverged in epoch 1 (NaN or infinity in ")
+    assert str(error).startswith("diverged in epoch 1 (NaN or huge numbers in ")
     assert str(error).endswith("): turn down the learning rate (1e+30)")
 
 
@@ -64,7 +64,7 @@ def test_what_training_starts_from_is_looked_at_before_it() -> None:
     embedding.entity[2, 5, 1] = torch.nan
     error = diverging(embedding, STEEP.model_copy(update={"learning_rate": 0.1}), [0, 1, 2])
     assert error.models == [2]
-    assert str(error) == "diverged in epoch 0 (NaN or infinity in vectors or scores): check the initial vectors"
+    assert str(error) == "diverged in epoch 0 (NaN or huge numbers in vectors or scores): check the initial vectors"
 
 
 def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,7 +73,7 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("isi.training.trainer.run_epoch", overflowing)
     error = diverging(random_embedding(1, 13, 3, 8), STEEP, [0])
-    assert str(error).startswith("diverged in epoch 1 (NaN or infinity in Adagrad's sums): ")
+    assert str(error).startswith("diverged in epoch 1 (NaN or huge numbers in Adagrad's sums): ")
     assert start(random_embedding(1, 13, 3, 8)).squares.entity.isfinite().all()
 
 
@@ -88,7 +88,7 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
 
 @pytest.mark.parametrize(
     ("name", "options", "value", "says"),
-    [("xavier", {}, torch.nan, r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"),
+    [("xavier", {}, torch.nan, r"seeds \d+: diverged in epoch 0 \(NaN or huge numbers in vectors or scores\)"),
      ("map_mean", {"strength": 0.5, "ratio": 3}, 0.0, r"seeds 1: the known vectors are all equal .*: lower")],
 )  # fmt: skip
 def test_insertion_among_vectors_that_are_none_or_all_equal_names_its_cells(

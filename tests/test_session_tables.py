@@ -51,7 +51,7 @@ def test_a_graph_without_triples_is_refused_by_its_key() -> None:
 def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(
     changed: dict[str, Any], candidates: int
 ) -> None:
-    few = f"expected a lower size · steps: {candidates} entities may be novel, and one must stay known"
+    few = f"expected a lower size · steps: {candidates} candidates; one must stay known unless novel: added"
     assert refusal(**changed) == ("params.yaml", f"{KEY}.sizes", few)
 
 

@@ -137,7 +137,7 @@ class Bundle:
 
 
 def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle as a folder, completely or not at all. It may replace an empty folder or a bundle only."""
+    """Write a bundle, completely or not at all. It may replace an empty folder, or a bundle if no insertion is lost."""
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
@@ -174,7 +174,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
     """InputError for a non-folder, files of no bundle, a broken bundle, or an inserted entity not in ``names``."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
+        raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
     for name in sorted(present - {MANIFEST, VECTORS, *COLUMNS}):
         raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
@@ -184,7 +184,7 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
         except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise InputError("", "", "already holds a bundle that cannot be read; choose another folder") from error
         if lost := ", ".join(str(name) for name in inserted if name not in names):
-            expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
+            expected = f"already holds a bundle with {lost}: choose another folder (isi insert --embedding adds to it)"
             raise InputError("", "", expected)
 
 
@@ -237,7 +237,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():
-            raise InputError(folder / name, "", f"was changed: its SHA-256 is not the one in {MANIFEST}")
+            raise InputError(folder / name, "", f"its SHA-256 is not the one in {MANIFEST}: one of the two was changed")
     return bundle
 
 

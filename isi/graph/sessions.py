@@ -130,12 +130,12 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
     """InputError if valid or test of a split, (T,), is below its share because too many triples must stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
-            expected = "expected shares of at least one triple that leave every entity and relation one in train"
+            expected = "expected at least one triple in each, and a triple of every entity and relation left for train"
             raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
 
 
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:
-    """Splits for cross-validation, (number, T), int8: in row i, fold i is in valid, the rest and all names in train."""
+    """Folds, (number, T), int8: in row i, fold i is in valid, all else in train, which has each entity and relation."""
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
     for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
         row[fold] = VALID
@@ -186,14 +186,14 @@ def later_key(session: int) -> tuple[int, ...]:
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> dict[Table, pd.DataFrame]:
-    """Draw the three tables; InputError for sizes too large. Triples of added entities that are not drawn: no split."""
+    """Draw all three tables; InputError if sizes or shares do not fit. Undrawn added entities' triples get no split."""
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
     of_kinds = np.flatnonzero(entities["kind"].isin(list(settings.novel)))
     candidates = {"any": np.arange(len(entities)), "added": added}.get(str(settings.novel), of_kinds)
     if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
-        few = f"expected a lower size · steps: {len(candidates)} entities may be novel, and one must stay known"
+        few = f"expected a lower size · steps: {len(candidates)} candidates; one must stay known unless novel: added"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
     splits = list[pd.DataFrame]()
     drawn_rows: dict[Table, list[tuple[int, ...]]] = {NOVEL: [], INSERT_TRIPLES: []}

@@ -96,4 +96,4 @@ def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST
     """Raise ``NotFinite`` with the models that have NaN or |x| > ``largest`` in one of the tables, each (M, ...)."""
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
     if not sound.all():
-        raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")
+        raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or huge numbers in {name}")
