@@ -33,7 +33,7 @@ LIKELY = 0.2  #: Least probability of an unexpected answer.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
 MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
 STEPS, GAIN = 50, 1e-10  #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
-#: Least number of hidden entities, if enough suit; at most 1 / ONE_IN hidden together; least number of right answers.
+#: Hidden entities: least number, if enough suit; at most one in ``ONE_IN`` at a time. Least number of right answers.
 LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
 
 

@@ -166,11 +166,11 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
 
 
 def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
-    """The real table of entities or relations; a complex row: real, then imaginary half (RotatE's relation: angles)."""
+    """A slot's real table. Complex rows become real and imaginary halves, or angles if they are RotatE's relations."""
     present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
     if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
-        raise InputError("", "", f"expected just {slot!r} or its name in PyKEEN, TorchKGE, OpenKE, got {listed:.200}")
+        raise InputError("", "", f"expected one table {slot!r} (or as in PyKEEN, TorchKGE, OpenKE), got {listed:.200}")
     (parts,) = present
     for part in parts:
         values = tensors[part]

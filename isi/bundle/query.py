@@ -21,7 +21,7 @@ from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-ENOUGH = 0.1  #: A query fits an entity if its indicators with known answers have more than this share of their weight.
+ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
 SUGGESTED, LISTED = 3, 8  #: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
 
