@@ -26,7 +26,7 @@ COMMANDS = {
     "import": ("import_:import_", "Convert an embedding that another tool has trained into a bundle."),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
     "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
-    "check": ("check:check", "Check the tables under data/."),
+    "check": ("check:check", "Check the pipelines' files under data/."),
 }
 
 
@@ -63,7 +63,7 @@ Out = Annotated[Path | None, Parameter(validator=_check_folder, help="folder for
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command. An error prints one line; the exit status is 2 for a wrong command line, 1 for other errors."""
+    """Run a command. An error prints one line; the exit status is 2 if the command line cannot be parsed, else 1."""
     with errors_in_one_line("isi"):
         tokens = list(sys.argv[1:] if argv is None else argv)
         app = App(

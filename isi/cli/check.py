@@ -30,7 +30,7 @@ ALL = 10**9  #: Maximum number of models in a stack: one stack holds all seeds o
 
 
 def check() -> None:
-    """Print one line per problem; exit with status 1 if there is any. ``InputError`` outside a project's folder."""
+    """Print a line per problem, then a summary. Exit with status 1 for any problem; InputError without valid params."""
     number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"

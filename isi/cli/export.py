@@ -51,7 +51,7 @@ def _check_name(_: object, name: str | None) -> None:
 
 def export(
     experiment: Annotated[str | None, Parameter(
-        validator=_check_name, help="an experiment of params.yaml, or a graph of the second pipeline")] = None, *,
+        validator=_check_name, help="an experiment of params.yaml, or a graph of beyond/params.yaml")] = None, *,
     format: Annotated[Literal[
         "graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="output format")],
     out: Annotated[Path, Parameter(help="file to write; for property-csv, a folder")],
@@ -106,7 +106,7 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
             raise InputError("EXPERIMENT", "", expected)
         files = files if experiment in experiments and not second[0].exists() else second
     if most and files == second:
-        expected = "expected an experiment of params.yaml: graphs of the second pipeline have no model"
+        expected = "expected an experiment of params.yaml: a graph of beyond/params.yaml has no model"
         raise InputError("--predictions", experiment, expected)
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
     check_names(files, entities, triples)
