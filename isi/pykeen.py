@@ -44,8 +44,8 @@ def insert(
     """Insert new entities into a copy of a trained model. Known vectors do not change.
 
     Args:
-        model: has one vector per entity, no inverse triples. TransE (L1, L2, squared), DistMult, ComplEx and RotatE
-            support all initializers (ridge: DistMult, ComplEx); others those without inverse (mean, es, soft_es, ...).
+        model: has one vector per entity, no inverse triples. DistMult and ComplEx work with all initializers, TransE
+            (L1, L2, squared) and RotatE with all but ridge, others with those that need no inverse (mean, es, ...).
         factory: the triples factory that the model was trained on.
         triples: (head, relation, tail) of the new entities, as labels (if the factory has labels) or ids.
         arguments: keyword arguments of ``inserted``.

@@ -39,7 +39,7 @@ def soft_relational_similarity(context: InitContext, temperature: Positive) -> I
              needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
              grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS})  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
-    """Soft hybrid: the mean of all known entities, by a softmax of word and relation similarity times their weights."""
+    """Soft hybrid: the mean of all known entities, weighted by a softmax of weighted word and relation similarities."""
     similar = word_weight * similarity.word_similarity(context)
     related = relation_weight * similarity.mean_relational_score(context)
     named = similarity.word_eligible(context)

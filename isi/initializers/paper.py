@@ -48,7 +48,7 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
              needs=("words", "insert_triples", "inverse"), defaults={"k": 9, "candidates": 30},
              grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]})  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
-    """ERS, hybrid of ES and RS: among the entities whose names are most similar, the best of RS (equation 6)."""
+    """ERS, hybrid of ES and RS: RS, with only the entities whose names are most similar as candidates (equation 6)."""
     similar, related = similarity.word_similarity(context), similarity.relational_score(context)
     named, top_k = similarity.word_eligible(context), similarity.top_k
     return similarity.centroid_of_first(
@@ -67,7 +67,7 @@ def mean(context: InitContext) -> InitResult:
 
 @initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={})
 def kind_mean(context: InitContext) -> InitResult:
-    """Kind mean: the centroid of the known entities of the same kind: the gain by the kind alone (a control)."""
+    """Kind mean: the centroid of the known entities of the same kind (a control: the kind is its only data)."""
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 

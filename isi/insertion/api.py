@@ -25,7 +25,7 @@ from isi.training.trainer import Optimizer, train
 #: Candidates for the default initializer, the best first (compared in docs/method.md). The default is the first one
 #: whose data are given, that supports the model, and that is fast enough (``QUICK``).
 BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
-#: Limits of 2·R·E·d (vectors of a new entity's possible triples): for MAP as default; for any of cost ``triples``.
+#: Limits of 2·R·E·d (d per possible triple of a new entity): of MAP as default; of initializers of cost ``triples``.
 QUICK, MOST = 2**24, 2**28
 #: Maximum number of elements: word similarities of entity pairs; one batch of new entities; weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
@@ -85,7 +85,7 @@ def insert(
         return InputError(f"new entity {names.of(known + int(np.argmax(entities)))!r:.80}", "", expected)
 
     if initializer is None and (bare := ~(has_triple | (has_words & words_serve))).any():
-        expected = "expected a triple with a known entity, word vectors of both, or an initializer that needs neither"
+        expected = "expected insert triples, word vectors (also of known entities), or an initializer such as mean"
         raise refusal(bare, expected)
     theta0 = stack_of_one(rows, given.relations, given.model)
     chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
@@ -122,7 +122,7 @@ def insert(
 def choose(
     initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool
 ) -> tuple[Registered, dict[str, Any], str, int]:
-    """The named initializer or the default; its options, the reason for the choice, and the new entities per batch.
+    """The named or default initializer, its options, the reason for the choice, the number of new entities per batch.
 
     ``triples`` and ``words``: whether any can be used. ``InputError`` if the initializer or an option is unknown, the
     embedding is too large for it, or the model does not support it.

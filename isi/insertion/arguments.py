@@ -26,7 +26,7 @@ SLOTS = ("head", "relation", "tail")
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Name an argument in an ``InputError`` (not ``NotFinite``) that names no file or argument, or ``params.yaml``."""
+    """Name the argument in an ``InputError`` whose file is empty or ``params.yaml``; ``NotFinite`` stays unchanged."""
     try:
         yield
     except InputError as error:
@@ -202,7 +202,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors of entities, (E, v), float32, zero if missing; from a table, or a mapping to vectors or texts."""
+    """Word vectors, (E, v), float32, zero if missing, of a table or mapping to vectors or texts; null without words."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):

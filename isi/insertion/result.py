@@ -34,8 +34,8 @@ class Entity:
     id: int
     insert_triples: int  #: number of triples with a known end, which the initializer may use
     between: int  #: number of triples whose ends are all new, which the initializer did not use
-    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid
-    indicators: list[str | int] | None  #: the entities whose centroid is the vector; null for other initializers
+    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid; or null
+    indicators: list[str | int] | None  #: the entities whose centroid is the vector; null if it is no centroid
     nearest: list[tuple[str | int, float]]  #: known entities with the highest cosines, and the cosines
     #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is typical
     distance: float
@@ -73,7 +73,7 @@ class Inserted:
     initializer: str
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
-    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid
+    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or null
     #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); null if the
     #: initializer has no weights, or n · E is too large
     weights: np.ndarray | None
@@ -134,7 +134,7 @@ class Inserted:
         """Measure how often new entities rank above known answers, and the MRR of these answers before and after.
 
         Args:
-            triples: triples of known entities to query, held out or trained; null: ``known_triples``.
+            triples: of known entities, to query, held out or trained; null: ``known_triples``. InputError if none.
             most: maximum number of queried triples; a larger set is sampled at random.
             seed: root seed of the sample.
         """
