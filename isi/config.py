@@ -85,7 +85,7 @@ class Study(Section):
 
     @property
     def experiment(self) -> str | None:
-        """The experiment that the report shows: the first of the list; null if the list is empty."""
+        """The first experiment of the list; null if the list is empty."""
         return self.experiments[0] if self.experiments else None
 
 

@@ -64,7 +64,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
 
 
 def _first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Place and text of pydantic's first error (an unknown key, if any), with the number of further errors."""
+    """Place and text of an error (unknown keys and non-lists before others), with the number of further errors."""
     first: Any = min(error.errors(), key=lambda mistake: mistake["type"] not in ("unknown_key", "list_type"))
     kind, got, context = first["type"], first["input"], first.get("ctx", {})
     loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]

@@ -1,4 +1,4 @@
-"""The models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
+"""The pydantic models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
@@ -125,7 +125,7 @@ def load(path: Path = paths.PARAMS) -> Params:
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
-    """Read ``beyond/params.yaml``, and check it alone and against ``params``; empty if the file does not exist."""
+    """Read ``beyond/params.yaml``, and check it alone and against ``params``; empty if ``path`` is null or missing."""
     if path is None or not path.exists():
         return Beyond()
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
@@ -216,7 +216,7 @@ def check_beyond(beyond: Beyond, params: Params) -> None:
         _check_variant(variant, params, f"variants.{name}")
     titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
     if not distinct(titles) or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1:
-        raise InputError("", "graphs", "expected titles that nothing else has, and the same sessions.sizes in all")
+        raise InputError("", "graphs", "expected each title once in graphs and experiments, and equal sessions.sizes")
     for name, graph in beyond.graphs.items():
         if name in params.experiments:
             raise InputError("", f"graphs.{name}", "expected a name that no experiment has")

@@ -66,7 +66,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
 
 
 class _StageParser(Parser):
-    """A parser whose help lists the choices of each argument, and the files that the stage reads and writes."""
+    """A parser whose help lists each argument's choices, what the stage reads under ``data``, and what it writes."""
 
     def format_help(self) -> str:
         with suppress(InputError):
@@ -80,7 +80,7 @@ class _StageParser(Parser):
 
 
 def missing(path: Path) -> InputError:
-    """An ``InputError`` for a missing file, with the command that makes the file."""
+    """An ``InputError`` for a missing file, with the command that makes the file, if a stage does."""
     with suppress(InputError):
         for name in () if path.is_absolute() else makers(path):
             return InputError(path, "", f"missing: run `dvc repro {name}`, which makes it")

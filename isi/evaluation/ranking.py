@@ -34,8 +34,8 @@ class Competitors:
     answer: Tensor  #: ids; shape: (M, Q)
     known: Tensor  #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
     excluded: Tensor  #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
-    excluded_or_equal: Tensor  #: the same for R_P, which also leaves out candidates of equal count; shape: (M, Q, X)
-    true_rank: Tensor  #: R_G; shape: (M, Q)
+    excluded_or_equal: Tensor  #: the same for R_P, a rank by score without candidates of equal count; shape: (M, Q, X)
+    true_rank: Tensor  #: R_G, the answer's rank by number of observations; shape: (M, Q)
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class Graph:
         return replace(self, triples=self.triples[triples], counts=self.counts[triples])
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
-        """Ids, (..., X), of triples equal to those of ids ``triples``, (...), outside ``slot``; padded with -1."""
+        """Ids, (..., X), of triples that agree with ``triples``, ids (...), outside ``slot``; padded with -1."""
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
@@ -129,7 +129,7 @@ class GraphTables:
 
 
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """Unique triples with count ≥ ``min_count`` and their entities, sorted; InputError for an entity without a kind."""
+    """Sorted triples of count ≥ ``min_count``, and their entities; InputError for no kind or too many observations."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected at most {MOST_OBSERVED:,} in all")
     key = ["head", "relation", "tail"]
@@ -145,7 +145,7 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
-    """Counts of the heads that the graph lacks (name, kind); InputError for a tail neither a head nor in the graph."""
+    """Counts of heads that the graph lacks or has with another kind; InputError for such a tail that is no head."""
     here, there = _kinds(entities), _kinds(seen.kinds)
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
@@ -159,7 +159,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     """New entities with count ≥ ``minimum``; ``InputError`` if the graph has the same name with another kind."""
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
-        also = f"the graph has another entity of this name, of kind {here[name]}: rename it in its source"
+        also = f"the graph has an entity of this name, of kind {here[name]}: rename one of the two in its source"
         raise InputError(seen.file or seen.source, f"{_kinds(seen.kinds).get(name)} {name!r}", also)
     return enough
 

@@ -1,4 +1,4 @@
-"""Files of the pipeline: Parquet and safetensors, checked when they are read and written whole or not at all."""
+"""Parquet and safetensors files of the pipeline: each is checked when read, and written completely or not at all."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
 
 
 def keep_only(folder: Path, files: Sequence[Path]) -> None:
-    """Remove all files of a folder except ``files``: those of earlier and of killed runs."""
+    """Remove the files that earlier and killed runs left in a folder: all except ``files``."""
     for path in {*folder.glob("*"), *folder.glob(".*.tmp")} - set(files):
         if path.is_file():
             path.unlink()

@@ -90,7 +90,7 @@ def training_data(
 ) -> TrainingData:
     """The training data of a stack; ``novel``: ids, (M, n), of entities that the previous session lacks; None: all.
 
-    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. Rest: ``TrainingData``.
+    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. See ``TrainingData``.
     """
     graph, train = session.graph, session.members(TRAIN)
     heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
