@@ -207,7 +207,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
             return None, f"{source.source} has no word of {phrase!r}, or is not a file here"
         return listed, f"by {source.source}{' (of phrases: the definition is ignored)' if definition else ''}"
     if source.model != MODEL:
-        return None, f"this embedding's word vectors are by {source.model}, which isi lacks (--vectors FILE replaces them)"
+        return None, f"the word vectors here are by {source.model}, which isi lacks (--vectors FILE replaces them)"
     shipped = f"of {phrase!r}, shipped with the data"
     if listed is not None and definition is None:
         return listed, shipped
