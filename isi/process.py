@@ -56,7 +56,7 @@ def become_worker(parent: int) -> None:
 
 
 def handle_stop_signals(name: str, then: str = "run it again") -> None:
-    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, to delete temporary files; a second signal kills."""
+    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that cleanup runs; a second signal kills."""
     process = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -82,7 +82,7 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """Exit with one line (broken pipe: none) on InputError, OSError, MemoryError or a signal (``then``: advice)."""
+    """Exit with one line on InputError, OSError (broken pipe: no line), MemoryError or a signal (advice: ``then``)."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may lack letters of a name
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}

@@ -55,7 +55,7 @@ def insert(
         triples. PyKEEN can predict with, evaluate, train and save them.
 
     Raises:
-        InputError: names the wrong argument and the expected value.
+        InputError: names the wrong argument or new entity, and the expected value.
     """
     return enlarge(model, factory, inserted(model, factory, triples, **arguments))
 

@@ -50,7 +50,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage; InputError if params are invalid, or an argument is no key of its mapping in params."""
+    """The context of a stage; InputError if params are invalid, or the mapping of its DVC matrix lacks an argument."""
     from isi import params  # imported here: it loads all packages, and a stage needs a few
 
     pipeline, entry = _entry(name)

@@ -233,7 +233,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:
                 if not {head, tail} <= known or relation not in labels or record.entity not in (head, tail):
-                    expected = f"expected known names, {record.entity!r:.80} in each triple"
+                    expected = f"expected triples of known names, each with {record.entity!r:.80}"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():
@@ -277,7 +277,7 @@ def triple_ids(
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``, above which float32 scores overflow."""
+    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``, so that float32 scores are finite."""
     if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
         raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
     largest = np.abs(table).max(1)

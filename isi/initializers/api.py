@@ -53,7 +53,7 @@ class InitContext:
 def context_of(
     theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor
 ) -> InitContext:
-    """The input of an initializer; rows of ``insert_triples``, (T, 3), ascend: model, place in ``novel``, triple id."""
+    """The input of an initializer; ``insert_triples``, (T, 3), sorted: model, place in ``novel``, triple id."""
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend

@@ -53,7 +53,7 @@ def insert(
             (set ``invertible = False`` if its ``transform`` or ``inverse`` only raises an error).
         model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored with a ``Model``.
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
-        known_triples: triples of known entities, for ``interference``. If given, similarity compares their ends only.
+        known_triples: triples of known entities, for ``interference``. If given, similar entities are among their ends.
         words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
             to vectors or texts.
         word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
@@ -65,7 +65,7 @@ def insert(
         an ``Inserted``: both tables, (E + n, d) and (R, w); its method ``report`` describes each new entity.
 
     Raises:
-        InputError: names the wrong argument and the expected value.
+        InputError: names the wrong argument or new entity, and the expected value.
     """
     check(seed, Seed, "", "argument 'seed'")
     rows = table(entities, "entities")
@@ -217,7 +217,7 @@ def fit_new(
         both tables. If ``all_epochs`` is 0, relations and known entities are returned unchanged.
 
     Raises:
-        InputError: names the wrong argument and the expected value.
+        InputError: names the wrong argument and the expected value, or says that training diverged.
     """
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")

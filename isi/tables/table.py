@@ -101,7 +101,7 @@ class Table(DataFile):
         self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
-        """Check and write parts one by one, each as a row group; return the number of rows. No rule spans parts."""
+        """Check each part by itself, and write it as a row group; return the number of rows of all parts."""
         rows = 0
 
         def checked() -> Iterator[pa.Table]:
