@@ -1,8 +1,8 @@
 """Ranked answers to a query, each with a calibrated probability, which is comparable between queries.
 
 The probability estimates the share of known answers among answers of equal score (Platt 1999): a logistic curve of the
-score, one per relation and slot. For a known entity, the curve is fitted to the candidate answers about (a sample of)
-the entities in known triples of the relation. A true but unknown answer counts as wrong.
+score, one per relation and slot. For a known entity, the curve is fitted to the candidate answers to queries about
+the entities (or a sample of them) in known triples of the relation. A true but unknown answer counts as wrong.
 
 For an inserted entity the calibration is held out: known entities are hidden, inserted with the same initializer from
 at most as many triples (and words, if the entity has some), and queried; their other triples are the right answers.

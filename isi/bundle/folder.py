@@ -63,7 +63,7 @@ class WordSource(ManifestSection):
 
     source: Text  #: a file's name or path, ``shipped``, or a description
     text: Text  #: the embedded text: definition, phrase, wordnet (phrase and definition), glove (mean of words)
-    model: Text | None  #: the sentence model that made them; null where it is unknown
+    model: Text | None  #: the sentence model that made them; null if there was none or it is unknown
 
 
 class InsertionRequest(ManifestSection):

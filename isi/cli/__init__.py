@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 run, arguments, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
             except CycloptsError as error:
                 message = " ".join(str(error).split())
-                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # repeats a value
+                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
                     message = f"{error.argument.name}: {error.exception_message}"
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)

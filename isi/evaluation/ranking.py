@@ -126,7 +126,7 @@ def _rows(queries: Queries, triples: Tensor) -> QueryRows:
     candidates = (queries.candidates, all_relations, queries.candidates)
     head, relation, tail = (_competitors(queries, ids, slot, listed) for slot, listed in enumerate(candidates))
     counted = (triples >= 0) & queries.queried.gather(1, ids)
-    # a query weighs by its relation: the relation's share of observations over its queries
+    # weight of a query: its relation's share of observations, divided by the relation's number of queries
     number = by_relation(session.graph, queries.queried)
     observed = observations(session) * (number > 0)
     shares = observed / observed.sum(1, keepdim=True).clamp(min=1) / number.clamp(min=1)
