@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
+from tabulate import tabulate  # type: ignore[import-untyped]
 
 #: Columns: two lines of the title, and the keys of the numbers in ``metrics.json``.
 COLUMNS = (
@@ -20,9 +20,10 @@ COLUMNS = (
 
 def headline(metrics: Mapping[str, Any]) -> str:
     """The numbers of one experiment as text, a line for each model."""
-    columns = {(upper, lower): metrics.get(section, {}).get(scope, {}) for upper, lower, section, scope in COLUMNS}
-    models = list(dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope))
-    return pd.DataFrame(columns, index=models).to_string(float_format="{:.2f}".format, na_rep="")
+    columns = [metrics.get(section, {}).get(scope, {}) for _, _, section, scope in COLUMNS]
+    models = dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope)
+    rows = [[model, *(column.get(model) for column in columns)] for model in models]
+    return tabulate(rows, ["", *(f"{upper}\n{lower}" for upper, lower, *_ in COLUMNS)], "plain", floatfmt=".2f")
 
 
 def main(folder: Path) -> None:
