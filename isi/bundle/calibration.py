@@ -223,7 +223,7 @@ class HeldOutCalibration:
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
-        """One curve for (relation, slot) pairs, without insert triples; null with too few right or no wrong answers."""
+        """One curve for all ``slots`` (without insert triples); null with too few right answers or no wrong one."""
         theta, scores, right = self.known.embedding, [torch.zeros(0).double()], [torch.zeros(0, dtype=torch.bool)]
         for relation, slot in slots:
             candidates, row = self.known.candidates(relation, slot), theta.relation[:, relation][:, None]

@@ -94,7 +94,7 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     for name in MODELS.names():
         if type(read.model) is MODELS.get(name):
             return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
-    raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models")
+    raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: for others, use isi.pykeen.insert")
 
 
 def _bundle(

@@ -49,7 +49,7 @@ def settings(texts: Sequence[str]) -> dict[str, Any]:
 
 def _check_folder(_: object, path: Path | None) -> None:
     if path is not None and path.name in ("", ".."):
-        raise ValueError("expected the name of a folder")
+        raise ValueError("expected the name of a folder, not . or ..")
 
 
 FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)

@@ -105,7 +105,7 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity MRR* in [0, 1] about novel entities by direction (``scope``), model, size, seed (filter: learned)."""
+        """Entity MRR* in [0, 1] in scope ``novel`` by direction (in column ``scope``), model, size and seed."""
         rows = self.queries
         assert rows is not None  # noqa: S101  # used only with a query breakdown
         rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
