@@ -115,7 +115,7 @@ def _entry(name: str) -> tuple[Path, dict[str, Any]]:
     for pipeline in PIPELINES:
         if name in _stages(pipeline):
             return pipeline, _stages(pipeline)[name]
-    raise InputError(paths.PIPELINE, "stages", f"expected a stage {name!r}")
+    raise InputError(paths.PIPELINE, "stages", f"expected a stage {name!r} here or in {paths.BEYOND_PIPELINE}")
 
 
 def _stages(pipeline: Path) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def main() -> None:
         words = KeyedVectors(vectors.shape[1])
         words.add_vectors(tokens, vectors)
         atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
-        print(f"{path}: {len(words)} vectors of {words.vector_size}, {reused} of them unchanged")
+        print(f"{path}: {len(words)} vectors of dimension {words.vector_size}, {reused} of them unchanged")
 
 
 def read(path: Path) -> pd.DataFrame:

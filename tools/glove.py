@@ -32,7 +32,7 @@ def main() -> None:
     words.add_vectors(listed, np.array([known[word][:dimension] for word in listed], dtype=np.float32))
     atomically(path, lambda temporary: words.save_word2vec_format(str(temporary), binary=True))
     without = [phrase for phrase in phrases if not any(word in words for word in phrase.split())]
-    print(f"{path}: {len(words)} vectors of {words.vector_size}", *without, sep="\n  no known word in: ")
+    print(f"{path}: {len(words)} vectors of dimension {words.vector_size}", *without, sep="\n  no known word in: ")
 
 
 def read_wink(path: Path) -> tuple[int, Mapping[str, Sequence[float]]]:

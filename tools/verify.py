@@ -124,7 +124,7 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
         print(f"Not computed again: vectors of {others or 'none'}; and {left_open} "
               f"vectors whose last indicator scores less than {UNDECIDED:.0e} above the next entity.")  # fmt: skip
     else:
-        print("Not computed again: vectors and MRR*, which are computed for ANALOGY alone.")
+        print("Not computed again: vectors and MRR*, which this check recomputes only for the model ANALOGY.")
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
             check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged)

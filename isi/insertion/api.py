@@ -223,7 +223,7 @@ def fit_new(
         check(value, Seed, "", f"argument {name!r}")
     rows = table(entities, "entities")
     if not arguments.is_whole(new) or not 0 < new < len(rows):
-        raise InputError("argument 'new'", "", f"expected a number from 1 to {len(rows) - 1}, got {short(new)}")
+        raise InputError("argument 'new'", "", f"expected a whole number from 1 to {len(rows) - 1}, got {short(new)}")
     names, known = Names("entity_names", len(rows), entity_names), len(rows) - int(new)
     given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples

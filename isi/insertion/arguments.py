@@ -116,7 +116,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
     names = Names("entity_names", known, entity_names).names
     with argument("new"):
         if is_whole(new) == (names is not None):
-            raise InputError("", "", "expected names where 'entity_names' are given, else a number")
+            raise InputError("", "", "expected names where 'entity_names' are given, else a whole number")
         added = as_list(new, str, "a list of names") if names is not None else [None] * new
         if not added:
             raise InputError("", "", "expected at least one new entity")

@@ -86,7 +86,7 @@ def ai2thor_scene(
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:
-        raise InputError(path, "", "expected a scene: a non-empty list of objects, or a mapping with one as objects")
+        raise InputError(path, "", "expected a non-empty list of objects, or a mapping with such a list as 'objects'")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
     scene = Scene(name, 0, room or of_plan, scene_objects(file, name, reported))
