@@ -152,7 +152,7 @@ def procrustes(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Te
 
 @dataclass(frozen=True)
 class ShownEntities:
-    """The novel entities that the explorer shows: index of the model, index in ``novel``, id and seed; shapes (K,)."""
+    """The novel entities that the explorer shows: index of the model, index in its novel set, id, seed; shapes (K,)."""
 
     model: Tensor
     place: Tensor

@@ -172,7 +172,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 
 
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """InputError for a non-folder, files of no bundle, a broken bundle, or an inserted entity not in ``names``."""
+    """InputError for a file, a link, files of no bundle, a broken manifest, or an inserted entity not in ``names``."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()

@@ -57,7 +57,7 @@ class Labels:
 
 
 def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
-    """Make a bundle of labels and tensor files.
+    """Make a bundle of labels and tensor files; InputError if they do not fit, or if no margin can be estimated.
 
     The margin of a distance model, if not given, lies midway between mean distances of known and corrupted triples.
     """
@@ -79,7 +79,7 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
 
 
 def of_pickle(path: Path, labels: Labels) -> Bundle:
-    """Make a bundle of a model pickled by PyKEEN. An ``InputError`` refuses models that ``MODELS`` lacks."""
+    """A bundle of a model pickled by PyKEEN; InputError without PyKEEN, for another file, or if ``MODELS`` lacks it."""
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     try:

@@ -99,7 +99,7 @@ class OpenBundle(Bundle):
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
     def kind_notes(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
-        """A note on each insert triple whose known end has a kind not found in that slot of the relation's triples."""
+        """Notes on insert triples whose known end has a kind new to the relation's slot; none if kinds are missing."""
         for head, relation, tail in dict.fromkeys(insert_triples):
             slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")
             kind = self.kinds[self.entity_ids[end]]

@@ -95,7 +95,7 @@ class GraphExport:
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
-    """The graph of an experiment of either pipeline, with predictions (``by_joint_model``); InputError if unknown."""
+    """A graph of either pipeline, with predictions if ``most`` > 0; InputError if unknown, or no model can predict."""
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
     if not files[0].exists():

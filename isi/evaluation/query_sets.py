@@ -49,7 +49,7 @@ def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list
 
 
 def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> Queries:
-    """Queries of the triples with entities ``of``; filter: train and valid without ``novel``, and insert triples."""
+    """Queries of uninserted triples with entities ``of``; filter: ``inserted``, and train, valid without ``novel``."""
     graph, entities = session.graph, session.entities.shape[1]
     new, of_entities = (touches(graph, membership(ids, entities)) for ids in (novel, of))
     queried = session.members(TRAIN, VALID, TEST) & of_entities & ~inserted

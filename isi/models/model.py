@@ -98,7 +98,7 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads in memory of ``triples.empty``; a function from the gradient by them to those by both tables."""
+        """Mapped heads, in memory of ``triples.empty``; a function from their gradient to those of both tables."""
         memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 

@@ -65,7 +65,7 @@ class ModelRuns:
         return self.params.finetuning.max_epochs
 
     def of_size(self, size: int | None) -> Self:
-        """A copy with only the runs and queries that insert ``size`` entities."""
+        """A copy with only the runs and queries that insert ``size`` entities (None: no runs and no queries)."""
         queries = None if self.queries is None else self.queries[self.queries["size"] == size]
         return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
 

@@ -22,7 +22,7 @@ class Estimate:
     high: float = nan
 
     def __format__(self, spec: str) -> str:
-        """The mean with the interval in brackets, each formatted by ``spec``."""
+        """The mean, then the interval, if there is one, in brackets; ``spec`` formats each number."""
         interval = "" if isnan(self.low) else f" [{self.low:{spec}}, {self.high:{spec}}]"
         return f"{self.mean:{spec}}{interval}"
 

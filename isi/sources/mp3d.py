@@ -61,7 +61,7 @@ def mp3d_houses(
 ) -> Iterator[Observation]:
     """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and its subfolders.
 
-    ``category`` selects one of the two names of each category; ``rooms`` maps labels of regions to rooms.
+    ``category`` selects one of a category's two names; ``rooms``: room by label of region; ``vocabulary``: a YAML file.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 

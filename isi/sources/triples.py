@@ -102,7 +102,7 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
 
 @cache
 def shipped_names() -> pd.DataFrame:
-    """Entities of the shipped graphs ``SHIPPED``: columns name (in the file), entity and phrase."""
+    """Entities of the shipped graphs ``SHIPPED``: columns name (in ``triples.csv``), entity and phrase."""
     listed = [read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"]) for name in SHIPPED]
     return pd.concat(listed).drop_duplicates()
 

@@ -97,7 +97,7 @@ def shape_of(path: Path, name: str) -> tuple[int, ...]:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None:
-    """Write a safetensors file, atomically; metadata: ``stage``. InputError where a number is not finite."""
+    """Write a safetensors file, atomically; metadata: ``stage``. InputError for NaN, infinity or a failed write."""
     from safetensors.torch import save
 
     _check_finite(path, tensors)

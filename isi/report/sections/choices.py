@@ -57,7 +57,7 @@ def indicators(results: Results) -> Iterator[Content]:
 
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with column ``value``: MRR* (points) minus MRR* at the swept k nearest to ``reference[model]``."""
+    """Runs with column ``value``: MRR* (points) minus that at the k nearest to ``reference[model]`` (none: least k)."""
     swept, cell = immediate.groupby("model")["k"].unique(), ["model", "scope", "size", "seed"]
     nearest = {model: k[np.abs(k - reference.get(str(model), k.min())).argmin()] for model, k in swept.items()}
     base = immediate[immediate["k"] == immediate["model"].map(nearest)].set_index(cell)["mrr_star"]

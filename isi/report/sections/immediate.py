@@ -146,7 +146,7 @@ def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[
 
 
 def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
-    """For each measure with queries: numbers of all and of significant pairs; the insignificant pairs, if few."""
+    """For each measure with queries: number of pairs and of significant ones; the others, if few; seeds, if too few."""
     lines = []
     for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
         of_measure = list(group)

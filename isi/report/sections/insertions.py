@@ -147,7 +147,7 @@ def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: 
 
 
 def start(experiment: Experiment, insert_triples: pd.Series) -> int:
-    """The entity shown first: the one with most insert triples among those of the most common kind."""
+    """The entity shown first: the one with most insert triples among those of the graph's most common kind."""
     kinds = experiment.entities["kind"]
     return int(insert_triples[(kinds[insert_triples.index] == kinds.mode()[0]).to_numpy()].idxmax())
 
