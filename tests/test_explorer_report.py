@@ -57,6 +57,7 @@ def test_maps_by_hand() -> None:
 def test_it_starts_with_most_insert_triples_among_the_most_common_kind() -> None:
     experiment = small_results(["home"]).experiments["home"]  # cup, kitchen, break, table: two of them are objects
     assert start(experiment, pd.Series({0: 2, 1: 9, 3: 4})) == 3
+    assert start(experiment, pd.Series({1: 9, 2: 4})) == 1  # no object is shown
 
 
 def test_entities_in_no_set_are_named() -> None:
