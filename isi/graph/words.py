@@ -84,7 +84,7 @@ def load_vectors(given: Words) -> KeyedVectors:
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     if given.sha256 is not None:
-        expected = "expected null, since a gensim download is not checked: to check it, name a downloaded file"
+        expected = "expected null or a file as words.source, since only the SHA-256 of a file is checked"
         raise InputError(paths.PARAMS, "words.sha256", expected)
     import gensim.downloader  # needs the network: imported only for a download
 
