@@ -133,7 +133,7 @@ def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
 
 
 def test_a_download_that_nothing_can_check_is_refused_without_asking_the_network() -> None:
-    with pytest.raises(InputError, match="expected null or a file as words.source"):
+    with pytest.raises(InputError, match=r"expected null or a file as words\.source"):
         words.load_vectors(Words(source="glove-wiki-gigaword-50", text="definition", sha256="0" * 64))
 
 
