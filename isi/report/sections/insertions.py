@@ -149,8 +149,8 @@ def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: 
 def start(experiment: Experiment, insert_triples: pd.Series) -> int:
     """The entity shown first: the one with most insert triples, of the graph's most common kind if one is shown."""
     kinds = experiment.entities["kind"]
-    common = insert_triples[(kinds[insert_triples.index] == kinds.mode()[0]).to_numpy()]
-    return int((insert_triples if common.empty else common).idxmax())
+    common = (kinds[insert_triples.index] == kinds.mode()[0]).to_numpy()
+    return int(insert_triples[common | ~common.any()].idxmax())
 
 
 def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
