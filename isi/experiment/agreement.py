@@ -37,7 +37,7 @@ def splits_are_whole(
         is_absent = np.isin(triples[:, ENDS], absent).any(axis=1)
         for wrong in np.flatnonzero(is_absent != (split == OUT))[:1].tolist():
             has = "has no split" if split[wrong] == OUT else "has a split"
-            expected = "expected a split for each triple, but none if it has an added entity that is not novel"
+            expected = "expected a split for each triple, except those with an added entity that is not novel"
             raise InputError(path, f"seed {seed}, triple {wrong}", f"{has}: {expected}")
         for code, name in enumerate(SPLIT_NAMES):
             if not (split == code).any():

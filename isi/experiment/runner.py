@@ -107,7 +107,7 @@ def device_of(name: str) -> torch.device:
 
 
 def stack_height(compute: Compute) -> int:
-    """Maximum models in a stack: ``compute.stack``, or more if a worker's share of a GPU (not Dask's) holds more."""
+    """Maximum models in a stack: ``compute.stack``; without Dask, more if a worker's share of a GPU holds more."""
     if compute.engine == "dask" or device_of(compute.device).type == "cpu":
         return compute.stack
     free, _ = torch.cuda.mem_get_info()

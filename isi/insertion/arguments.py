@@ -202,7 +202,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors, (E, v), float32, zero if missing, of a table or mapping to vectors or texts; null without words."""
+    """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero); null without words."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):
