@@ -48,7 +48,7 @@ class FullCurves(Section):
 
 
 class Convergence(Section):
-    """``convergence`` in params: when Θ¹ counts as about as good as the joint model."""
+    """``convergence`` in params: when a fine-tuned Θ counts as converged to the joint model."""
 
     margin: Fraction
 

@@ -151,7 +151,7 @@ def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: 
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
-    """Values of ``by``, and for each ``scale`` × the mean over seeds and the interval's bounds; shape (4, values)."""
+    """Rows: values of ``by``; means over seeds, and lower and upper bounds, times ``scale``; shape (4, values)."""
     line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
     return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
 
