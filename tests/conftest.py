@@ -2,6 +2,7 @@
 
 import os
 
+import pytest
 import torch
 from hypothesis import settings
 
@@ -15,9 +16,18 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     return argname if isinstance(val, bytes) else None
 
 
+#: The files that take longest.
+LONGEST = ("test_pipeline", "test_pipeline_extended", "test_kills", "test_stopping")
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores, since some tests wait for processes, browsers and timeouts."""
     return (os.cpu_count() or 1) + 1
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files, so that all processes end at about the same time."""
+    items.sort(key=lambda item: item.path.stem not in LONGEST)
 
 
 settings.register_profile("isi", deadline=None, max_examples=60, derandomize=True, database=None)
