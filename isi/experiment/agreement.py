@@ -95,7 +95,7 @@ def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: n
         raise InputError(path, "", f"expected {len(seed)} rows in every tensor, one for each seed")
 
 
-def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
+def known_are(path: Path, seeds: Sequence[int], known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
     """Check ``known``, (M, E), against the session's entities; other rows of ``entity``, (M, E, d), must be zero."""
     for name, wrong, says in (
         ("known", known != expected, "expected the entities of the session, and no others"),
@@ -103,7 +103,7 @@ def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.nd
     ):
         if wrong.any():
             model, row = np.argwhere(wrong)[0].tolist()
-            raise InputError(path, f"tensor {name!r}, model {model} of its stack, entity {row}", says)
+            raise InputError(path, f"tensor {name!r}, seed {seeds[model]}, entity {row}", says)
 
 
 def has_shape(

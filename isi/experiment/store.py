@@ -176,7 +176,7 @@ class Store:
         agreement.has_shape(path, "entity", entity, (*shape, dimension))
         agreement.has_shape(path, "relation", relation, (shape[0], *width))
         agreement.has_shape(path, "known", known, shape, np.bool_)
-        agreement.known_are(path, known, session.entities.numpy(), entity)
+        agreement.known_are(path, points.seeds, known, session.entities.numpy(), entity)
         return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:

@@ -186,7 +186,7 @@ def later_key(session: int) -> tuple[int, ...]:
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> dict[Table, pd.DataFrame]:
-    """Draw a graph's three tables; InputError if params do not fit it. Undrawn added entities' triples get no split."""
+    """Draw a graph's tables; InputError if params do not fit. Triples of added, not novel entities have no split."""
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))

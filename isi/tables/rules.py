@@ -114,7 +114,7 @@ def ascending(*key: str) -> Rule:
 
 
 def in_blocks(block: str, *key: str) -> Rule:
-    """Rows with the same value of a column are adjacent, and ascend within their block (see ``ascending``)."""
+    """Rows with the same value of ``block`` are adjacent, and ascend within it (see ``ascending``)."""
     expected = f"expected rows of each {block} together, in ascending order of {', '.join(key)}"
 
     def broken(frame: pd.DataFrame) -> np.ndarray:

@@ -201,7 +201,7 @@ def steps(method: str, models: Sequence[str]) -> list[Step]:
 
 
 def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str], Gains]:
-    """By scope and half: gains of the steps that lead to each initializer of ISI, of all steps, and of ``_TWINS``."""
+    """By scope and half: gains of each step to an initializer of ISI, of its steps together, and of ``_TWINS``."""
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
     pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run
