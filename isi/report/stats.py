@@ -114,7 +114,7 @@ def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> d
 
 
 def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
-    """For each scope the columns mean MRR*, entity MRR* and relation MRR*, in points; values by model."""
+    """For each scope, columns with the means of MRR* and its two halves, in points; values by model."""
     return by_group(over_seeds(runs, ["scope", "model"], HALVES), scopes)
 
 
