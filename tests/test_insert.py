@@ -15,6 +15,7 @@ import isi
 from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
+from isi.insertion.arguments import Names, triples_of
 from isi.tables import paths
 from tests.init_contexts import insertion
 from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NEW, TRIPLES, call, tables, words
@@ -72,6 +73,15 @@ def test_ids_do_what_names_do() -> None:
 
 def test_a_triple_that_repeats_counts_once() -> None:
     np.testing.assert_array_equal(call(triples=[*TRIPLES, *TRIPLES[::-1]]).entities, call().entities)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0, 1, 2**31 - 1]), st.integers(0, 2), st.sampled_from([0, 2**31 - 1]))))
+def test_triples_keep_the_order_of_their_first_occurrence(triples: list[tuple[int, int, int]]) -> None:
+    entities, relations = Names("entity_names", 2**31, None), Names("relation_names", 3, None)  # R · E² > 2⁶³
+    array = np.array(triples, np.int32).reshape(-1, 3)
+    for given_as in (triples, array):
+        ids = triples_of(given_as, "triples", entities, relations)
+        assert (ids.dtype, list(map(tuple, ids.tolist()))) == (np.int64, list(dict.fromkeys(triples)))
 
 
 def test_triples_between_new_entities_are_counted() -> None:

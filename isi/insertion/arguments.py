@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 
 from isi.config import check
@@ -172,7 +173,8 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
         if isinstance(triples, np.ndarray) and triples.dtype.kind in "iu" and triples.shape[1:] == (3,):
             ids = triples.astype(np.int64)
             wrong = (ids < 0) | (ids >= [rows.number for rows in columns])
-            for row, slot in np.argwhere(wrong)[:1].tolist():
+            if wrong.any():
+                row, slot = np.argwhere(wrong)[0].tolist()
                 columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
         else:
             rows = []
@@ -183,7 +185,9 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
                 slots = zip(columns, triple, SLOTS, strict=True)
                 rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
             ids = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    return ids[np.sort(np.unique(ids, axis=0, return_index=True)[1])] if len(ids) > 1 else ids
+    head, relation, tail = ids.T
+    key = (head * relations.number + relation) * entities.number + tail  # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
+    return ids[~pd.Series(key).duplicated().to_numpy()]
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
