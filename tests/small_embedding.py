@@ -43,3 +43,15 @@ def fit(done: Inserted, triples: Any = TRIPLES, **changed: Any) -> tuple[np.ndar
         done.entities, done.relations, triples,
         **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
     )  # fmt: skip
+
+
+#: DistMult in one dimension: f = h · r · t.
+LINE: dict[str, Any] = {
+    "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
+    "model": "distmult",
+}  # fmt: skip
+
+
+def on_a_line(triples: Any = ((4, 0, 1),)) -> Inserted:
+    """The result for new entity 4 at 0.5, the mean of the known vectors, with the insert triple (4, 0, 1)."""
+    return isi.insert(**LINE, triples=list(triples), new=1, initializer="mean")

@@ -1,4 +1,4 @@
-"""``isi.fit_new`` trains new rows alone; nearest entities, distance and interference in ``Inserted`` by hand."""
+"""``isi.fit_new`` trains new rows alone; nearest entities and distance in ``Inserted`` by hand."""
 
 from typing import Any
 
@@ -7,10 +7,21 @@ import pytest
 import torch
 
 import isi
-from isi.errors import InputError
 from isi.insertion.arguments import stack_of_one
 from isi.insertion.result import Inserted
-from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NAMES, NEW, TRIPLES, call, fit
+from tests.small_embedding import (
+    BETWEEN,
+    ENTITIES,
+    KNOWN,
+    KNOWN_TRIPLES,
+    LINE,
+    NAMES,
+    NEW,
+    TRIPLES,
+    call,
+    fit,
+    on_a_line,
+)  # fmt: skip
 from tests.small_graphs import random_embedding
 
 
@@ -63,17 +74,7 @@ def test_the_seed_alone_decides() -> None:
     assert not np.array_equal(one[0], fit(done, batch_size=2, seed=4)[0])
 
 
-# The report of an insertion, by hand: DistMult in one dimension, f = h · r · t
-
-LINE: dict[str, Any] = {
-    "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
-    "model": "distmult",
-}  # fmt: skip
-
-
-def on_a_line(triples: Any = ((4, 0, 1),)) -> Inserted:
-    """The result for new entity 4 at 0.5, the mean of the known vectors, with the insert triple (4, 0, 1)."""
-    return isi.insert(**LINE, triples=list(triples), new=1, initializer="mean")
+# The report of an insertion, by hand
 
 
 def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
@@ -96,36 +97,6 @@ def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart
     assert own == pytest.approx(abs(done.entities[4, 0] - 0.5) / np.std([1, 2, 3, -4]), rel=1e-5)
     (same,) = isi.insert(np.ones((3, 2)), np.ones((1, 2)), **(given | {"triples": [(3, 0, 1)]})).report()
     assert same.distance == 0
-
-
-def test_interference_by_hand() -> None:
-    """Sorted scores of (?, 0, 1): 3·2, 2·2, 1·2, 0.5·2, -4·2; sorted scores of (0, 0, ?): 3, 2, 1, 0.5, -4."""
-    result = on_a_line().interference([(0, 0, 1)])
-    assert result.queries == 2
-    assert result.above == [0.0]
-    assert (result.rank_before, result.rank_after) == (2.5, 2.5)  # 3rd as head, 2nd as tail
-    assert result.mrr_before == pytest.approx((1 / 3 + 1 / 2) / 2)
-    lowest = on_a_line().interference([(3, 0, 1)])  # heads by 2: -4 last; tails by -4: -4, 0.5 before 1, 2, 3
-    assert lowest.above == [0.5]  # 4 ranks above 3 as a tail; as a head it is a true answer
-    assert (lowest.rank_before, lowest.rank_after) == ((4 + 3) / 2, (4 + 4) / 2)
-    other = on_a_line([(4, 0, 0)]).interference([(3, 0, 1)])
-    assert other.above == [1.0]
-    assert (other.rank_before, other.rank_after) == ((4 + 3) / 2, (5 + 4) / 2)
-
-
-def test_right_answers_do_not_compete() -> None:
-    done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="mean", known_triples=[(2, 0, 1), (0, 0, 1)])
-    result = done.interference([(0, 0, 1)])
-    assert (result.rank_before, result.rank_after) == ((2 + 2) / 2, (2 + 2) / 2)  # 2 is right as a head of 1
-
-
-def test_interference_queries_the_known_triples_or_a_sample() -> None:
-    done = call()
-    assert done.interference().queries == 2 * len(KNOWN_TRIPLES)
-    assert done.interference(most=2).queries == 4
-    assert done.interference(most=2) == done.interference(most=2)
-    with pytest.raises(InputError, match="expected triples of known entities, which give the queries"):
-        call(known_triples=None).interference()
 
 
 def test_transe_with_the_norm_of_city_blocks() -> None:

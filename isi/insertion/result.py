@@ -12,16 +12,15 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check
-from isi.errors import InputError
-from isi.evaluation.ranking import compare, make_queries, padded_ids, rank_queries
-from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import Names, Triple, stack_of_one, trained_session, triples_of
+from isi.errors import InputError, short
+from isi.evaluation.ranking import compare
+from isi.graph.graph import HEAD, TAIL
+from isi.insertion.arguments import Names, Triple, is_whole, stack_of_one, trained_session, triples_of
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.models.stack import rows as rows_of
 from isi.random import stream
 
-BUDGET = 2**24  #: Maximum number of cosines in one table.
+BUDGET = 2**24  #: Maximum number of cosines or scores in one table.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
 CLOUD = 2**16  #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
 
@@ -43,23 +42,43 @@ class Entity:
 
 
 @dataclass(frozen=True)
+class Change:
+    """A query whose known answer now ranks below a new entity. Ranks are filtered, as in ``Interference``."""
+
+    query: tuple[str | int, ...]  #: head, relation and tail, with ``?`` in place of the answer
+    answer: str | int
+    rank_old: float  #: among old candidates
+    rank_cur: float  #: among all candidates
+    new: str | int  #: the new entity with the highest score among those above the answer
+
+
+@dataclass(frozen=True)
 class Interference:
-    """Effect of new entities on the ranks of known answers. Each queried triple gives a head and a tail query."""
+    """Effect of new entities on the ranks of known answers. Each queried triple gives a head and a tail query.
+
+    Old candidates are the entities before the insertion; all candidates include the new ones. Candidates that make
+    another true triple are left out (filtered ranks), and a tie counts ½. ``h_old`` and ``h_cur`` are H_old and H_cur
+    of MEOR (Ren, Gao and Jiang 2026), which calls their difference D.
+    """
 
     queries: int
-    #: for each new entity, the share of queries in which it scores above the known answer; a tie counts ½; queries
-    #: that it answers itself by an insert triple count 0
+    #: for each new entity, the share of queries in which it scores above the known answer; queries that it answers
+    #: itself by a true triple count 0
     above: list[float]
-    #: filtered MRR and mean rank of known answers, among known entities (before) and among all (after)
-    mrr_before: float
-    mrr_after: float
-    rank_before: float
-    rank_after: float
+    h_old: float  #: mean reciprocal rank of known answers among old candidates
+    h_cur: float  #: among all candidates
+    rank_old: float  #: mean rank of known answers among old candidates
+    rank_cur: float  #: among all candidates: ``rank_old`` + the sum of ``above``
+    changes: list[Change]  #: queries whose reciprocal rank falls most, the largest fall first
 
 
 @dataclass(frozen=True, eq=False)
 class Inserted:
-    """An embedding with new entities. The rows of known entities are unchanged."""
+    """An embedding with new entities. The rows of known entities are unchanged.
+
+    Nothing is changed in the tables that were passed to ``isi.insert``. Until ``entities`` is used in their place, the
+    insertion can be rejected; ``interference`` shows its harm.
+    """
 
     entities: np.ndarray  #: shape: (E + n, d)
     relations: np.ndarray  #: shape: (R, w)
@@ -129,65 +148,76 @@ class Inserted:
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
     def interference(
-        self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0
-    ) -> Interference:
-        """Measure how often new entities rank above known answers, and the MRR of these answers before and after.
+        self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0,
+        original: int | None = None, show: int = 5,
+    ) -> Interference:  # fmt: skip
+        """Measure how far new entities push known answers down. This changes nothing: the insertion may be rejected.
 
         Args:
-            triples: of known entities, to query, held out or trained; null: ``known_triples``. InputError if none.
+            triples: of old entities, to query, held out or trained; null: ``known_triples``. InputError if none.
             most: maximum number of queried triples; a larger set is sampled at random.
             seed: root seed of the sample.
+            original: number of old entities, the first rows; null: those before this insertion. After a row of
+                insertions, the number before the first one gives the effect of the whole row. If ``known_triples``
+                grew only at its end, the same triples are queried after each insertion, with the same ``h_old``.
+            show: maximum number of ``changes``.
         """
         check(seed, Seed, "", "argument 'seed'")
         check(most, Count, "", "argument 'most'")
+        check(show, Seed, "", "argument 'show'")
+        old = self.known if original is None else original
+        if not is_whole(old) or not 0 < old <= self.known:
+            expected = f"expected a number of entities from 1 to {self.known}, got {short(original)}"
+            raise InputError("argument 'original'", "", expected)
         labels = Names("relation_names", len(self.relations), self.relation_names)
-        queried = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
-        if not len(queried) or (queried[:, [HEAD, TAIL]] >= self.known).any():
+        if triples is None:
+            queried = self.known_triples[(self.known_triples[:, [HEAD, TAIL]] < old).all(1)]
+        else:
+            queried = triples_of(triples, "triples", self.names, labels)
+        if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
             raise InputError("argument 'triples'", "", "expected triples of known entities, which give the queries")
         if len(queried) > most:
             queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
-        right = np.concatenate([queried, self.insert_triples, self.known_triples])
-        before, after = _ranks(self.embedding, queried, right, self.known)
-        above = ranked_above(self.embedding, self.known, *map(torch.from_numpy, (queried, self.insert_triples)))
+        true = np.concatenate([queried, self.insert_triples, self.known_triples])
+        before, after, highest, above = ranks_of(self.embedding, true, len(queried), old)
+        falls, changes = 1 / before - 1 / after, list[Change]()
+        for place in torch.argsort(falls, descending=True, stable=True)[: min(show, int((falls > 0).sum()))].tolist():
+            slot, (head, relation, tail) = (HEAD, TAIL)[place // len(queried)], queried[place % len(queried)].tolist()
+            query = [self.names.of(head), labels.of(relation), self.names.of(tail)]
+            answer, query[slot] = query[slot], "?"
+            ranks = before[place].item(), after[place].item()
+            changes.append(Change(tuple(query), answer, *ranks, self.names.of(int(highest[place]))))
         return Interference(
-            2 * len(queried), above.tolist(),
-            (1 / before).mean().item(), (1 / after).mean().item(), before.mean().item(), after.mean().item(),
+            len(before), (above / len(before)).tolist(), (1 / before).mean().item(), (1 / after).mean().item(),
+            before.mean().item(), after.mean().item(), changes,
         )  # fmt: skip
 
 
-def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
-    """For each new entity, (n,), the share of queries in which it ranks above the answer (``Interference.above``)."""
-    head, relation, tail = queried.T[:, None]  # (1, Q)
-    relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
-    model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)
-    answer = model.score(heads, relations, tails)[..., None]
-    total = torch.zeros(new.shape[1], dtype=torch.float64)
-    for scores, end, slot in (
-        (model.score_tails(heads, relations, new), HEAD, TAIL), (model.score_heads(tails, relations, new), TAIL, HEAD)
-    ):  # fmt: skip
-        above = compare(torch.cat([answer, scores], -1), torch.zeros_like(head))[0, :, 1:]
-        in_slot = insert_triples[insert_triples[:, slot] >= known]
-        same = (queried[:, None, [end, RELATION]] == in_slot[:, [end, RELATION]]).all(-1)
-        query, triple = same.nonzero(as_tuple=True)
-        above[query, in_slot[triple, slot] - known] = 0
-        total += above.double().sum(0)
-    return total / (2 * len(queried))
+def ranks_of(embedding: Embedding, true: np.ndarray, queried: int, old: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Filtered ranks of the answers to the head queries, then the tail queries, of the first triples of ``true``.
 
+    Args:
+        true: triples of the filter, (T, 3), of which the first ``queried`` are queried.
+        old: number of old entities, the first rows.
 
-def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> list[Tensor]:
-    """Filtered ranks, (2Q,), among known and among all entities. ``right``, (T, 3): true triples, ``queried`` first."""
-    triples, place = np.unique(right, axis=0, return_inverse=True)
-    session = trained_session(triples, embedding)
-    is_queried = torch.zeros(1, len(triples), dtype=torch.bool)
-    is_queried[:, torch.from_numpy(place.flatten()[: len(queried)])] = True
-    slots, filtered = padded_ids(is_queried), torch.ones_like(is_queried)
-    known_alone = torch.arange(session.entities.shape[1])[None] < known
-    queries = {
-        name: make_queries(session, slots, is_queried, filtered, candidates)
-        for name, candidates in (("before", known_alone), ("after", session.entities))
-    }
-    pieces = list(rank_queries(embedding, queries))
-    return [
-        torch.cat([piece[name].slots[slot].rank[0] for piece in pieces for slot in (HEAD, TAIL)]).double()
-        for name in queries
-    ]
+    Returns:
+        ranks among old and among all entities, and the id of the new entity with the highest score above the answer,
+        (2 · queried,) each; for each new entity, the number of answers that it is above, (E - old,).
+    """
+    graph, rows = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
+    above = torch.zeros(len(graph.entities) - old, dtype=torch.float64)
+    for slot in (HEAD, TAIL):
+        for part in torch.split(torch.arange(queried), max(1, BUDGET // len(graph.entities))):
+            head, relation, tail = graph.triples[part].T[:, None]
+            scores = embedding.score_heads(relation, tail) if slot == HEAD else embedding.score_tails(head, relation)
+            answer, alike = graph.triples[part, slot], graph.same_but(slot, part)
+            answers = torch.where(alike < 0, answer[:, None], graph.triples[alike, slot])
+            right, new = scores[0].gather(-1, answer[:, None]), scores[0, :, old:]
+            # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
+            ahead = compare(scores[0, :, :old], answer), compare(torch.cat([right, new], -1), answer * 0)[:, 1:]
+            before, added = torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
+            rank, highest = 1 + before.sum(-1), new.masked_fill(added == 0, -torch.inf).argmax(-1) + old
+            rows.append((rank, rank + added.sum(-1), highest))
+            above += added.sum(0)
+    ranks, all_ranks, highest = map(torch.cat, zip(*rows, strict=True))
+    return ranks, all_ranks, highest, above

@@ -91,4 +91,7 @@ FIT_CASES = [
 
 REPORT_CASES = wrong("nearest", -1, "all")
 
-INTERFERENCE_CASES = [*wrong("triples", TRIPLES, 5), *wrong("most", 0), *wrong("seed", None)]
+INTERFERENCE_CASES = [
+    *wrong("triples", TRIPLES, 5), *wrong("most", 0), *wrong("seed", None), *wrong("show", -1),
+    *wrong("original", 0, 13, 2.5, True),
+]  # fmt: skip
