@@ -67,11 +67,29 @@ def test_an_insertion_is_reported_as_json_and_as_text(capsys: pytest.CaptureFixt
     ]  # fmt: skip
     answer = result["answers"][0]["answers"][0]  # so few entities do not calibrate its probability
     assert {"known": True, "unexpected": False, "percentile": 1.0, "probability": None}.items() <= answer.items()
-    assert (len(result["nearest"]), result["interference"]["queries"]) == (1, 8)
+    assert (len(result["nearest"]), result["interference"][0]["queries"]) == (1, 8)
     assert "this embedding has no word vectors" in result["no_words"]
     text = printed(capsys, *STOVE).splitlines()
     assert text[:3] == ["entity: stove", "id: 6", "initializer: map_mean"]
     assert re.fullmatch(r" +kitchen +1 .*yes.* no", text[text.index("  query: stove atLocation ?") + 3])
+
+
+def test_interference_is_that_of_this_insertion_and_of_all_since_the_original(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (first,) = parsed(capsys, *STOVE, "--out", "more")["interference"]
+    result = parsed(capsys, *HOB, "--embedding", "more", "--top", "2")
+    this, both = result["interference"]
+    assert (first["insertions"], this["insertions"], both["insertions"]) == (1, 1, 2)
+    assert (first["queries"], this["queries"], both["queries"]) == (8, 12, 8)  # 2 of stove's triples
+    assert both["h_old"] == pytest.approx(first["h_old"])
+    assert both["h_cur"] <= first["h_cur"]
+    assert both["rank_cur"] >= first["rank_cur"] >= first["rank_old"] == pytest.approx(both["rank_old"])
+    assert {change["new"] for change in result["changes"]} <= {"hob"}
+    written(Path("bare"), small(triples=np.zeros((0, 3), np.int64), words=None))
+    assert parsed(capsys, *STOVE, "--embedding", "bare", "--out", "bare")["interference"] is None
+    (alone,) = parsed(capsys, *HOB, "--embedding", "bare")["interference"]  # no triple is of the original's entities
+    assert (alone["insertions"], alone["queries"]) == (1, 4)
 
 
 def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None:

@@ -93,8 +93,13 @@ def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str]
     from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
     from isi.bundle.insert import indicators
     from isi.bundle.query import MOST_QUERIES, queries_of
+    from isi.graph.graph import HEAD, TAIL
 
-    (report,), record, known = result.report(top), opened.manifest.inserted[-1], len(result.known_triples) > 0
+    (report,), inserted, known = result.report(top), opened.manifest.inserted, len(result.known_triples) > 0
+    record, later_end = inserted[-1], result.known_triples[:, [HEAD, TAIL]].max(1)
+    old = {number: len(opened.entities) - number for number in (1, len(inserted))}  # before this; before the first
+    harm = {number: result.interference(original=old[number], show=top)
+            for number in old if (later_end < old[number]).any()}  # fmt: skip
     shown = indicators(opened, result)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     calibration, queries = HeldOutCalibration(opened, result), queries_of(opened, report.id, weights)
@@ -121,7 +126,12 @@ def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str]
         "unexpected": sorted(unexpected, key=lambda triple: -(triple["probability"] or 0)) if known else None,
         "nearest": [{"entity": name, "cosine": cosine} for name, cosine in report.nearest],
         "distance": report.distance, "farther_than": report.farther_than,
-        "interference": asdict(result.interference()) if known else None,
+        "interference": [
+            {"insertions": number, "queries": of.queries, "h_old": of.h_old, "h_cur": of.h_cur,
+             "rank_old": of.rank_old, "rank_cur": of.rank_cur}
+            for number, of in harm.items()
+        ] if known else None,
+        "changes": list(map(asdict, harm[1].changes)) if known else None,
     }  # fmt: skip
 
 
