@@ -109,6 +109,7 @@ def cut(text: str, most: int = 80) -> str:
 
 
 def suggestion(name: object, known: Iterable[object]) -> str:
-    """``; did you mean ...`` with the known name nearest to a misspelt one, or an empty text."""
-    close = get_close_matches(str(name)[:LONGEST], map(str, known), 1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    """``; did you mean ...`` with the known name nearest to a misspelt one, in any case, or an empty text."""
+    folded = {str(other).casefold(): str(other) for other in known}
+    close = get_close_matches(str(name)[:LONGEST].casefold(), folded, 1)
+    return f"; did you mean {folded[close[0]]!r}?" if close else ""

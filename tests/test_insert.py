@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from hypothesis import given, settings
@@ -69,6 +70,18 @@ def test_ids_do_what_names_do() -> None:
     assert [entity.name for entity in done.report()] == [12, 13]
     mixed = [("cup", 0, 1), (3, "on", 12), ("mug", np.int64(2), "e2"), (12, 1, "mug")]
     np.testing.assert_array_equal(call(triples=mixed).entities, done.entities)
+
+
+@pytest.mark.parametrize("form", [
+    pd.DataFrame(TRIPLES), pd.DataFrame(TRIPLES, columns=["head", "relation", "tail"])[["tail", "head", "relation"]],
+    np.array(TRIPLES), {"cup": {"in": "e1", "on": ["mug"]}, "e3": {"on": ["cup"]}, "mug": {"has": [2]}},
+    torch.tensor([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]), iter(TRIPLES),
+    pd.DataFrame([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]),
+], ids=["frame", "named columns", "array", "facts", "tensor", "iterator", "frame of ids"])  # fmt: skip
+def test_triples_come_in_many_forms(form: Any) -> None:
+    done = call(triples=form)
+    np.testing.assert_array_equal(done.entities, call().entities)
+    assert (len(done.insert_triples), len(done.between)) == (3, 1)
 
 
 def test_a_triple_that_repeats_counts_once() -> None:

@@ -1,6 +1,7 @@
 """Checks the arguments of ``isi.insert`` and ``isi.fit_new``. An ``InputError`` names the argument."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -108,19 +109,24 @@ class Names:
             return int(value)
         expected = f"an id from 0 to {self.number - 1}"
         if self.names is not None:
-            expected += f", or one of {self.argument!r}" + " or a new entity" * (self.argument == "entity_names")
+            expected += ", or a known " + ("or new entity" if self.argument == "entity_names" else "relation")
         raise InputError("", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}")
 
 
 def all_names(known: int, entity_names: Any, new: Any) -> Names:
     """Names of known and new entities. ``new``: names if the known ones have names, else a number."""
-    names = Names("entity_names", known, entity_names).names
+    listed = Names("entity_names", known, entity_names)
+    names = listed.names
     with argument("new"):
         if is_whole(new) == (names is not None):
             raise InputError("", "", "expected names where 'entity_names' are given, else a whole number")
         added = as_list(new, str, "a list of names") if names is not None else [None] * new
         if not added:
             raise InputError("", "", "expected at least one new entity")
+        for name, number in Counter(added).items() if names is not None else ():
+            if name in listed.ids or number > 1:
+                expected = "a new entity: it is known already" if name in listed.ids else "names that do not repeat"
+                raise InputError("", repr(name)[:80], f"expected {expected}")
     return Names("entity_names", known + len(added), None if names is None else [*names, *added])
 
 
@@ -166,10 +172,33 @@ def checked_arguments(
     return Arguments(rows, checked, labels, new, old)
 
 
+def listed_triples(triples: Any) -> np.ndarray | list[Any]:
+    """Triples in any accepted form as an array, (T, 3), or a list. The triples themselves are not checked.
+
+    Forms: a list, an array, a tensor, a DataFrame (columns head, relation and tail, else its columns in order), or the
+    tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
+    """
+    if isinstance(triples, Mapping):
+        rows = []
+        for head, facts in triples.items():
+            if not isinstance(facts, Mapping):
+                raise InputError("", f"{head!r:.80}", f"expected tails by relation, got {short(facts)}")
+            for relation, tails in facts.items():
+                listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
+                rows += [(head, relation, tail) for tail in listed]
+        return rows
+    if isinstance(triples, pd.DataFrame):
+        triples = (triples[list(SLOTS)] if set(SLOTS) <= set(triples.columns) else triples).to_numpy()
+    elif isinstance(triples, torch.Tensor):
+        triples = triples.cpu().numpy()
+    return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
+
+
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
     """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
     with argument(name):
+        triples = listed_triples(triples)
         if isinstance(triples, np.ndarray) and triples.dtype.kind in "iu" and triples.shape[1:] == (3,):
             ids = triples.astype(np.int64)
             wrong = (ids < 0) | (ids >= [rows.number for rows in columns])
@@ -178,7 +207,7 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
                 columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
         else:
             rows = []
-            for row, triple in enumerate(as_list(triples)):
+            for row, triple in enumerate(triples):
                 is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
                 if not is_sized or len(triple) != 3:
                     raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")

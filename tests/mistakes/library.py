@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 
 from isi.errors import short
@@ -41,6 +42,9 @@ INSERT_CASES = [
     *wrong("triples", [5], [("cup", "in")], [{"cup": 0, "in": 1, "e1": 2}], [("cup", "under", "e1")],
            [("cup", "in", "kup")], [("cup", "in", True)], [(14, 0, 1)], np.array([[12, 0, -1]]), place="triple 0"),
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
+    *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
+    *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
+    *wrong("triples", pd.DataFrame({"head": ["cup"], "tail": ["e1"]}), place="triple 0"),
     *wrong("triples", [*TRIPLES, ("e1", "in", "e2")], place="(e1, in, e2)"),
     *wrong("triples", TRIPLES, entity_names=None, new=1, place="triple 0"),
     *wrong("known_triples", TRIPLES[:1], place="(cup, in, e1)"),
@@ -52,8 +56,8 @@ INSERT_CASES = [
            "new entity 'mug'"),
     *wrong("new", [], None, 2, "cup", ["cup", 7]),
     Called("names where entities have none", {"entity_names": None}, "argument 'new'"),
-    Called("a new name that is known", {"new": ["cup", "e3"]}, "argument 'entity_names'|'e3'"),
-    Called("a new name twice", {"new": ["cup", "cup"]}, "argument 'entity_names'|'cup'"),
+    Called("a new name that is known", {"new": ["cup", "e3"]}, "argument 'new'|'e3'|known"),
+    Called("a new name twice", {"new": ["cup", "cup"]}, "argument 'new'|'cup'"),
     *wrong("entity_names", 5, "abcdefghijkl", [*KNOWN[1:], 7], KNOWN[1:]),
     *wrong("relation_names", ["in"], "ion"),
     *wrong("relation_names", ["in", "in", "on"], place="'in'"),
