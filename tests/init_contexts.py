@@ -14,6 +14,19 @@ from isi.models.stack import Embedding, select
 from tests.small_graphs import ANALOGY, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
+#: Training triples of ``four_novel``; the mean number per entity is 2 · 10 / 8 = 2.5.
+TRIPLES = [
+    (1, 0, 2),
+    (1, 0, 3),
+    (2, 0, 1),
+    (3, 1, 4),
+    (4, 1, 6),
+    (6, 1, 7),
+    (7, 2, 8),
+    (8, 2, 10),
+    (10, 2, 1),
+    (3, 2, 1),
+]
 #: An insert triple: the known end, the relation, and whether the novel entity is the tail.
 Seen = tuple[int, int, bool]
 
@@ -23,9 +36,13 @@ def initialize(name: str, context: InitContext, **options: Option) -> InitResult
 
 
 def insertion(
-    theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int]
-) -> InitContext:
-    """A context of one model: rows of novel entities become zero; all other entities are known and eligible."""
+    theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int],
+    triples: Sequence[tuple[int, int, int]] = (),
+) -> InitContext:  # fmt: skip
+    """A context of one model: rows of novel entities become zero; all other entities are known and eligible.
+
+    ``triples``: the training triples of D⁰.
+    """
     known = torch.ones(1, len(kinds), dtype=torch.bool)
     known[0, list(novel)] = False
     longest = max([1, *map(len, seen)])
@@ -35,6 +52,7 @@ def insertion(
         novel=torch.tensor([list(novel)]), words=words, kinds=torch.tensor(kinds),
         other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
         observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
+        triples=torch.tensor(triples, dtype=torch.int64).view(-1, 3), trained=torch.ones(1, len(triples)) > 0,
         root=0, keys=torch.tensor([[2, 0]]),
     )  # fmt: skip
 
@@ -47,7 +65,7 @@ def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
         [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)], [(7, 1, True)], [], [(2, 1, False), (6, 1, True)],
     ]  # fmt: skip
     theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
-    return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3])
+    return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3], TRIPLES)
 
 
 def stacked(models: int, dimension: int = 20) -> InitContext:
@@ -64,9 +82,12 @@ def stacked(models: int, dimension: int = 20) -> InitContext:
         ]
         theta = select(theta0, torch.tensor([model]))
         contexts.append(insertion(theta, novel, seen, words, [e % 4 for e in range(30)]))
+    triples = torch.tensor([[*rng.choice(30, 2, replace=False), rng.integers(3)] for _ in range(60)])[:, [0, 2, 1]]
+    known = torch.cat([context.known for context in contexts])
     per_model = ("known", "eligible", "novel", "other", "relation", "novel_is_tail", "observed")
     return replace(
         contexts[0], **{name: torch.cat([getattr(context, name) for context in contexts]) for name in per_model},
         theta0=replace(theta0, entity=torch.cat([context.theta0.entity for context in contexts])),
         keys=torch.tensor([[3, seed] for seed in range(models)]),
+        triples=triples, trained=known[:, triples[:, 0]] & known[:, triples[:, 2]],
     )  # fmt: skip

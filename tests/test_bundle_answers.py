@@ -137,7 +137,7 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
     assert larger.entities.tobytes() == expected.entities.tobytes()
     assert larger.entities[:6].tobytes() == given.entities.tobytes()
     assert larger.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
-    assert larger.manifest.inserted[0].initializer == "map_soft_hybrid"
+    assert larger.manifest.inserted[0].initializer == "map"
 
 
 def with_stove_and_hob() -> OpenBundle:

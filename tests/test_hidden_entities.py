@@ -99,7 +99,7 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
         rows = answers[answers["told"].isna() if number is None else answers["told"] == number]
         expected = methods + ["retrained"] * (number is None)
         assert list(rows["method"]) == [name for name in expected for _ in range(3)]
-    assert {*answers.loc[answers["method"] == "insert", "initializer"]} == {"map_soft_hybrid"}
+    assert {*answers.loc[answers["method"] == "insert", "initializer"]} == {"map"}
     assert answers["mrr"].between(0, 1).all()
     assert (seconds["seconds"] > 0).all()
     assert len(answers[answers["method"] == "own"].drop(columns="told").drop_duplicates()) == 3

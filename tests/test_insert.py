@@ -114,7 +114,7 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
 
 
 @pytest.mark.parametrize(("given", "expected"), [
-    ({}, "map_mean"), ({"words": words()}, "map_soft_hybrid"),
+    ({}, "map"), ({"words": words()}, "map"),
     ({"words": words() * (np.arange(14) < 12)[:, None]}, "map_mean"),  # the new ones have none
     ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map_mean"),  # the known ones have none
     ({"new": np.int64(2), "triples": [(12, 0, 1), (3, 1, 13)], "entity_names": None, "known_triples": None},
@@ -184,7 +184,7 @@ def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.Mon
     assert not np.allclose(drawn[0], drawn[1])
 
 
-@pytest.mark.parametrize("name", ["es", "ers", "soft_es", "soft_hybrid", "map_soft_hybrid"])
+@pytest.mark.parametrize("name", ["es", "ers", "soft_es", "soft_hybrid", "map"])
 def test_words_of_a_large_graph_are_compared_with_the_new_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     of_all = call(initializer=name, words=words()).entities
     monkeypatch.setattr("isi.initializers.similarity.WHOLE", 0)

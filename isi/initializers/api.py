@@ -12,7 +12,7 @@ from torch import Tensor
 
 from isi.config import Plugins, keywords
 from isi.errors import InputError
-from isi.graph.sessions import Session
+from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -40,6 +40,8 @@ class InitContext:
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
     novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
     observed: Tensor  #: true for an insert triple, false for padding; shape: (M, n, I), bool
+    triples: Tensor = field(metadata={"shared": True})  #: unique triples of the graph; ids, shape: (T, 3)
+    trained: Tensor  #: training triples of D⁰; shape: (M, T), bool
     root: int  #: root seed of the random streams
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
 
@@ -69,7 +71,8 @@ def context_of(
     return InitContext(
         theta0=theta, known=before.entities, eligible=before.trained(), novel=novel, words=words,
         kinds=before.graph.kinds, other=padded(torch.where(is_tail, head, tail)), relation=padded(relation),
-        novel_is_tail=padded(is_tail), observed=padded(torch.ones_like(is_tail)), root=root, keys=keys,
+        novel_is_tail=padded(is_tail), observed=padded(torch.ones_like(is_tail)), triples=before.graph.triples,
+        trained=before.members(TRAIN), root=root, keys=keys,
     )  # fmt: skip
 
 
@@ -98,7 +101,7 @@ Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and
 #: the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
 Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Required data or property of the model.
-Cost = Literal["entities", "pairs", "triples"]  #: Memory grows with their number; ``triples``: all possible ones.
+Cost = Literal["entities", "pairs"]  #: Memory grows with the number of entities, or of their pairs.
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ class Registered:
     description: str = ""  #: one sentence; by default the first paragraph of the function's docstring
     defaults: Mapping[str, Any] = field(default_factory=dict)  #: options that a caller of ``isi.insert`` may omit
     needs: tuple[Need, ...] = ()
-    cost: Cost = "triples"
+    cost: Cost = "entities"
     grid: Mapping[str, Sequence[Any]] | None = None  #: options that ``tools/choose_initializers`` compares
 
     def misses(self, model: Model) -> str | None:

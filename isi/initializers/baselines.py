@@ -16,7 +16,7 @@ _WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
 _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 
 
-@initializer("soft_es", label="Soft ES", role="baseline", colour="#56a3d9", cost="entities", needs=("words",),
+@initializer("soft_es", label="Soft ES", role="baseline", colour="#56a3d9", needs=("words",),
              defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES})  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Soft ES (ConSE): the mean of all known entities, weighted by softmax(cos / temperature) of their names."""
@@ -27,7 +27,7 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
     )
 
 
-@initializer("soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0", cost="entities",
+@initializer("soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0",
              needs=("insert_triples", "inverse"), defaults={"temperature": 0.02},
              grid={"temperature": _TEMPERATURES})  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
@@ -35,13 +35,15 @@ def soft_relational_similarity(context: InitContext, temperature: Positive) -> I
     return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
-@initializer("soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f", cost="entities",
+@initializer("soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f",
              needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
              grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS})  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
     """Soft hybrid: the mean of all known entities, weighted by a softmax of weighted word and relation similarities."""
     similar = word_weight * similarity.word_similarity(context)
-    related = relation_weight * similarity.mean_relational_score(context)
+    related = torch.zeros_like(similar)
+    if context.theta0.model.invertible:  # MAP's prior does without
+        related = relation_weight * similarity.mean_relational_score(context)
     named = similarity.word_eligible(context)
     return similarity.mean_of_first(
         context,
@@ -60,7 +62,7 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
     return softmax(similarity.mean_relational_score(context) / temperature, context.eligible[:, None])
 
 
-@initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d", cost="entities",
+@initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d",
              defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]})  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
     """Kind mean + noise: the mean + fraction · σ · N(0, 1), σ the deviation within the kind (arXiv 2511.11118)."""
@@ -80,19 +82,21 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
              grid={})  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
     """ERAvg (Albooyeh et al. 2020): the mean of the insert triples' known ends, each taken through its relation."""
-    weights = similarity.insert_triple_table(context).flatten(2)
-    mean = weights @ similarity.alpha_of_all_triples(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
-    return _or_centroid(context, mean, triples=lambda: similarity.all_known(context))
+    observed = context.observed[..., None]
+    mapped = (similarity.insert_triple_ends(context) * observed).sum(2) / observed.sum(2).clamp(min=1)
+    return _or_centroid(context, mapped, triples=lambda: similarity.all_known(context))
 
 
 @initializer("neighbour_mean", label="Neighbour mean", role="baseline", colour="#c9a227", needs=("insert_triples",),
              grid={})  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
     """Neighbour mean: the mean of the known ends of the insert triples, each as often as it occurs."""
-    return similarity.mean_of_first(context, triples=lambda: similarity.insert_triple_table(context).sum((2, 3)))
+    number = torch.zeros(*context.novel.shape, context.known.shape[1])
+    number.scatter_add_(-1, context.other, context.observed.float())
+    return similarity.mean_of_first(context, triples=lambda: number)
 
 
-@initializer("projection", label="Projection", role="baseline", colour="#e377c2", cost="entities", needs=("words",),
+@initializer("projection", label="Projection", role="baseline", colour="#e377c2", needs=("words",),
              defaults={"penalty": 0.3}, grid={"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]})  # fmt: skip
 def projection(context: InitContext, penalty: Positive) -> InitResult:
     """Projection: a linear map from word vectors to entities' vectors, by ridge regression on the known (DeViSE)."""

@@ -14,14 +14,14 @@ from isi.random import stream
 DEAD = 1e-3  #: A coordinate that a map scales by less is dead: ``inverse`` would magnify it too much.
 
 
-@initializer("xavier", label="Xavier", role="paper", colour="#999999", cost="entities")
+@initializer("xavier", label="Xavier", role="paper", colour="#999999")
 def xavier(context: InitContext) -> InitResult:
     """Xavier: random vectors around zero, U(-6/√d, 6/√d), the usual start of a new row (section 5.3)."""
     bound = 6 / context.theta0.entity.shape[-1] ** 0.5
     return without_weights(context.draw("xavier", Generator.random) * 2 * bound - bound)
 
 
-@initializer("iu", label="IU", role="paper", colour="#e69f00", cost="entities")
+@initializer("iu", label="IU", role="paper", colour="#e69f00")
 def informed_uniform(context: InitContext) -> InitResult:
     """IU, informed uniform: uniform in the range of each coordinate over the known vectors (equation 10)."""
     known, vectors = context.known[..., None], context.theta0.entity
@@ -30,21 +30,21 @@ def informed_uniform(context: InitContext) -> InitResult:
     return without_weights(context.draw("iu", Generator.random) * (high - low) + low)
 
 
-@initializer("es", label="ES", role="isi", colour="#0072b2", cost="entities", needs=("words",), defaults={"k": 8},
+@initializer("es", label="ES", role="isi", colour="#0072b2", needs=("words",), defaults={"k": 8},
              grid={"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]})  # fmt: skip
 def entity_similarity(context: InitContext, k: Count) -> InitResult:
     """ES, entity similarity: the centroid of the k entities whose names are most similar (equations 2 and 3)."""
     return similarity.nearest_by_words(context, similarity.word_similarity(context), k)
 
 
-@initializer("rs", label="RS", role="isi", colour="#009e73", cost="entities", needs=("insert_triples", "inverse"),
+@initializer("rs", label="RS", role="isi", colour="#009e73", needs=("insert_triples", "inverse"),
              defaults={"k": 18}, grid={"k": [1, 2, 4, 8, 12, 18, 30]})  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
     """RS, relational similarity: the centroid of the k entities that fit the insert triples best (equations 4, 5)."""
     return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k))
 
 
-@initializer("ers", label="ERS", role="isi", colour="#d55e00", cost="entities",
+@initializer("ers", label="ERS", role="isi", colour="#d55e00",
              needs=("words", "insert_triples", "inverse"), defaults={"k": 9, "candidates": 30},
              grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]})  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
@@ -59,27 +59,26 @@ def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> Init
     )
 
 
-@initializer("mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={})
+@initializer("mean", label="Mean", role="control", colour="#a08a5b", grid={})
 def mean(context: InitContext) -> InitResult:
     """Mean: the centroid of all known entities, without a choice of indicators (equation 1; a control)."""
     return similarity.centroid(context, similarity.all_known(context), torch.full(context.novel.shape, NONE))
 
 
-@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={})
+@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", grid={})
 def kind_mean(context: InitContext) -> InitResult:
     """Kind mean: the centroid of the known entities of the same kind (a control: the kind is its only data)."""
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
-@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf", cost="entities")
+@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf")
 def gaussian(context: InitContext) -> InitResult:
     """Gaussian: random vectors with the centre and the spread of the known ones, without meaning (a control)."""
     centre, deviation = known_moments(context)
     return without_weights(centre + deviation * standard_normal(context))
 
 
-@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6",
-             cost="entities")  # fmt: skip
+@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6")  # fmt: skip
 def gaussian_centred(context: InitContext) -> InitResult:
     """Centred Gaussian: random vectors around zero with the spread of the known ones (a control)."""
     _, deviation = known_moments(context)
@@ -133,7 +132,7 @@ def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor
     return dealt
 
 
-@initializer("rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4", cost="entities",
+@initializer("rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4",
              needs=("insert_triples", "inverse"), defaults={"k": 18})  # fmt: skip
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
     """RS, alive coordinates: RS without the coordinates that a relation's map scales to nearly zero (a control)."""

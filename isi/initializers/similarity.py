@@ -7,7 +7,6 @@ from torch import Tensor
 from torch.nn.functional import normalize, one_hot
 
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
-from isi.models.stack import Embedding
 
 WHOLE = 2**24  #: Maximal E² for which cosines of all pairs are computed; above, only those of novel entities.
 
@@ -29,6 +28,14 @@ def insert_triple_alpha(context: InitContext) -> Tensor:
         raise NoRelationMap
     known, relation = theta0.entity[models, context.other], theta0.relation[models, context.relation]
     as_tail, as_head = theta0.model.transform(known, relation), theta0.model.inverse(known, relation)
+    return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
+
+
+def insert_triple_ends(context: InitContext) -> Tensor:
+    """Known end u of each insert triple, mapped: Wu if the novel entity is its head, else uᵀW; (M, n, I, d)."""
+    theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
+    known, relation = theta0.entity[models, context.other], theta0.relation[models, context.relation]
+    as_tail, as_head = theta0.model.transform(known, relation), theta0.model.transform_tail(known, relation)
     return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
 
 
@@ -63,22 +70,6 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
     """The k eligible entities of highest ``relational_score``, which defines ``alpha``; shape (M, n, E), bool."""
     return top_k(relational_score(context, alpha), context.eligible[:, None], k)
-
-
-def insert_triple_table(context: InitContext) -> Tensor:
-    """Count insert triples by slot of the novel entity (head, tail), relation, other end; (M, n, 2, R, E), float32."""
-    relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
-    cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
-    table = torch.zeros(*context.novel.shape, 2 * relations * entities)
-    table.scatter_add_(-1, cell, context.observed.float())
-    return table.view(*context.novel.shape, 2, relations, entities)
-
-
-def alpha_of_all_triples(theta0: Embedding) -> Tensor:
-    """Known ends v of a novel entity's K = 2·R·E possible triples, mapped: Wv if it is head, else vᵀW; (M, K, d)."""
-    entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
-    there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
-    return torch.stack([back, there], 1).flatten(1, 3)
 
 
 def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:

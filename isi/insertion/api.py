@@ -23,10 +23,8 @@ from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
 #: Candidates for the default initializer, the best first (compared in docs/method.md). The default is the first one
-#: whose data are given, that supports the model, and that is fast enough (``QUICK``).
-BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
-#: Limits of 2·R·E·d (d per possible triple of a new entity): of MAP as default; of initializers of cost ``triples``.
-QUICK, MOST = 2**24, 2**28
+#: whose data are given and that supports the model.
+BEST = ("map", "soft_es", "mean")
 #: Maximum number of elements: word similarities of entity pairs; one batch of new entities; weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
@@ -129,33 +127,26 @@ def choose(
     """
     given = arguments.options_by_name(options, "options")
     model, why, (_, entities, dimension) = theta0.model, "as named", theta0.entity.shape
-    possible = 2 * theta0.relation.shape[1] * entities
     check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
     with argument("initializer"):
         if initializer is None:
-            initializer, why = best(possible * dimension <= QUICK, triples, words, model)
+            initializer, why = best(triples, words, model)
         registered = INITIALIZERS.get(initializer, "initializer")
         checked = initializers.options_of(initializer, {**registered.defaults, **given}, "initializer")
         registered.check(model)
-        for cost, too_large, work in (
-            ("triples", possible * dimension > MOST, f"scores {possible:,} triples per new entity"),
-            ("pairs", entities**2 > PAIRS, f"compares the words of every two of {entities:,} entities"),
-        ):
-            if registered.cost == cost and too_large:
-                raise InputError("", "", f"the embedding is too large for {initializer}, which {work}: choose another")
-    by_triples = possible if model.linear else possible * dimension
-    numbers = by_triples if registered.cost == "triples" else max(entities, theta0.relation.shape[1] * dimension)
-    return registered, checked, why, max(1, BUDGET // numbers)  # numbers: for one new entity
+        if registered.cost == "pairs" and entities**2 > PAIRS:
+            work = f"which compares the words of every two of {entities:,} entities: choose another"
+            raise InputError("", "", f"the embedding is too large for {initializer}, {work}")
+    numbers = max(entities, theta0.relation.shape[1] * dimension)  # for one new entity
+    return registered, checked, why, max(1, BUDGET // numbers)
 
 
-def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
-    """The default initializer for the given data, and the reason for it. MAP is chosen on a ``small`` graph only."""
+def best(triples: bool, words: bool, model: Model) -> tuple[str, str]:
+    """The default initializer for the given data, and the reason for it."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
     candidates = [INITIALIZERS.get(name, name) for name in BEST]
     fitting = [other for other in candidates if not lacking & set(other.needs) and not other.misses(model)]
-    affordable = next(registered for registered in fitting if small or registered.cost == "entities")
-    why = "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
-    return affordable.name, why if affordable is fitting[0] else f"{why} on a graph of this size"
+    return fitting[0].name, "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:

@@ -22,7 +22,7 @@ from isi.report.words import BASELINE, JOINT, isi, label
 REFERENCE = "ers"
 #: Pairs of initializers that are compared on each graph, with the novel entity given.
 _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
-          ("map_soft_hybrid", "soft_hybrid"))  # fmt: skip
+          ("map", "soft_hybrid"))  # fmt: skip
 #: A function from runs to estimates by model.
 Means = Callable[[Any], Mapping[str, Estimate]]
 #: Measures of the tables by graph, by the end of the table's name.

@@ -1,0 +1,98 @@
+"""Newton's method for vectors that determine the scores of weighted triples and have a normal prior."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.linalg import solve
+from torch.nn.functional import softplus
+
+from isi.models.scoring import padded
+
+STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
+TOLERANCE = 1e-6  #: A step is the last if twice its predicted gain of log-probability is at most this.
+ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
+HALVINGS = 10  #: Of a step, at most.
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The objective of B vectors v, each with C triples. Vectors of triples are float32, all other numbers float64."""
+
+    positive: Tensor  #: w⁺; shape: (B, C)
+    negative: Tensor  #: w⁻; shape: (B, C)
+    mean: Tensor  #: μ; shape: (B, d)
+    precision: Tensor  #: λΣ⁻¹; shape: (B, d, d)
+    score: Callable[[Tensor], Tensor]  #: f of each triple, (B, C), with a vector for each, (B, C, d)
+    alpha: Tensor | None  #: ∂f/∂v if f = ⟨v, α⟩; shape: (B, C, d)
+
+    def scores(self, at: Tensor) -> Tensor:
+        """f of each triple with vectors (B, d); shape (B, C)."""
+        if self.alpha is not None:
+            return (self.alpha @ at.float()[..., None])[..., 0].double()
+        return self.score(self._for_each(at)).double()
+
+    def slopes(self, at: Tensor) -> Tensor:
+        """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
+        if self.alpha is not None:
+            return self.alpha
+        with torch.enable_grad():
+            vectors = self._for_each(at).clone().requires_grad_()
+            total = self.score(vectors).sum()
+        return torch.autograd.grad(total, vectors)[0]
+
+    def objective(self, score: Tensor, at: Tensor) -> Tensor:
+        """Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ); shapes (B, C), (B, d), result (B,)."""
+        apart = at - self.mean
+        prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
+        return (self.positive * softplus(-score) + self.negative * softplus(score)).sum(-1) + prior / 2
+
+    def _for_each(self, at: Tensor) -> Tensor:
+        return at.float()[:, None].expand(-1, self.positive.shape[1], -1)
+
+
+def newton(problem: Problem) -> Tensor:
+    """argmin of the objective, (B, d), by Newton's method from μ.
+
+    Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v (Gauss-Newton), and the
+    result is near a local optimum. A step is halved while it increases the objective.
+    """
+    at, active = problem.mean, torch.ones(len(problem.mean), dtype=torch.bool)
+    score, slopes = problem.scores(at), problem.slopes(at)
+    for _ in range(STEPS):
+        step, gain = newton_step(problem, at, score, slopes)
+        share = step_size(problem, at, score, step)
+        at = torch.where(active[:, None], at + share[:, None] * step, at)
+        active &= gain > TOLERANCE
+        if not active.any():
+            break
+        score, slopes = problem.scores(at), problem.slopes(at)
+    return at
+
+
+def newton_step(problem: Problem, at: Tensor, score: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+    """The step, (B, d), to the minimum of the quadratic model of the objective, and twice its gain, (B,)."""
+    weight, likely = problem.positive + problem.negative, padded(torch.sigmoid, score)
+    gradient = ((weight * likely - problem.positive).float()[:, None] @ slopes)[:, 0].double()
+    gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
+    hessian = gram(slopes, (weight * likely * (1 - likely)).float()).double() + problem.precision
+    step = -solve(hessian, gradient)
+    return step, -(gradient * step).sum(-1)
+
+
+def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> Tensor:
+    """The first factor of 1, ½, ¼, ... whose step does not increase the objective, else 2^-``HALVINGS``; (B,)."""
+    here, share = problem.objective(score, at), torch.ones(len(at), dtype=at.dtype)
+    for _ in range(HALVINGS):
+        there = at + share[:, None] * step
+        worse = problem.objective(problem.scores(there), there) > here * (1 + ROUNDING)
+        if not worse.any():
+            break
+        share = torch.where(worse, share / 2, share)
+    return share
+
+
+def gram(slopes: Tensor, weight: Tensor) -> Tensor:
+    """Σ w s sᵀ over C cells, of slopes s, (B, C, d), and weights w, (B, C); shape (B, d, d)."""
+    return slopes.mT @ (slopes * weight[..., None])
