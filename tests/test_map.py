@@ -1,4 +1,4 @@
-"""MAP: weights of its cells by hand, its minimum against SciPy, its samples against the whole, its limits."""
+"""MAP: weights of its triples by hand, its minimum against SciPy, its samples against the whole, its limits."""
 
 import itertools
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from isi.config import Option
 from isi.initializers import evidence
 from isi.initializers import map as maximum
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
-from isi.initializers.evidence import Cells, cells_of, spread
+from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import newton_step, step_size
 from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite, mapped
@@ -53,16 +53,16 @@ def mean_of(of: InitContext) -> np.ndarray:
     return of.theta0.entity[0, list(KNOWN)].double().mean(0).numpy()
 
 
-def dense(cells: Cells, weight: Tensor) -> Tensor:
-    """Weights of the first model's cells by novel entity, slot, relation and known entity; shape (n, 2, R, E)."""
-    table = torch.zeros(cells.other.shape[1], 2, RELATIONS, ENTITIES, dtype=torch.float64)
-    places = torch.arange(len(table))[:, None], cells.is_tail[0].long(), cells.relation[0], cells.other[0]
+def dense(weighted: Evidence, weight: Tensor) -> Tensor:
+    """Weights of the first model's triples by novel entity, slot, relation and known entity; shape (n, 2, R, E)."""
+    table = torch.zeros(weighted.other.shape[1], 2, RELATIONS, ENTITIES, dtype=torch.float64)
+    places = torch.arange(len(table))[:, None], weighted.is_tail[0].long(), weighted.relation[0], weighted.other[0]
     return table.index_put(places, weight[0], accumulate=True)
 
 
 def test_insert_triples_are_positive_cells_and_bring_negatives(of: InitContext) -> None:
-    cells = cells_of(of, 4, 0.0)
-    positive, negative = dense(cells, cells.positive), dense(cells, cells.negative)
+    weighted = evidence_of(of, 4, 0.0)
+    positive, negative = dense(weighted, weighted.positive), dense(weighted, weighted.negative)
     places = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
     assert positive.nonzero().tolist() == sorted(map(list, places))
     assert positive.sum() == 7
@@ -75,12 +75,12 @@ def test_insert_triples_are_positive_cells_and_bring_negatives(of: InitContext) 
 def test_the_only_relation_is_never_corrupted() -> None:
     one_relation = random_embedding(1, ENTITIES, 1, DIMENSION)
     of = insertion(one_relation, [0], [[(1, 0, False), (4, 0, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES)
-    assert cells_of(of, 4, 0.0).negative.sum() == pytest.approx(2 * 4)
+    assert evidence_of(of, 4, 0.0).negative.sum() == pytest.approx(2 * 4)
 
 
 def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(of: InitContext) -> None:
-    cells = evidence.corrupted_known(of, 1.0)
-    table = dense(cells, cells.negative)
+    weighted = evidence.corrupted_known(of, 1.0)
+    table = dense(weighted, weighted.negative)
     assert table.sum((1, 2, 3)).tolist() == pytest.approx([2 * 10 / 8 * share for share in (1, 1 / 2.5, 0, 2 / 2.5)])
     as_head, as_tail = table[0] * 8  # of 8 known entities
     assert as_head[0].nonzero().flatten().tolist() == [1, 2, 3]  # tails of relation 0
@@ -91,14 +91,14 @@ def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(
 
 
 def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_end(of: InitContext) -> None:
-    cells, theta0 = evidence.corrupted_known(of, 1.0), of.theta0
+    weighted, theta0 = evidence.corrupted_known(of, 1.0), of.theta0
 
     def loss(known_negatives: float) -> Tensor:
         vectors = insert("map", of, **MEAN | {"known_negatives": known_negatives}).vectors[0]
-        known, relation = theta0.entity[0][cells.other[0]], theta0.relation[0][cells.relation[0]]
-        novel, is_tail = vectors[:, None].expand_as(known), cells.is_tail[0, ..., None]
+        known, relation = theta0.entity[0][weighted.other[0]], theta0.relation[0][weighted.relation[0]]
+        novel, is_tail = vectors[:, None].expand_as(known), weighted.is_tail[0, ..., None]
         head, tail = torch.where(is_tail, known, novel), torch.where(is_tail, novel, known)
-        return (cells.negative[0] * softplus(theta0.model.score(head, relation, tail))).sum(-1)
+        return (weighted.negative[0] * softplus(theta0.model.score(head, relation, tail))).sum(-1)
 
     for less, more in itertools.pairwise(map(loss, (0.0, 0.5, 2.0, 8.0))):
         assert (more < less)[[0, 1, 3]].all()
@@ -126,9 +126,9 @@ def test_samples_of_cells_are_near_the_whole(monkeypatch: pytest.MonkeyPatch) ->
     of = insertion(random_embedding(1, entities, RELATIONS, DIMENSION), [0, 1, 2, 3], seen, torch.zeros(entities, 2),
                    [0] * entities, list(map(tuple, triples.tolist())))  # fmt: skip
     near, options = [], MEAN | {"known_negatives": 4.0}
-    for cells, known in ((10**6, 10**6), (1200, 1500), (60, 75)):
-        monkeypatch.setattr(evidence, "CELLS", cells)
-        monkeypatch.setattr(evidence, "TRIPLES", known)
+    for sample, known in ((10**6, 10**6), (1200, 1500), (60, 75)):
+        monkeypatch.setattr(evidence, "SAMPLE", sample)
+        monkeypatch.setattr(evidence, "KNOWN_SAMPLE", known)
         near.append(insert("map", of, **options).vectors[0])
     assert cosine_similarity(near[0], near[1]).min() > 0.95
     assert cosine_similarity(near[0], near[1]).min() > cosine_similarity(near[0], near[2]).min()
@@ -217,7 +217,7 @@ def test_entities_are_solved_alike_in_batches_of_any_size(of: InitContext, monke
 def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: str, options: dict[str, Option]) -> None:
     of = four_novel(model_named(name, **options))
     around, result = insert("mean", of), insert("map", of, **MEAN)
-    (problem,) = maximum.problems(of, cells_of(of, 3, 2.0), around.vectors, 0.5)
+    (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), around.vectors, 0.5)
     at = torch.stack([around.vectors[0], result.vectors[0]]).double().requires_grad_()
     before, after = (problem.objective(problem.scores(vectors), vectors) for vectors in at)
     assert (after[[0, 1, 3]] < before[[0, 1, 3]]).all()
@@ -229,7 +229,7 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: s
 @pytest.mark.parametrize("name", LINEAR)
 def test_anchors_are_the_gradients_of_a_linear_score(name: str) -> None:
     of = four_novel(model_named(name))
-    (problem,) = maximum.problems(of, cells_of(of, 3, 2.0), insert("mean", of).vectors, 0.5)
+    (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), insert("mean", of).vectors, 0.5)
     general = replace(problem, alpha=None)
     at = torch.randn(4, DIMENSION, generator=torch.Generator().manual_seed(3)).double()
     torch.testing.assert_close(problem.slopes(at), general.slopes(at))
@@ -239,7 +239,7 @@ def test_anchors_are_the_gradients_of_a_linear_score(name: str) -> None:
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     """With a strong prior the objective is nearly a parabola, on which n times the Newton step raises it for n > 2."""
     of = four_novel(model_named("distmult"))
-    (problem,) = maximum.problems(of, cells_of(of, 3, 0.0), insert("mean", of).vectors, 1000)
+    (problem,) = maximum.problems(of, evidence_of(of, 3, 0.0), insert("mean", of).vectors, 1000)
     at, score = problem.mean, problem.scores(problem.mean)
     step, _ = newton_step(problem, at, score, problem.slopes(at))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
@@ -249,8 +249,8 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:
     result, mean, theta0 = insert("ridge", of, strength=0.4, ratio=3), mean_of(of), mapped(of.theta0, Tensor.double)
-    sigma, cells = maximum.covariance(of)[0].numpy(), cells_of(of, 3, 0.0)
-    positive, negative = dense(cells, cells.positive), dense(cells, cells.negative)
+    sigma, weighted = maximum.covariance(of)[0].numpy(), evidence_of(of, 3, 0.0)
+    positive, negative = dense(weighted, weighted.positive), dense(weighted, weighted.negative)
     for place in (0, 1, 3):
         rows, targets = [np.sqrt(0.4) * np.linalg.inv(np.linalg.cholesky(sigma))], []
         targets.append(rows[0] @ mean)

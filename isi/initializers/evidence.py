@@ -1,9 +1,8 @@
 """The triples that determine a novel vector: insert triples, their negatives, known triples with the novel entity.
 
 Training uses a row in three ways, and so does the objective of MAP (docs/method.md): as an end of its own triples; in
-corrupted copies of them; and as the wrong end of everybody else's triples. Each use is a list of weighted *cells*: a
-slot (is the novel entity head or tail?), a relation and the known entity at the other end. A list of more than
-``CELLS`` cells is replaced by a systematic sample, whose error docs/speed.md measures.
+corrupted copies of them; and as the wrong end of everybody else's triples. Each is a list of weighted triples of the
+novel and a known entity. Of more than ``SAMPLE`` triples a systematic sample is taken (its error: docs/speed.md).
 """
 
 from dataclasses import dataclass
@@ -14,12 +13,13 @@ from torch import Tensor
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import InitContext
 
-CELLS = 1536  #: Maximum number of cells of each kind for a novel entity (corrupted ends: at least one per relation).
-TRIPLES = 2**16  #: Maximum number of known triples, evenly spaced by row, from which cells are counted.
+#: Maximum number of corrupted ends, of corrupted relations and of known triples of a novel entity.
+SAMPLE = 1536
+KNOWN_SAMPLE = 2**16  #: Maximum number of known triples, evenly spaced by row, from which the last are drawn.
 
 
 @dataclass(frozen=True)
-class Cells:
+class Evidence:
     """C weighted triples of each novel entity with a known one; a weight of 0 marks padding."""
 
     is_tail: Tensor  #: whether the novel entity is the tail; shape: (M, n, C), bool
@@ -29,22 +29,22 @@ class Cells:
     negative: Tensor  #: expected number of corrupted triples; shape: (M, n, C), float64
 
 
-def cells_of(context: InitContext, ratio: int, known_negatives: float) -> Cells:
-    """The cells of the insert triples, of ``ratio`` corrupted ends and relations for each, and of known triples.
+def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evidence:
+    """The evidence of the insert triples, of ``ratio`` corrupted ends and relations for each, and of known triples.
 
     ``known_negatives``: β, weight of the known triples that are corrupted by a novel entity.
     """
     observed, none = context.observed.double(), torch.zeros(context.observed.shape, dtype=torch.float64)
-    parts = [Cells(context.novel_is_tail, context.relation, context.other, observed, none)]
+    parts = [Evidence(context.novel_is_tail, context.relation, context.other, observed, none)]
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
-    return Cells(
+    return Evidence(
         *(torch.cat(list(values), -1) for values in zip(*(vars(part).values() for part in parts), strict=True))
     )
 
 
-def corrupted_ends(context: InitContext, ratio: int) -> Cells:
+def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     """Insert triples whose known end is replaced by a uniformly random known entity, perhaps by the true one."""
     relations, models = context.theta0.relation.shape[1], context.novel.shape
     slots = torch.zeros(*models, 2 * relations, dtype=torch.float64)
@@ -52,7 +52,7 @@ def corrupted_ends(context: InitContext, ratio: int) -> Cells:
     number, slot = slots.sort(dim=-1, descending=True, stable=True)
     most = min(context.observed.shape[-1], 2 * relations)  # slots of an entity with triples
     number, slot = number[..., :most], slot[..., :most]
-    ends, share = spread(context.known.double(), max(1, CELLS // most))
+    ends, share = spread(context.known.double(), max(1, SAMPLE // most))
     share = share / share.sum(-1, keepdim=True)
     shape = (*models, most, ends.shape[-1])
     weight = ratio * number[..., None] * share[:, None, None]
@@ -61,10 +61,10 @@ def corrupted_ends(context: InitContext, ratio: int) -> Cells:
     return _negative(slot >= relations, slot % relations, other.flatten(2), weight.flatten(2))
 
 
-def corrupted_relations(context: InitContext, ratio: int) -> Cells:
+def corrupted_relations(context: InitContext, ratio: int) -> Evidence:
     """Insert triples whose relation is replaced by another one, uniformly at random."""
     relations = context.theta0.relation.shape[1]
-    number = min(relations - 1, max(1, CELLS // context.observed.shape[-1]))
+    number = min(relations - 1, max(1, SAMPLE // context.observed.shape[-1]))
     steps = (
         1 + (torch.arange(number) + 0.5).mul((relations - 1) / max(1, number)).long()
     )  # evenly spaced, all different
@@ -74,7 +74,7 @@ def corrupted_relations(context: InitContext, ratio: int) -> Cells:
     return _negative(*(values.flatten(2) for values in (is_tail, relation, other, weight)))
 
 
-def corrupted_known(context: InitContext, weight: float) -> Cells:
+def corrupted_known(context: InitContext, weight: float) -> Evidence:
     """Training triples of D⁰ whose head or tail is replaced by a uniformly random entity that is the novel one.
 
     Each has the probability 1 / known entities. The expected numbers are multiplied by ``weight`` and by s = min(1,
@@ -82,20 +82,20 @@ def corrupted_known(context: InitContext, weight: float) -> Cells:
     """
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     known, trained = context.known.sum(-1).double(), context.trained.sum(-1).double()
-    step = -(-len(context.triples) // TRIPLES) or 1
+    step = -(-len(context.triples) // KNOWN_SAMPLE) or 1
     triples, in_sample = context.triples[::step], context.trained[:, ::step].double()
     head, relation, tail = triples[:, HEAD], triples[:, RELATION], triples[:, TAIL]
     keys = torch.cat([relation * entities + tail, (relations + relation) * entities + head])
     key, place = torch.unique(keys, return_inverse=True)
     number = torch.zeros(len(known), len(key), dtype=torch.float64).index_add_(1, place, in_sample.repeat(1, 2))
     number *= (trained / in_sample.sum(-1).clamp(min=1))[:, None]
-    cell, number = spread(number, CELLS)
+    item, number = spread(number, SAMPLE)
     mean = 2 * trained / known
     complete = (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
     by_entity = complete * weight / known[:, None]
-    shape = (*context.novel.shape, cell.shape[-1])
-    slot = (key[cell] // entities)[:, None].expand(shape)
-    other = (key[cell] % entities)[:, None].expand(shape)
+    shape = (*context.novel.shape, item.shape[-1])
+    slot = (key[item] // entities)[:, None].expand(shape)
+    other = (key[item] % entities)[:, None].expand(shape)
     return _negative(slot >= relations, slot % relations, other, by_entity[..., None] * number[:, None])
 
 
@@ -113,5 +113,5 @@ def spread(weight: Tensor, most: int) -> tuple[Tensor, Tensor]:
     return place, (total[:, -1:] / most).expand(-1, most)
 
 
-def _negative(is_tail: Tensor, relation: Tensor, other: Tensor, weight: Tensor) -> Cells:
-    return Cells(is_tail, relation, other, torch.zeros_like(weight), weight)
+def _negative(is_tail: Tensor, relation: Tensor, other: Tensor, weight: Tensor) -> Evidence:
+    return Evidence(is_tail, relation, other, torch.zeros_like(weight), weight)

@@ -13,7 +13,7 @@ from isi.config import Count, NotNegative, Positive
 from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
-from isi.initializers.evidence import Cells, cells_of, spread
+from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import Problem, gram, newton
 from isi.initializers.paper import hybrid_similarity
 from isi.models.model import Model
@@ -21,7 +21,7 @@ from isi.models.stack import NotFinite, rows
 
 SHRINKAGE = 0.1  #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be singular.
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
-BUDGET = 2**20  #: Maximum number of elements in the vectors of the cells of all entities that are solved together.
+BUDGET = 2**20  #: Maximum number of elements in the vectors of the triples of all entities solved together.
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -30,9 +30,9 @@ def covariance(context: InitContext) -> Tensor:
     share = (weight / weight.sum(-1, keepdim=True))[..., None]
     vectors = rows(context.theta0.entity, entity).double()
     apart = vectors - (share * vectors).sum(1, keepdim=True)
-    own = apart.mT @ (apart * share)
-    isotropic = own.diagonal(dim1=1, dim2=2).mean(-1)[:, None, None] * torch.eye(vectors.shape[-1])
-    return (1 - SHRINKAGE) * own + SHRINKAGE * isotropic
+    full = apart.mT @ (apart * share)
+    isotropic = full.diagonal(dim1=1, dim2=2).mean(-1)[:, None, None] * torch.eye(vectors.shape[-1])
+    return (1 - SHRINKAGE) * full + SHRINKAGE * isotropic
 
 
 def precision_of(context: InitContext) -> Tensor:
@@ -44,12 +44,12 @@ def precision_of(context: InitContext) -> Tensor:
     return inverse  # type: ignore[no-any-return]
 
 
-def problems(context: InitContext, cells: Cells, mean: Tensor, strength: float) -> Iterator[Problem]:
+def problems(context: InitContext, weighted: Evidence, mean: Tensor, strength: float) -> Iterator[Problem]:
     """The problems of all M · n novel entities in order, in batches of ``BUDGET``; ``mean``: μ, (M, n, d)."""
     theta0, (models, number, dimension) = context.theta0, mean.shape
     precision = strength * precision_of(context)
-    batch = max(1, BUDGET // (cells.other.shape[-1] * dimension))
-    listed = [values.flatten(0, 1) for values in (*vars(cells).values(), mean.double())]
+    batch = max(1, BUDGET // (weighted.other.shape[-1] * dimension))
+    listed = [values.flatten(0, 1) for values in (*vars(weighted).values(), mean.double())]
     for place in torch.split(torch.arange(models * number), batch):
         model = place // number
         is_tail, relation, other, positive, negative, prior = (values[place] for values in listed)
@@ -59,7 +59,7 @@ def problems(context: InitContext, cells: Cells, mean: Tensor, strength: float) 
 
 
 def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Callable[[Tensor], Tensor]:
-    """f of cells by vectors of the novel entities; shapes (B, C, 1), (B, C, w), (B, C, d)."""
+    """f of triples by vectors of the novel entities; shapes (B, C, 1), (B, C, w), (B, C, d)."""
 
     def score(novel: Tensor) -> Tensor:
         return model.score(torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other))
@@ -68,7 +68,7 @@ def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> 
 
 
 def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Tensor:
-    """α of cells, (B, C, d), whose score is ⟨v, α⟩ if it is linear in the novel vector v; shapes as in ``score_of``."""
+    """α of triples, (B, C, d), whose score is ⟨v, α⟩ if it is linear in the novel vector; shapes as in ``score_of``."""
     return torch.where(is_tail, model.transform(other, relation), model.transform_tail(other, relation))
 
 
@@ -76,8 +76,8 @@ def most_probable(
     context: InitContext, prior: InitResult, strength: float, ratio: int, known_negatives: float = 0.0
 ) -> InitResult:
     """The minimum of ``Problem.objective`` for each novel entity: its maximum a posteriori vector (MAP)."""
-    cells = cells_of(context, ratio, known_negatives)
-    vectors = torch.cat([newton(problem) for problem in problems(context, cells, prior.vectors, strength)])
+    weighted = evidence_of(context, ratio, known_negatives)
+    vectors = torch.cat([newton(problem) for problem in problems(context, weighted, prior.vectors, strength)])
     return replace(prior, vectors=vectors.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False)
 
 
@@ -138,7 +138,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ: the known centroid
     prior = _mean_of_known(context)
     vectors = []
-    for problem in problems(context, cells_of(context, ratio, 0.0), prior.vectors, strength):
+    for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
         alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
         residual = problem.positive - weight * problem.scores(problem.mean)
         step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])

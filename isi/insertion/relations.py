@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.initializers.evidence import CELLS, TRIPLES, spread
+from isi.initializers.evidence import SAMPLE, spread
 from isi.initializers.newton import Problem, newton
 from isi.models.stack import Embedding
 
@@ -41,24 +41,24 @@ def _fit_relation(
     if not len(triples):
         return mean.float()
     head, tail = triples[:, HEAD], triples[:, TAIL]
-    ends, share = spread(torch.ones(1, len(entity), dtype=torch.float64), max(1, CELLS // len(triples)))
+    ends, share = spread(torch.ones(1, len(entity), dtype=torch.float64), max(1, SAMPLE // len(triples)))
     ends, share = ends[0], share[0] / share.sum()
     number = len(ends)
     corrupted = torch.stack([
         torch.cat([head.repeat_interleave(number), ends.repeat(len(head))]),
         torch.cat([ends.repeat(len(tail)), tail.repeat_interleave(number)]),
     ])  # fmt: skip
-    step = -(-len(known_triples) // min(CELLS, TRIPLES)) or 1
+    step = -(-len(known_triples) // SAMPLE) or 1
     others = known_triples[::step]
     given = min(1.0, len(triples) * known / max(1, len(known_triples)))  # share of the relation's triples
     weight = known_negatives * ratio * given * len(known_triples) / max(1, len(others)) / known
-    cells = torch.cat([torch.stack([head, tail]), corrupted, others[:, [HEAD, TAIL]].T], 1)
-    positive = torch.zeros(cells.shape[1], dtype=torch.float64)
+    pairs = torch.cat([torch.stack([head, tail]), corrupted, others[:, [HEAD, TAIL]].T], 1)
+    positive = torch.zeros(pairs.shape[1], dtype=torch.float64)
     positive[: len(triples)] = 1
     negative = torch.cat([
         torch.zeros(len(triples)), ratio * share.repeat(2 * len(triples)), torch.full((len(others),), weight)
     ]).double()  # fmt: skip
-    first, last = entity[cells[0]][None], entity[cells[1]][None]
+    first, last = entity[pairs[0]][None], entity[pairs[1]][None]
     problem = Problem(
         positive[None], negative[None], mean[None], strength * precision[None],
         lambda rows: theta.model.score(first, rows, last), None,
@@ -71,6 +71,6 @@ def _fit_relation(
 def covariance(rows: Tensor) -> Tensor:
     """Covariance of relations' rows, (R, w), shrunk to an isotropic one by ``SHRINKAGE``; of one row: its square."""
     apart = rows - rows.mean(0) if len(rows) > 1 else rows
-    own = apart.T @ apart / len(rows)
-    isotropic = own.diagonal().mean().clamp(min=1e-12) * torch.eye(rows.shape[1], dtype=rows.dtype)
-    return (1 - SHRINKAGE) * own + SHRINKAGE * isotropic
+    full = apart.T @ apart / len(rows)
+    isotropic = full.diagonal().mean().clamp(min=1e-12) * torch.eye(rows.shape[1], dtype=rows.dtype)
+    return (1 - SHRINKAGE) * full + SHRINKAGE * isotropic
