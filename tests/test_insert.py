@@ -71,7 +71,8 @@ def test_ids_do_what_names_do() -> None:
     np.testing.assert_array_equal(done.entities, call().entities)
     assert [entity.name for entity in done.report()] == [12, 13]
     mixed = [("cup", 0, 1), (3, "on", 12), ("mug", np.int64(2), "e2"), (12, 1, "mug")]
-    np.testing.assert_array_equal(call(triples=mixed).entities, done.entities)
+    for same in (mixed, np.array(TRIPLES), np.array(mixed, object), map(list, TRIPLES)):
+        np.testing.assert_array_equal(call(triples=same).entities, done.entities)
 
 
 @pytest.mark.parametrize("form", [

@@ -3,8 +3,9 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -206,17 +207,26 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
                 row, slot = np.argwhere(wrong)[0].tolist()
                 columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
         else:
-            rows = []
-            for row, triple in enumerate(triples):
-                is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
-                if not is_sized or len(triple) != 3:
-                    raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-                slots = zip(columns, triple, SLOTS, strict=True)
-                rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
-            ids = np.array(rows, dtype=np.int64).reshape(-1, 3)
+            ids = _ids_of(triples.tolist() if isinstance(triples, np.ndarray) else triples, columns)
     head, relation, tail = ids.T
     key = (head * relations.number + relation) * entities.number + tail  # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
     return ids[~pd.Series(key).duplicated().to_numpy()]
+
+
+def _ids_of(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
+    """Triples of names or ids as ids, (T, 3), int64. Known names alone take a tenth of the time."""
+    if {*map(type, triples)} <= {list, tuple} and {*map(len, triples)} == {3}:
+        with suppress(KeyError, TypeError):  # an id, an unknown name, or what cannot be a name
+            by_name = enumerate(names.ids.__getitem__ for names in columns)
+            return np.array([list(map(id_of, map(itemgetter(slot), triples))) for slot, id_of in by_name]).T.copy()
+    rows = []
+    for row, triple in enumerate(triples):
+        is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
+        if not is_sized or len(triple) != 3:
+            raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
+        slots = zip(columns, triple, SLOTS, strict=True)
+        rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
