@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import torch
@@ -82,17 +81,13 @@ def most_probable(
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
-_SETTINGS = [
-    {"strength": strength, "known_negatives": known_negatives}
-    for strength, known_negatives in product([1.0, 3.0], [1.0, 3.0, 8.0, 20.0, 50.0])
-]
 
 
 @initializer("map", label="MAP", role="baseline", colour="#b2182b", needs=("insert_triples",),
-             defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 3.0, "ratio": 1,
-                       "known_negatives": 1.0},
-             grid={"word_weight": [16.0], "relation_weight": [8.0, 16.0], "strength": [0.2, 0.5, 1.0], "ratio": [3, 9],
-                   "known_negatives": [0.0, 0.03, 0.1, 0.3, 0.5]})  # fmt: skip
+             defaults={"word_weight": 16.0, "relation_weight": 8.0, "strength": 0.5, "ratio": 3,
+                       "known_negatives": 0.3},
+             grid={"word_weight": [16.0], "relation_weight": [8.0, 16.0], "strength": [0.2, 0.5, 1.0, 3.0],
+                   "ratio": [3, 9], "known_negatives": [0.03, 0.1, 0.3, 1.0]})  # fmt: skip
 def maximum_a_posteriori(
     context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count,
     known_negatives: NotNegative,
