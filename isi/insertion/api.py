@@ -1,6 +1,6 @@
 """``isi.insert``: vectors for new entities in a trained embedding. ``isi.fit_new``: training of these vectors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +10,15 @@ from torch import Tensor
 
 from isi.config import Seed, check
 from isi.errors import InputError, short
-from isi.graph.graph import HEAD, TAIL
+from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT
 from isi.initializers import api as initializers
-from isi.initializers.api import INITIALIZERS, InitContext, NoRelationMap, Registered
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, Triple, argument, stack_of_one, table
+from isi.insertion.relations import fit_relations
 from isi.insertion.result import Inserted
+from isi.insertion.rounds import schedule
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite
 from isi.training.batches import Negatives, is_dense, training_data
@@ -32,7 +34,7 @@ MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estim
 
 def insert(
     entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int | Sequence[str],
-    model: str | Model, model_options: Mapping[str, Any] | None = None,
+    model: str | Model, model_options: Mapping[str, Any] | None = None, new_relations: int | Sequence[str] = 0,
     entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
     known_triples: Sequence[Triple] | np.ndarray | None = None,
     words: Any = None, word_source: Source | None = None, kinds: Any = None,
@@ -43,12 +45,14 @@ def insert(
     Args:
         entities: vectors of the known entities, shape (E, d); if complex, the real half, then the imaginary half.
         relations: vectors of the relations, shape (R, w), with w = ``Model.width(d)``.
-        triples: (head, relation, tail) by names or ids, each with a new entity. The initializer uses insert triples,
-            whose other end is known; triples of new entities alone are only counted (``fit_new`` trains on them).
-            New entities have the ids E, E + 1, ... in the order of ``new``.
+        triples: (head, relation, tail) by names or ids, each with a new entity or relation. New entities have the ids
+            E, E + 1, ... in the order of ``new``, new relations R, R + 1, .... New entities that have triples with each
+            other are inserted ``ROUNDS`` times: first those with known entities, then those next to them, then all.
         new: names of the new entities; without ``entity_names``, their number n.
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or your own ``Model``
             (set ``invertible = False`` if its ``transform`` or ``inverse`` only raises an error).
+        new_relations: names of new relations in ``triples``; without ``relation_names``, their number q. Their rows
+            minimize MAP's objective, too (``fit_relations``).
         model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored with a ``Model``.
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
         known_triples: triples of known entities, for ``interference``. If given, similar entities are among their ends.
@@ -60,22 +64,25 @@ def insert(
         seed: root seed of random initializers.
 
     Returns:
-        an ``Inserted``: both tables, (E + n, d) and (R, w); its method ``report`` describes each new entity.
+        an ``Inserted``: both tables, (E + n, d) and (R + q, w); its method ``report`` describes each new entity.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
     """
     check(seed, Seed, "", "argument 'seed'")
     rows = table(entities, "entities")
-    known, names = len(rows), arguments.all_names(len(rows), entity_names, new)
+    known, names = len(rows), arguments.all_names(Names("entity_names", len(rows), entity_names), new, "new")
     rows = np.concatenate([rows, np.zeros((names.number - known, rows.shape[1]), rows.dtype)])
     given = arguments.checked_arguments(
-        rows, relations, model, model_options, names, relation_names, known, triples, known_triples
+        rows, relations, model, model_options, names, relation_names, known, triples, known_triples, new_relations
     )
+    new_ids, old_relations = np.arange(known, len(rows)), len(relations)
+    if not len(new_ids) and len(given.relations) == old_relations:
+        raise InputError("argument 'new'", "", "expected at least one new entity")
     vectors, kind_ids = arguments.word_table(words, word_source, names), arguments.kinds_of(kinds, names)
     one_new_end = (given.triples[:, [HEAD, TAIL]] >= known).sum(1) == 1
     insert_triples = given.triples[one_new_end]
-    has_triple = np.isin(np.arange(known, len(rows)), insert_triples[:, [HEAD, TAIL]])
+    has_triple = np.isin(new_ids, given.triples[given.triples[:, HEAD] != given.triples[:, TAIL]][:, [HEAD, TAIL]])
     has_words = np.zeros_like(has_triple) if vectors is None else vectors[known:].any(1)
     words_serve = vectors is not None and bool(vectors[:known].any() and has_words.any())
 
@@ -87,34 +94,79 @@ def insert(
         raise refusal(bare, expected)
     theta0 = stack_of_one(rows, given.relations, given.model)
     chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
-    name, results = chosen.name, []
+    name = chosen.name
+
+    def initialized(ids: np.ndarray, seen: np.ndarray) -> list[InitResult]:
+        parts = torch.split(torch.from_numpy(ids), together) if len(ids) else ()
+        given_to = (
+            init_context_of(theta0, part, known, seen, given.known_triples, vectors, kind_ids, seed) for part in parts
+        )
+        with argument("initializer"):
+            return [chosen.initialize(context, used) for context in given_to]
+
     try:
-        for part in torch.split(torch.arange(known, len(rows)), together):
-            context = init_context_of(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
-            with argument("initializer"):
-                results.append(chosen.initialize(context, used))
+        results = in_rounds(theta0, known, old_relations, given.triples, given.known_triples, initialized)
     except NoRelationMap as error:
         raise refusal(has_triple & ~has_words, f"expected word vectors, also of known entities, for {name}") from error
     except NotFinite as error:
         expected = f"expected known vectors that differ: {name} needs their covariance"
         raise InputError("argument 'entities'", "", expected) from error
     with np.errstate(over="ignore"):
-        rows[known:] = torch.cat([result.vectors[0] for result in results]).numpy()
-    if not np.isfinite(rows[known:]).all():
+        rows[known:] = theta0.entity[0, known:].numpy()
+        given.relations[old_relations:] = theta0.relation[0, old_relations:].numpy()
+    if not (np.isfinite(rows[known:]).all() and np.isfinite(given.relations).all()):
         expected = f"expected smaller numbers: {name} computes NaN or infinity from them"
         raise InputError("argument 'entities'", "", expected)
     weights = [result.weights[0, :, :known].float() for result in results if result.weights is not None]
-    few = len(weights) == len(results) and (names.number - known) * known <= MOST_WEIGHTS
+    few = 0 < len(weights) == len(results) and (names.number - known) * known <= MOST_WEIGHTS
     masks = [result.indicators[0] for result in results if result.indicators is not None]
     return Inserted(
         entities=rows, relations=given.relations, model=given.model, entity_names=names.names,
-        relation_names=given.relation_names.names, new=list(range(known, len(rows))), insert_triples=insert_triples,
-        between=given.triples[~one_new_end], known_triples=given.known_triples,
+        relation_names=given.relation_names.names, new=new_ids.tolist(),
+        new_relations=list(range(old_relations, len(given.relations))),
+        insert_triples=insert_triples, between=given.triples[~one_new_end], known_triples=given.known_triples,
         initializer=name, options=used, why=why,
         fallback=[initializers.FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
     )  # fmt: skip
+
+
+def in_rounds(
+    theta0: Embedding,
+    known: int,
+    old_relations: int,
+    triples: np.ndarray,
+    known_triples: np.ndarray,
+    initialized: Callable[[np.ndarray, np.ndarray], list[InitResult]],
+) -> list[InitResult]:
+    """Write the rows of new entities and relations into ``theta0``; the results of the last round.
+
+    A new relation is fitted before each round to its triples between entities that have vectors. Until it has a row,
+    its triples are not used.
+    """
+    usable = triples[:, RELATION] < old_relations
+    has_vector = np.arange(theta0.entity.shape[1]) < known
+    repeat = bool((~usable & ~has_vector[triples[:, [HEAD, TAIL]]].all(1)).any())
+
+    def fit() -> None:
+        if theta0.relation.shape[1] > old_relations:
+            ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
+            usable[np.isin(triples[:, RELATION], ready[:, RELATION])] = True
+            theta0.relation[0, old_relations:] = fit_relations(
+                theta0, known, old_relations, torch.from_numpy(ready), torch.from_numpy(known_triples)
+            )
+
+    results = list[InitResult]()
+    for ids, seen in schedule(triples, known, theta0.entity.shape[1] - known, repeat):
+        fit()
+        results = initialized(ids, triples[seen & usable])
+        if results:
+            theta0.entity[0, ids] = torch.cat([result.vectors[0] for result in results])
+        has_vector[ids] = True
+    if repeat:
+        fit()
+    return results
 
 
 def choose(
@@ -165,17 +217,21 @@ def init_context_of(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
-    """The data that an initializer gets for new entities. Their ids ``new``, (n,), are consecutive and ≥ ``known``.
+    """The data that an initializer gets for new entities; their ids ``new``, (n,), ascend and are ≥ ``known``.
+
+    Other new entities may have vectors; they are no candidates.
 
     Shapes: triples (I, 3), (K, 3); words (N, v), kinds (N,) for all N entities. If K = 0, all known ones are eligible.
     """
     session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT
     session.entities[:, known:] = False
-    place = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].max(1)) - new[0]  # new ids are the larger
-    order = torch.argsort(place, stable=True)
-    order = order[(place[order] >= 0) & (place[order] < len(new))]
-    triples = torch.stack([torch.zeros_like(order), place[order], order], 1)
+    ends = torch.from_numpy(insert_triples[:, [HEAD, TAIL]])
+    place = torch.searchsorted(new, ends).clamp(max=len(new) - 1)
+    triple, end = (new[place] == ends).nonzero(as_tuple=True)
+    order = torch.argsort(place[triple, end], stable=True)
+    triple, end = triple[order], end[order]
+    triples = torch.stack([torch.zeros_like(triple), place[triple, end], triple], 1)
     vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
     context = initializers.context_of(theta0, session, new[None], triples, vectors, seed, new[None, :1] - known)
     return context if len(known_triples) else replace(context, eligible=context.known)

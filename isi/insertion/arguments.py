@@ -15,7 +15,7 @@ import torch
 
 from isi.config import check
 from isi.errors import InputError, short, suggestion
-from isi.graph.graph import HEAD, TAIL, Graph
+from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
@@ -114,21 +114,18 @@ class Names:
         raise InputError("", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}")
 
 
-def all_names(known: int, entity_names: Any, new: Any) -> Names:
-    """Names of known and new entities. ``new``: names if the known ones have names, else a number."""
-    listed = Names("entity_names", known, entity_names)
-    names = listed.names
-    with argument("new"):
-        if is_whole(new) == (names is not None):
-            raise InputError("", "", "expected names where 'entity_names' are given, else a whole number")
-        added = as_list(new, str, "a list of names") if names is not None else [None] * new
-        if not added:
-            raise InputError("", "", "expected at least one new entity")
-        for name, number in Counter(added).items() if names is not None else ():
-            if name in listed.ids or number > 1:
-                expected = "a new entity: it is known already" if name in listed.ids else "names that do not repeat"
-                raise InputError("", repr(name)[:80], f"expected {expected}")
-    return Names("entity_names", known + len(added), None if names is None else [*names, *added])
+def all_names(known: Names, new: Any, name: str) -> Names:
+    """Names of known and new rows; argument ``name``, new: names if the known ones have names, else a number."""
+    with argument(name):
+        if is_whole(new) == (known.names is not None) and (new or known.names is None):
+            raise InputError("", "", f"expected names where {known.argument!r} are given, else a whole number")
+        added = [None] * new if is_whole(new) else as_list(new, str, "a list of names")
+        for label, number in Counter(added).items() if known.names is not None else ():
+            if label in known.ids or number > 1:
+                expected = "a new name: it is known already" if label in known.ids else "names that do not repeat"
+                raise InputError("", repr(label)[:80], f"expected {expected}")
+    names = None if known.names is None else [*known.names, *added]
+    return Names(known.argument, known.number + len(added), names)
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
@@ -149,23 +146,31 @@ class Arguments:
     relations: np.ndarray
     model: Model
     relation_names: Names
-    triples: np.ndarray  #: of new entities; ids, shape: (T, 3)
+    triples: np.ndarray  #: with a new entity or relation; ids, shape: (T, 3)
     known_triples: np.ndarray  #: ids, shape: (K, 3)
 
 
 def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
-    known: int, triples: Any, known_triples: Any,
+    known: int, triples: Any, known_triples: Any, new_relations: Any = 0,
 ) -> Arguments:  # fmt: skip
-    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number, are checked already."""
+    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number, are checked already.
+
+    New relations get rows of zeros.
+    """
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
-    labels = Names("relation_names", len(rows), relation_names)
+    labels = all_names(Names("relation_names", len(rows), relation_names), new_relations, "new_relations")
+    old_relations = len(rows)
+    rows = np.concatenate([rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)])
     new = triples_of(triples, "triples", names, labels)
     old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
+    is_new, was_new = (
+        np.concatenate([ids[:, [HEAD, TAIL]] >= known, ids[:, [RELATION]] >= old_relations], 1) for ids in (new, old)
+    )
     for name, ids, wrong, expected in (
-        ("triples", new, (new[:, [HEAD, TAIL]] < known).all(1), "a new entity, else use 'known_triples'"),
-        ("known_triples", old, (old[:, [HEAD, TAIL]] >= known).any(1), "known entities only"),
+        ("triples", new, ~is_new.any(1), "a new entity or relation, else use 'known_triples'"),
+        ("known_triples", old, was_new.any(1), "known entities and relations only"),
     ):
         for head, relation, tail in ids[wrong][:1].tolist():
             triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]

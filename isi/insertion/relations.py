@@ -1,7 +1,6 @@
 """Rows of new relations: the objective of MAP (docs/method.md) with the relation of each triple as the unknown."""
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -12,60 +11,53 @@ from isi.initializers.newton import Problem, newton
 from isi.models.stack import Embedding
 
 SHRINKAGE = 0.5  #: Weight of an isotropic covariance of equal trace: there are few relations.
-#: Options of MAP that a relation's row is fitted with, unless they are given.
-DEFAULTS: Mapping[str, Any] = {"strength": 1.0, "ratio": 3, "known_negatives": 1.0}
 
 
 def fit_relations(
-    theta: Embedding, known: int, new: Tensor, triples: Tensor, known_triples: Tensor, options: Mapping[str, Any]
-) -> Tensor:
-    """The most probable rows of new relations given their triples; shape (q, w).
-
-    ``theta``: one embedding whose first ``known`` relations are trained; ``new``: ids of the others to fit, (q,);
-    ``triples``: (I, 3), all ends have vectors; ``known_triples``: (T, 3), whose relation is corrupted by the new one.
-    """
-    settings = {**DEFAULTS, **options}
-    return torch.stack([
-        _fit_relation(theta, known, triples[triples[:, RELATION] == relation], known_triples, **settings)
-        for relation in new.tolist()
-    ])  # fmt: skip
-
-
-def _fit_relation(
-    theta: Embedding, known: int, triples: Tensor, known_triples: Tensor, strength: float, ratio: int,
-    known_negatives: float,
+    theta: Embedding, entities: int, relations: int, triples: Tensor, known_triples: Tensor, strength: float = 1.0,
+    ratio: int = 3, known_negatives: float = 1.0,
 ) -> Tensor:  # fmt: skip
-    """One row, (w,): true triples, corrupted heads and tails, known triples whose relation is replaced; a prior."""
-    entity, relations = theta.entity[0], theta.relation[0, :known].double()
-    mean, precision = relations.mean(0), torch.linalg.inv(covariance(relations))
-    if not len(triples):
-        return mean.float()
+    """The most probable rows of the relations of one embedding after its first ``relations``; shape (q, w).
+
+    ``entities``: number of known entities; ``triples``: those of the new relations, ids, (I, 3), whose ends have
+    vectors; ``known_triples``: (T, 3), whose relation is replaced by the new one; options as of MAP. A relation without
+    triples gets the mean of the known relations.
+    """
+    rows = theta.relation[0, :relations].double()
+    mean, precision = rows.mean(0), strength * torch.linalg.inv(covariance(rows))
+    fitted = []
+    for relation in range(relations, theta.relation.shape[1]):
+        seen = triples[triples[:, RELATION] == relation]
+        problem = _problem(theta, entities, relations, seen, known_triples, ratio, known_negatives * ratio)
+        problem = replace(problem, mean=mean[None], precision=precision[None])
+        if theta.model.linear:  # in the relation's row, too
+            problem = replace(problem, alpha=problem.slopes(mean[None]))
+        fitted.append(newton(problem)[0] if len(seen) else mean)
+    return torch.stack(fitted).float()
+
+
+def _problem(
+    theta: Embedding, entities: int, relations: int, triples: Tensor, known_triples: Tensor, ratio: int, weight: float
+) -> Problem:
+    """One relation's true triples, their corrupted heads and tails, and known triples with this relation; no prior."""
     head, tail = triples[:, HEAD], triples[:, TAIL]
-    ends, share = spread(torch.ones(1, len(entity), dtype=torch.float64), max(1, SAMPLE // len(triples)))
-    ends, share = ends[0], share[0] / share.sum()
-    number = len(ends)
-    corrupted = torch.stack([
-        torch.cat([head.repeat_interleave(number), ends.repeat(len(head))]),
-        torch.cat([ends.repeat(len(tail)), tail.repeat_interleave(number)]),
-    ])  # fmt: skip
-    step = -(-len(known_triples) // SAMPLE) or 1
-    others = known_triples[::step]
-    given = min(1.0, len(triples) * known / max(1, len(known_triples)))  # share of the relation's triples
-    weight = known_negatives * ratio * given * len(known_triples) / max(1, len(others)) / known
-    pairs = torch.cat([torch.stack([head, tail]), corrupted, others[:, [HEAD, TAIL]].T], 1)
-    positive = torch.zeros(pairs.shape[1], dtype=torch.float64)
-    positive[: len(triples)] = 1
+    ends, share = spread(torch.ones(1, entities, dtype=torch.float64), max(1, SAMPLE // max(1, len(triples))))
+    number, each = ends.shape[1], ratio * share[0] / entities
+    others = known_triples[:: -(-len(known_triples) // SAMPLE) or 1]
+    pairs = torch.cat([
+        torch.stack([head, tail]), torch.stack([head.repeat_interleave(number), ends[0].repeat(len(head))]),
+        torch.stack([ends[0].repeat(len(tail)), tail.repeat_interleave(number)]), others[:, [HEAD, TAIL]].T,
+    ], 1)  # fmt: skip
+    complete = min(1.0, len(triples) * relations / max(1, len(known_triples)))  # s: share of its triples that is given
+    of_known = complete * weight / relations * len(known_triples) / max(1, len(others))
     negative = torch.cat([
-        torch.zeros(len(triples)), ratio * share.repeat(2 * len(triples)), torch.full((len(others),), weight)
+        torch.zeros(len(triples)), each.repeat(2 * len(triples)), torch.full((len(others),), of_known)
     ]).double()  # fmt: skip
-    first, last = entity[pairs[0]][None], entity[pairs[1]][None]
-    problem = Problem(
-        positive[None], negative[None], mean[None], strength * precision[None],
-        lambda rows: theta.model.score(first, rows, last), None,
-    )  # fmt: skip
-    if theta.model.linear:  # in the relation's row, too
-        problem = Problem(**{**vars(problem), "alpha": problem.slopes(mean[None])})
-    return newton(problem)[0].float()
+    positive = torch.zeros_like(negative)
+    positive[: len(triples)] = 1
+    first, last = theta.entity[0][pairs][:, None]
+    none = torch.empty(0)
+    return Problem(positive[None], negative[None], none, none, lambda row: theta.model.score(first, row, last), None)
 
 
 def covariance(rows: Tensor) -> Tensor:

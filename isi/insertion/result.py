@@ -81,11 +81,12 @@ class Inserted:
     """
 
     entities: np.ndarray  #: shape: (E + n, d)
-    relations: np.ndarray  #: shape: (R, w)
+    relations: np.ndarray  #: shape: (R + q, w)
     model: Model
     entity_names: Sequence[str] | None  #: null if entities have ids only
     relation_names: Sequence[str] | None
     new: list[int]  #: ids of the new entities
+    new_relations: list[int]  #: ids of the new relations
     insert_triples: np.ndarray  #: triples of a new and a known entity; shape: (I, 3)
     between: np.ndarray  #: triples of new entities only; shape: (B, 3)
     known_triples: np.ndarray
@@ -101,7 +102,7 @@ class Inserted:
     @property
     def known(self) -> int:
         """Number of known entities, whose ids come first."""
-        return self.new[0]
+        return len(self.entities) - len(self.new)
 
     @cached_property
     def embedding(self) -> Embedding:

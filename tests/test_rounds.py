@@ -1,0 +1,138 @@
+"""New entities that have triples with each other, new relations, and both together."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.optimize
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import isi
+from isi.errors import InputError
+from isi.insertion import relations
+from isi.insertion.rounds import ROUNDS, layers, schedule
+from isi.models.model import make_model
+from isi.models.stack import Embedding
+from tests.small_embedding import ENTITIES, TRIPLES, call
+
+KNOWN_IDS = 10
+#: New entities 10 to 14: 11 is next to a known one, 10 next to 11, 12 next to 10; 13 and 14 have each other alone.
+CHAIN = np.array([[11, 0, 3], [10, 1, 11], [12, 0, 10], [13, 1, 14], [12, 0, 12]])
+
+
+def test_layers_are_distances_from_known_entities() -> None:
+    assert layers(CHAIN, KNOWN_IDS, 5).tolist() == [1, 0, 2, 0, 0]
+
+
+def test_entities_are_inserted_behind_those_on_which_they_depend_and_then_together() -> None:
+    steps = [(ids.tolist(), np.flatnonzero(seen).tolist()) for ids, seen in schedule(CHAIN, KNOWN_IDS, 5, False)]
+    assert steps[:3] == [([11, 13, 14], [0]), ([10], [1]), ([12], [2])]
+    assert steps[3:] == [([10, 11, 12, 13, 14], [0, 1, 2, 3])] * (ROUNDS - 1)
+
+
+def test_without_triples_between_new_entities_there_is_one_step() -> None:
+    ((ids, seen),) = schedule(CHAIN[[0, 4]], KNOWN_IDS, 2, False)
+    assert (ids.tolist(), seen.tolist()) == ([10, 11], [True, False])
+
+
+@given(st.permutations(range(4)))
+@settings(max_examples=10, deadline=None)
+def test_neither_the_order_of_triples_nor_of_names_matters(order: list[int]) -> None:
+    names = ["mug", "cup", "saucer", "spoon"]
+    triples = [*TRIPLES, ("saucer", "in", "cup"), ("spoon", "on", "saucer")]
+    expected = call(new=names, triples=triples)
+    done = call(new=[names[place] for place in order], triples=triples[::-1])
+    for row, place in enumerate(order):
+        np.testing.assert_allclose(
+            done.entities[ENTITIES + row], expected.entities[ENTITIES + place], rtol=1e-3, atol=1e-4
+        )
+
+
+def test_an_entity_that_only_a_new_one_knows_is_inserted_from_it() -> None:
+    triples = [*TRIPLES[:3], ("spoon", "in", "mug")]
+    done = call(new=["spoon", "mug", "cup"], triples=triples)
+    alone = call(new=["spoon", "mug", "cup"], triples=triples[:3], initializer="map")
+    spoon, mug, _ = done.entities[ENTITIES:]
+    assert not np.allclose(spoon, alone.entities[ENTITIES])
+
+    def score(of: Any, head: np.ndarray) -> float:
+        relation = torch.from_numpy(of.relations[0]).float()
+        return float(of.model.score(torch.from_numpy(head).float(), relation, torch.from_numpy(mug).float()))
+
+    assert score(done, spoon) > score(done, alone.entities[ENTITIES])
+
+
+def planted(relations: int) -> tuple[Embedding, np.ndarray]:
+    """A random DistMult embedding of 40 entities, and the 30 triples of each relation with the highest scores."""
+    generator = torch.Generator().manual_seed(4)
+    theta = Embedding(
+        torch.randn(1, 40, 6, generator=generator), torch.randn(1, relations, 6, generator=generator),
+        make_model("distmult", {}, ""),
+    )  # fmt: skip
+    triples = []
+    for relation in range(relations):
+        score = torch.einsum("hd,d,td->ht", theta.entity[0], theta.relation[0, relation], theta.entity[0])
+        triples += [(int(i) // 40, relation, int(i) % 40) for i in score.flatten().topk(30).indices]
+    return theta, np.array(triples)
+
+
+def test_a_new_relation_ranks_its_own_triples_first() -> None:
+    theta, triples = planted(5)
+    of_new = triples[:, 1] == 4
+    done = isi.insert(
+        theta.entity[0].numpy(), theta.relation[0, :4].numpy(), triples[of_new][::2], new=0, new_relations=1,
+        model="distmult", known_triples=triples[~of_new],
+    )  # fmt: skip
+    assert (done.new, done.new_relations, done.relations.shape) == ([], [4], (5, 6))
+    np.testing.assert_array_equal(done.relations[:4], theta.relation[0, :4])
+    vectors = torch.from_numpy(done.entities)
+    score = torch.einsum("hd,d,td->ht", vectors, torch.from_numpy(done.relations[4]), vectors)
+    held_out = triples[of_new][1::2]
+    above = (score.flatten()[None] >= score[held_out[:, 0], held_out[:, 2]][:, None]).float().mean(1)
+    assert above.median() < 0.1  # of all pairs; of a random row about half
+
+
+def test_a_relations_row_is_what_a_general_minimizer_finds() -> None:
+    theta, triples = planted(4)
+    of_new, known = triples[triples[:, 1] == 3][:4], triples[triples[:, 1] < 3]
+    fitted = relations.fit_relations(theta, 40, 3, torch.from_numpy(of_new), torch.from_numpy(known), 2.0, 3, 1.5)
+    entity, rows = theta.entity[0].double().numpy(), theta.relation[0, :3].double()
+    precision, mean = np.linalg.inv(relations.covariance(rows).numpy()), rows.mean(0).numpy()
+    weighted = [(1.0, head, tail) for head, _, tail in of_new]
+    weighted += [(-3 / 40, head, end) for head, _, _ in of_new for end in range(40)]
+    weighted += [(-3 / 40, end, tail) for _, _, tail in of_new for end in range(40)]
+    weighted += [(-1.5 * 3 * (4 * 3 / 90) / 3, head, tail) for head, _, tail in known]
+
+    def objective(row: np.ndarray) -> float:
+        loss = sum(abs(w) * np.logaddexp(0, -np.sign(w) * (entity[h] * row) @ entity[t]) for w, h, t in weighted)
+        return float(loss + 2.0 / 2 * (row - mean) @ precision @ (row - mean))
+
+    best = scipy.optimize.minimize(objective, mean, method="BFGS", options={"gtol": 1e-6})
+    np.testing.assert_allclose(fitted[0], best.x, atol=1e-3)
+
+
+def test_an_entity_and_a_relation_may_arrive_together() -> None:
+    triples = [*TRIPLES, ("mug", "holds", "e3"), ("e5", "holds", "e6"), ("cup", "owns", "e1")]
+    done = call(triples=triples, new_relations=["holds", "owns"])
+    assert done.relation_names is not None
+    assert [*done.relation_names[-2:]] == ["holds", "owns"]
+    assert done.entities[ENTITIES:].any(1).all()
+    assert done.relations[done.new_relations].any(1).all()
+    assert np.isfinite(done.relations).all()
+    without = call()
+    assert not np.allclose(done.entities[ENTITIES:], without.entities[ENTITIES:])
+    np.testing.assert_array_equal(done.relations[: len(without.relations)], without.relations)
+
+
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"triples": [("e1", "in", "e2")]}, "a new entity or relation"),
+    ({"triples": [("mug", "holds", "e2")]}, "relation"),
+    ({"new_relations": ["in"]}, "argument 'new_relations': 'in': .*known already"),
+    ({"known_triples": [("e1", "holds", "e2")], "new_relations": ["holds"]}, "known_triples"),
+    ({"new": [], "triples": []}, "argument 'new'"),
+])  # fmt: skip
+def test_mistakes_name_the_argument(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        call(**changes)
