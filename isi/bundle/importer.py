@@ -91,10 +91,14 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     except Exception as error:  # a pickle can raise any error
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
     read = read_model(pickled, torch.from_numpy(labels.triples), None)
-    for name in MODELS.names():
+    for name in () if pickled.use_inverse_triples else MODELS.names():
         if type(read.model) is MODELS.get(name):
             return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
-    raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: for others, use isi.pykeen.insert")
+    raise InputError(
+        path,
+        "",
+        "expected TransE, DistMult, ComplEx or RotatE without inverse triples: for others, use isi.pykeen.insert",
+    )
 
 
 def _bundle(

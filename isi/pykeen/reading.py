@@ -1,0 +1,179 @@
+"""A model of PyKEEN as an embedding: its tables, joined to one row for each entity and relation, and its score."""
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Any, ClassVar
+
+import torch
+from pykeen.models import ERModel
+from pykeen.nn import modules
+from pykeen.nn.representation import Embedding as Table
+from pykeen.nn.representation import Representation
+from torch import Tensor
+
+from isi.errors import InputError
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.initializers.api import NoRelationMap
+from isi.insertion import api
+from isi.models.bilinear import ComplEx, DistMult
+from isi.models.distance import RotatE, TransE, TransEL1
+from isi.models.model import Model
+from isi.models.stack import Embedding
+
+PykeenModel = ERModel[Any, Any, Any]
+ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
+
+
+@dataclass(frozen=True)
+class Form:
+    """Shape and type of a value stored as a row of real numbers; if complex, the real half, then the imaginary half."""
+
+    shape: tuple[int, ...]
+    is_complex: bool
+    constrainer: Callable[[Tensor], Tensor] | None = None  #: what PyKEEN applies to a table after each update
+
+    @property
+    def size(self) -> int:
+        """Length of a row: the product of ``shape``, twice that if complex."""
+        return prod(self.shape) * (1 + self.is_complex)
+
+    def values(self, rows: Tensor) -> Tensor:
+        """Convert rows of shape (..., size) to values of shape (..., *shape), under the constraint."""
+        if self.is_complex:
+            rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
+        values = rows.reshape(-1, *self.shape)  # a table, as constrainers expect it
+        values = values if self.constrainer is None else self.constrainer(values)
+        return values.view(*rows.shape[:-1], *self.shape)
+
+
+def parted(rows: Tensor, forms: Sequence[Form]) -> list[Tensor]:
+    """Split joined rows, (..., Σ size), into the values of each table, (..., *shape)."""
+    parts = torch.split(rows, [form.size for form in forms], -1) if forms else ()
+    return [form.values(part) for form, part in zip(forms, parts, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class InteractionModel(Model):
+    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction. It has no ``transform`` and no ``inverse``.
+
+    A row joins the rows of all tables of an entity (SimplE, ConvE, ... have several), or of a relation; a relation
+    without a table (UM) has a row of one zero.
+    """
+
+    interaction: modules.Interaction[Any, Any, Any]
+    entities: tuple[Form, ...]
+    relations: tuple[Form, ...]
+    offset: float
+    #: initializers that need an inverse refuse this model
+    invertible: ClassVar[bool] = False
+
+    def width(self, dimension: int) -> int:  # noqa: ARG002
+        return max(1, sum(form.size for form in self.relations))
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        first, last = (parted(vectors.double(), self.entities) for vectors in (head, tail))
+        sides = (
+            [first[table] for table in self.interaction.head_indices], parted(relation.double(), self.relations),
+            [last[table] for table in self.interaction.tail_indices],
+        )  # fmt: skip
+        h, r, t = (values[0] if len(values) == 1 else values for values in sides)
+        scores: Tensor = self.interaction(h=h, r=r, t=t)
+        scores = scores if self.relations else scores + 0 * relation[..., 0]  # for the shape and the gradient
+        return self.offset + scores.to(head.dtype)
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        raise NoRelationMap
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        raise NoRelationMap
+
+
+def tables_of(model: object) -> list[Table]:
+    """The entity tables of a model; InputError unless it stores all vectors of entities in tables."""
+    if not isinstance(model, ERModel):
+        expected = "expected a model with vectors (ERModel of PyKEEN), or the result of its pipeline"
+        raise InputError("argument 'model'", type(model).__name__, expected)
+    tables = []
+    for part in model.entity_representations:
+        if not isinstance(part, Table):
+            problem = f"{type(part).__name__} computes the vectors of entities, so no row can be added to them"
+            remedy = (
+                "make the model with a factory of all triples, copy the parameters of equal shape, isi.pykeen.train_on"
+            )
+            raise InputError("argument 'model'", type(model).__name__, f"{problem}: {remedy}")
+        tables.append(part)
+    return tables
+
+
+def entity_forms(model: PykeenModel) -> tuple[Form, ...]:
+    return tuple(Form(tuple(table.shape), table.is_complex, table.constrainer) for table in tables_of(model))
+
+
+def stored(model: PykeenModel, rows: Tensor) -> list[tuple[Table, Tensor]]:
+    """Each entity table of a model, and its part of joined rows, (n, d), as PyKEEN stores it."""
+    parts = parted(rows, entity_forms(model))
+    real = [torch.view_as_real(values) if values.is_complex() else values for values in parts]
+    return [
+        (table, values.reshape(len(rows), -1).to(table._embeddings.weight))
+        for table, values in zip(tables_of(model), real, strict=True)
+    ]
+
+
+def both_ways(triples: Tensor, relations: int) -> Tensor:
+    """Triples, (T, 3), then their inverses (t, r + ``relations``, h); shape (2T, 3)."""
+    inverses = triples[:, [TAIL, RELATION, HEAD]]
+    inverses[:, RELATION] += relations
+    return torch.cat([triples, inverses])
+
+
+def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
+    """Read a model as a stack of one embedding; a null margin is estimated from ``triples``, shape (T, 3).
+
+    Of a model with inverse triples, the rows of the R relations come first, then those of their inverses.
+    """
+    forms, entity = entity_forms(model), torch.cat([_read(table)[1] for table in tables_of(model)], 1)
+    read = [_read(representation) for representation in model.relation_representations]
+    tables = [rows for _, rows in read]
+    if model.use_inverse_triples:
+        triples = both_ways(triples, model.num_real_relations)
+        tables = [torch.cat([rows[0::2], rows[1::2]]) for rows in tables]
+    if len(forms) == 1 and (closed := _closed_form(model.interaction, tables)):
+        make, rows = closed
+        embedding = Embedding(entity[None].float(), rows[None].float(), make(0.0))
+        return replace(embedding, model=make(api.margin_of(embedding, triples, margin)))
+    interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
+    rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
+    scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
+    scored = replace(scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
+    return Embedding(entity[None].float(), rows[None].float(), scored)
+
+
+def _closed_form(
+    interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
+) -> tuple[Callable[[float], Model], Tensor] | None:
+    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w); null if there is none."""
+    if type(interaction) is modules.RotatEInteraction:
+        real, imaginary = relations[0].chunk(2, 1)
+        is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
+        return (lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)) if is_rotation else None
+    forms: dict[tuple[type, Any], Callable[[float], Model]] = {
+        (modules.DistMultInteraction, None): lambda _: DistMult(),
+        (modules.ComplExInteraction, None): lambda _: ComplEx(),
+        (modules.TransEInteraction, 1): TransEL1,
+        (modules.TransEInteraction, 2): lambda margin: TransE(margin, bool(interaction.power_norm)),
+    }
+    make = forms.get((type(interaction), getattr(interaction, "p", None)))
+    return (make, relations[0]) if make else None
+
+
+def _read(representation: Representation) -> tuple[Form, Tensor]:
+    """Form and all rows, shape (N, size), of a representation in evaluation mode (no dropout; normalized)."""
+    training = representation.training
+    with torch.no_grad():
+        values = representation.eval()().detach().cpu()
+    representation.train(training)
+    flat = values.reshape(len(values), -1)
+    rows = torch.cat([flat.real, flat.imag], 1) if values.is_complex() else flat
+    return Form(tuple(representation.shape), values.is_complex()), rows

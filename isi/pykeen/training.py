@@ -1,0 +1,126 @@
+"""Training of a model of PyKEEN that has new entities: of the new rows alone, or of all rows."""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import torch
+from pykeen.optimizers import optimizer_resolver
+from pykeen.pipeline import PipelineResult
+from pykeen.training import training_loop_resolver
+from pykeen.triples import CoreTriplesFactory
+from torch.optim import Optimizer
+
+from isi.errors import InputError
+from isi.graph.graph import HEAD, TAIL
+from isi.insertion import api
+from isi.insertion.arguments import Names, argument, as_list, is_whole, triples_of
+from isi.pykeen.insertion import checked_labels, labelled, of_result
+from isi.pykeen.reading import PykeenModel, both_ways, read_model, stored, tables_of
+
+
+def fit_new(
+    model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
+    new: int | Sequence[str | int] | None = None, epochs: int = 100, learning_rate: float = 0.04,
+    weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, margin: float | None = None, seed: int = 0,
+) -> PykeenModel:  # fmt: skip
+    """Train the vectors of new entities in a copy of an enlarged model, by ``isi.fit_new``. All else stays unchanged.
+
+    Args:
+        model: with new entities, as ``insert`` returns it; ``factory``: its triples factory, with their triples.
+        triples: of the new entities, in any form that ``insert`` accepts. Without ``new``, those entities in them are
+            new that have no other triple in the factory.
+        new: labels or ids of the entities to train, or the number of the last ones. They are trained on their triples
+            in ``factory`` and ``triples``.
+        epochs: number of epochs of logistic loss and Adagrad with step size ``learning_rate``; ``weight_decay`` ·
+            parameters is added to each gradient.
+        batch_size: triples per update; ``ratio``: number of corrupted heads, of tails and of relations per triple.
+        margin: see ``insert``.
+        seed: root seed of batches and negatives.
+
+    Returns:
+        a copy of the model.
+
+    Raises:
+        InputError: names the wrong argument and the expected value, or says that training diverged.
+    """
+    model, factory, triples = of_result(model, factory, triples)
+    tables_of(model)
+    entity_labels, relation_labels = checked_labels(model, factory)
+    names = Names("entity_names", factory.num_entities, entity_labels)
+    relations = Names("relation_names", model.num_real_relations, relation_labels)
+    with argument("triples"):
+        added = triples_of([] if triples is None else labelled(triples), "triples", names, relations)
+    known = factory.mapped_triples.numpy()
+    ids = _new_ids(names, new, added, known)
+    about = np.concatenate([known, added])
+    about = about[np.isin(about[:, [HEAD, TAIL]], ids).any(1)]
+    order = np.concatenate([np.setdiff1d(np.arange(names.number), ids), ids])  # new ones last
+    about[:, [HEAD, TAIL]] = np.argsort(order)[about[:, [HEAD, TAIL]]]
+    if model.use_inverse_triples:
+        about = both_ways(torch.from_numpy(about), relations.number).numpy()
+    embedding = read_model(model, factory.mapped_triples, margin)
+    vectors, _ = api.fit_new(
+        embedding.entity[0].numpy()[order], embedding.relation[0].numpy(), about, new=len(ids), model=embedding.model,
+        epochs=epochs, learning_rate=learning_rate, weight_decay=weight_decay, batch_size=batch_size, ratio=ratio,
+        seed=seed,
+    )  # fmt: skip
+    trained = deepcopy(model)
+    for table, rows in stored(trained, torch.from_numpy(vectors[-len(ids) :])):
+        table._embeddings.weight.data[torch.from_numpy(ids)] = rows
+    return trained
+
+
+def _new_ids(names: Names, new: int | Sequence[str | int] | None, triples: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Sorted ids of the entities to train; by default those that are in ``triples`` and in no other known triple."""
+    if new is None:
+        others = set(map(tuple, known.tolist())) - set(map(tuple, triples.tolist()))
+        ends = np.unique(triples[:, [HEAD, TAIL]])
+        ids = np.setdiff1d(ends, [end for head, _, tail in others for end in (head, tail)]).astype(np.int64)
+    elif is_whole(new):
+        ids = np.arange(names.number)[max(0, names.number - int(new)) :]  # type: ignore[arg-type]
+    else:
+        with argument("new"):
+            ids = np.unique([names.id(label, "") for label in as_list(new)]).astype(np.int64)
+    if not 0 < len(ids) < names.number:
+        raise InputError("argument 'new'", "", "expected at least one new entity, beside known ones")
+    return ids
+
+
+def train_on(
+    model: PykeenModel | PipelineResult, factory: CoreTriplesFactory | None = None, epochs: int = 5, *,
+    training_loop: str = "slcwa", optimizer: str | Optimizer = "adam", learning_rate: float = 0.001,
+    batch_size: int = 256, progress: bool = False,
+) -> list[float]:  # fmt: skip
+    """Continue PyKEEN's training of all vectors of a model, in place, without new random vectors.
+
+    Args:
+        model: with or without new entities; ``factory``: its triples factory.
+        epochs: number of epochs, with the loss and the regularizers of the model.
+        training_loop: slcwa (sampled negatives) or lcwa.
+        optimizer: a name, with step size ``learning_rate``, or an optimizer of the model's parameters.
+        batch_size: triples per update.
+        progress: whether PyKEEN shows its progress.
+
+    Returns:
+        the mean loss of each epoch.
+    """
+    model, factory, _ = of_result(model, factory, ())
+    checked_labels(model, factory)
+    if not isinstance(optimizer, Optimizer):
+        optimizer = optimizer_resolver.make(optimizer, {"lr": learning_rate}, params=model.get_grad_params())
+    loop = training_loop_resolver.make(training_loop, model=model, triples_factory=factory, optimizer=warm(optimizer))
+    losses = loop.train(
+        factory, epochs, batch_size, continue_training=True, use_tqdm=progress, use_tqdm_batch=progress,
+        pin_memory=False,
+    )  # fmt: skip
+    return losses or []
+
+
+def warm(optimizer: Optimizer) -> Optimizer:
+    """Prepare an optimizer, in place, for PyKEEN's ``train(continue_training=True)``, which does not reset vectors."""
+    for group in optimizer.param_groups:
+        for parameter in group["params"]:
+            optimizer.state[parameter]  # creates an empty entry; PyKEEN refuses an optimizer without state
+    return optimizer
