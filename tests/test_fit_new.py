@@ -88,6 +88,21 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
     assert far.farther_than == 0.75  # -4 itself lies as far
 
 
+def test_a_result_shows_itself_in_five_lines_and_its_report_as_a_frame() -> None:
+    shown = repr(call(initializer="mean")).splitlines()
+    assert len(shown) <= 5
+    assert all(len(line) <= 120 for line in shown)
+    for text in ("2 new", "12 known", "3 triples", "cup, mug", "mean, as named", "nearest to cup: "):
+        assert text in "\n".join(shown)
+    done = on_a_line()
+    (own,), frame = done.report(nearest=2), done.to_frame(nearest=2)
+    assert frame.to_dict("records") == [vars(own)]
+    assert (
+        len(repr(isi.insert(np.ones((30, 2)), np.ones((1, 2)), [], new=100, model="distmult", initializer="mean")))
+        < 500
+    )
+
+
 @pytest.mark.parametrize("apart", [0.0, 2e-6])  # a few steps of single precision
 def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
     known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])

@@ -7,12 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check
-from isi.errors import InputError, short
+from isi.errors import InputError, cut, short
 from isi.evaluation.ranking import compare
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import Names, Triple, is_whole, stack_of_one, trained_session, triples_of
@@ -21,6 +22,7 @@ from isi.models.stack import Embedding
 from isi.random import stream
 
 BUDGET = 2**24  #: Maximum number of cosines or scores in one table.
+TINY = 1e-12  #: Minimum length of a vector in a cosine.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
 CLOUD = 2**16  #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
 
@@ -72,7 +74,7 @@ class Interference:
     changes: list[Change]  #: queries whose reciprocal rank falls most, the largest fall first
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Inserted:
     """An embedding with new entities. The rows of known entities are unchanged.
 
@@ -113,27 +115,49 @@ class Inserted:
     def names(self) -> Names:
         return Names("entity_names", len(self.entities), self.entity_names)
 
+    def __repr__(self) -> str:
+        of, first = self.names.of, self.new[0]
+        ((ids, cosines),) = self._nearest([first], 5)
+        near = ", ".join(f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True))
+        lines = [
+            f"{len(self.new)} new beside {self.known} known entities, inserted from {len(self.insert_triples)} triples",
+            f"new: {', '.join(str(of(row)) for row in self.new[:10])}{', ...' * (len(self.new) > 10)}",
+            f"initializer: {self.initializer}, {self.why}",
+            f"nearest to {of(first)}: {near}",
+        ]  # fmt: skip
+        return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
+
+    def to_frame(self, nearest: int = 5) -> pd.DataFrame:
+        """The report as a table: a row for each new entity, the fields of ``Entity`` as columns."""
+        return pd.DataFrame(list(map(vars, self.report(nearest))))
+
     def report(self, nearest: int = 5) -> list[Entity]:
         """The report of each new entity; ``nearest``: the number of nearest known entities in it."""
         check(nearest, Seed, "", "argument 'nearest'")
-        of, vectors = self.names.of, self.embedding.entity[0]
+        of = self.names.of
         inserted, between = (
             Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
             for triples in (self.insert_triples, self.between)
         )
-        known = normalize(vectors[: self.known], dim=-1)
-        parts = torch.split(vectors[self.known :], max(1, BUDGET // self.known))
-        best = [torch.topk(normalize(part, dim=-1) @ known.T, min(nearest, self.known)) for part in parts]
-        cosines, ids = (torch.cat([part[place] for part in best]).tolist() for place in (0, 1))
+        near = self._nearest(self.new, nearest)
         distances, shares = self._from_cloud()
         return [
             Entity(
                 of(row), row, inserted[row], between[row], self.fallback[place],
                 None if self.indicators is None else list(map(of, self.indicators[place])),
-                list(zip(map(of, ids[place]), cosines[place], strict=True)), distances[place], shares[place],
+                list(zip(map(of, near[place][0]), near[place][1], strict=True)), distances[place], shares[place],
             )
             for place, row in enumerate(self.new)
         ]  # fmt: skip
+
+    def _nearest(self, rows: Sequence[int], number: int) -> list[tuple[list[int], list[float]]]:
+        """For each of some entities, the ids of the known ones with the highest cosines, and the cosines."""
+        vectors = self.embedding.entity[0]
+        known, chosen = vectors[: self.known], vectors[torch.tensor(rows)]
+        lengths = known.norm(dim=-1).clamp(min=TINY)
+        parts = torch.split(normalize(chosen, dim=-1), max(1, BUDGET // self.known))
+        best = [torch.topk(part @ known.T / lengths, min(number, self.known)) for part in parts]
+        return [pair for part in best for pair in zip(part.indices.tolist(), part.values.tolist(), strict=True)]
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
         """``distance`` and ``farther_than`` of each new entity. Coordinates with (almost) no deviation are ignored."""
