@@ -30,6 +30,25 @@ class InputError(Exception):
         return cut("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), LONGEST)
 
 
+class MissingPackage(InputError, ImportError):
+    """A package that is not installed; the message names the extra of this project that installs it."""
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Imports inside need this extra of ``isi-kge``; ``MissingPackage`` where a package is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
+        raise MissingPackage(f"package {package}", "", f"not installed: pip install 'isi-kge[{name}]'") from error
+
+
+def is_of_pyarrow(error: Exception) -> bool:
+    """Whether pyarrow raised an error; pyarrow, which few commands need, is not imported for that."""
+    return type(error).__module__.split(".")[0] == "pyarrow"
+
+
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
     """Turn an error raised inside (InputError, pydantic, pyarrow, UTF-8, system) into an InputError with file, place::
@@ -58,7 +77,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
             return _first_mistake(error)
         case OSError():
             return "", f"cannot be read ({os_message(error)})"
-    if type(error).__module__.split(".")[0] == "pyarrow":
+    if is_of_pyarrow(error):
         return "", f"cannot be read ({cut(str(error), 120)})"
     raise error
 

@@ -8,7 +8,7 @@ import pandas as pd
 import torch
 
 if find_spec("pykeen") is None:
-    sys.exit("insert_hidden: expected the package PyKEEN: pip install pykeen")
+    sys.exit("insert_hidden: expected the package PyKEEN: pip install 'isi-kge[pykeen]'")
 
 from pykeen.datasets import get_dataset
 

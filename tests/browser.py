@@ -1,8 +1,8 @@
 """A real browser that opens pages from files, without a network.
 
 Tests take the fixture ``chromium`` (from ``tests/conftest.py``) and open files with ``opened``. They are skipped, with
-the reason, if Playwright (``pip install 'isi[browser]'``) or a Chromium is missing; the variable ``CHROMIUM`` may hold
-the path of a Chromium.
+the reason, if Playwright (the extra ``browser``) or a Chromium is missing; the variable ``CHROMIUM`` may hold the path
+of a Chromium.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Opened:
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     """A headless Chromium for the tests of a module; no other asyncio loop may run until it is closed."""
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install 'isi[browser]'")
+    api = pytest.importorskip("playwright.sync_api", reason="the extra `browser` is not installed")
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
     if found is None:
         pytest.skip(f"no Chromium: none of {', '.join(_NAMES)} is on the path, and CHROMIUM names none")

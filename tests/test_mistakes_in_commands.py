@@ -125,10 +125,10 @@ def test_without_pykeen_the_message_says_how_to_install_it(tmp_path: Path, monke
     for name in ("pykeen", "pykeen.models"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ImportError, match="pip install pykeen"):
+    with pytest.raises(ImportError, match=r"isi-kge\[pykeen\]"):
         __import__("isi.pykeen")
     (case,) = [case for case in IMPORT_CASES if case.what == "a pickle that is none"]
     case.before()
     line, status, _ = line_of("isi", case)
-    assert_names(line, "trained_model.pkl|pip install pykeen")
+    assert_names(line, "trained_model.pkl|isi-kge[pykeen]")
     assert status == 1

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import torch
 from pydantic import Field
 from torch import Tensor
@@ -41,7 +40,7 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
         {**(by or {}), **SIZE_AND_SEED, **SESSION, "model": NAME, "scope": one_of(*SCOPES),
          "filter": one_of("learned", "true"), "relation": NAME, "hidden": one_of("head", "relation", "tail"),
          "novel": one_of(*NOVEL_AT), "queries": FROM_1, "mrr_star": SHARE, "mrr": SHARE,
-         "observations": at_least(1, pa.int64())},
+         "observations": at_least(1, "int64")},
         key=[*(by or {}), "size", "seed", "session", "model", "scope", "filter", "relation", "hidden", "novel"],
     )  # fmt: skip
 

@@ -82,10 +82,8 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     """A bundle of a model pickled by PyKEEN; InputError without PyKEEN, for another file, or if ``MODELS`` lacks it."""
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
-    try:
-        from isi.pykeen import read_model
-    except ImportError as error:
-        raise InputError(path, "", "needs PyKEEN to be read: pip install pykeen") from error
+    with at(path):
+        from isi.pykeen import read_model  # here, since only pickles need PyKEEN
     try:
         pickled = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
     except Exception as error:  # a pickle can raise any error

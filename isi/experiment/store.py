@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import torch
 
 from isi.errors import InputError
@@ -49,7 +48,7 @@ JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 #: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is the best so far.
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
-    {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType(pa.bool_())},
+    {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType("bool")},
     key=["size", "seed", "epoch"], ordered=True, checks=[HALVES],
 )  # fmt: skip
 #: Measures of an initializer or of the joint model. ``queries`` counts triples; each triple gives three queries.

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Literal
 import numpy as np
 
 from isi.config import Section, Sha256
-from isi.errors import InputError, at, cut, short
+from isi.errors import InputError, at, cut, extra, short
 from isi.tables import paths
 from isi.tables.io import check_sha256
 from isi.tables.rules import TEXT, ColumnType
@@ -86,7 +86,8 @@ def load_vectors(given: Words) -> KeyedVectors:
     if given.sha256 is not None:
         expected = "expected null or a file as words.source, since only the SHA-256 of a file is checked"
         raise InputError(paths.PARAMS, "words.sha256", expected)
-    import gensim.downloader  # needs the network: imported only for a download
+    with extra("words-file"):
+        import gensim.downloader  # needs the network: imported only for a download
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
     try:
@@ -105,7 +106,8 @@ def read_vectors(path: Path) -> KeyedVectors:
     gensim's own reader is not used: it accepts a truncated last line and trusts the header's size. If a token
     repeats, its first vector counts. InputError names the broken line or vector.
     """
-    from gensim.models import KeyedVectors
+    with extra("words-file"):
+        from gensim.models import KeyedVectors
 
     rows, numbers = dict[str, int](), bytearray()
     form = "expected word vectors in word2vec or GloVe format"
@@ -141,7 +143,8 @@ def read_vectors(path: Path) -> KeyedVectors:
 
 def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
     """For each vector: its unit (line or vector) and number, its token, and its values (float32, little endian)."""
-    from smart_open import open as open_any
+    with extra("words-file"):
+        from smart_open import open as open_any
 
     with open_any(path, "rb") as file:
         header, start = file.readline(CHUNK), file.read(4096)

@@ -14,7 +14,7 @@ import pandas as pd
 import torch
 
 from isi.config import check
-from isi.errors import InputError, short, suggestion
+from isi.errors import InputError, extra, short, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model, make_model
@@ -285,7 +285,8 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
         if len(vectors) != len(texts):
             raise InputError("argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}")
         return vectors
-    from gensim.models import KeyedVectors  # here, since the import takes a second
+    with extra("words-file"):
+        from gensim.models import KeyedVectors  # here, since the import takes a second
 
     from isi.graph.words import look_up, read_vectors
 

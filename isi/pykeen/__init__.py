@@ -1,9 +1,9 @@
 """Insertion of new entities into a copy of a model trained by PyKEEN, and training afterwards."""
 
-try:
+from isi.errors import extra
+
+with extra("pykeen"):
     import pykeen  # noqa: F401
-except ModuleNotFoundError as error:
-    raise ImportError("isi.pykeen needs PyKEEN: pip install pykeen") from error
 
 from isi.pykeen.insertion import enlarge, insert, inserted
 from isi.pykeen.reading import InteractionModel, read_model

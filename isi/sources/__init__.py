@@ -4,20 +4,24 @@ A source is a reader with its settings. Each module registers its readers by nam
 A reader raises an ``InputError``, with file and place, if a file is missing, is broken or has another format.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-import pyarrow as pa
 
 from isi import config
-from isi.errors import InputError, short
+from isi.errors import InputError, extra, short
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, name_fault
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
 from isi.tables.table import Table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: One row per triple of an instance, or per tally; ``count`` is the number of observations.
 OBSERVATIONS = Table(
@@ -33,7 +37,7 @@ KINDS = Table(
 )
 #: Number of instances (RDF: triples) by description, ``step``: those left after a step, dropped, or irregular.
 MINED = Table(
-    "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
+    "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, "int64")}, key=["step"]
 )
 CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.tables`` yields.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
@@ -120,6 +124,9 @@ class Source:
 
     def tables(self) -> Iterator[pa.Table]:
         """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names, or not one kind per entity."""
+        with extra("pipeline"):
+            import pyarrow as pa
+
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()

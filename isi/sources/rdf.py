@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Literal as Choice
 from urllib.parse import unquote
 
-from rdflib import OWL, RDF, RDFS, BNode, Graph, Literal
-from rdflib.exceptions import ParserError
-from rdflib.plugins.parsers.notation3 import BadSyntax
-from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
-from rdflib.term import Node
-
-from isi.errors import InputError, cut, short
+from isi.errors import InputError, cut, extra, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import KindsByRelation, Naming, name_fault
 from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
+
+with extra("pipeline"):
+    from rdflib import OWL, RDF, RDFS, BNode, Graph, Literal
+    from rdflib.exceptions import ParserError
+    from rdflib.plugins.parsers.notation3 import BadSyntax
+    from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
+    from rdflib.term import Node
 
 #: Descriptions of counts: triples that give no observation.
 LITERALS = "triples dropped that end in a literal"

@@ -11,19 +11,18 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import TextIO, TypeVar
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as compute
-import pyarrow.csv as pc
-import pyarrow.parquet as pq
 
 from isi import config
-from isi.errors import InputError, at, cut, short
+from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
 from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: Size of a batch: bytes of a text table, rows of a Parquet table. A line longer than ``BLOCK`` is refused.
 BLOCK, BATCH = 2**20, 65_536
@@ -31,8 +30,8 @@ MOST, MOST_ROWS = 2**26, 1_000_000  #: Maximum size of a file that is read as a 
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
-#: Errors that reading a broken file raises.
-UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
+#: Errors that reading a broken file raises, beside those of pyarrow.
+UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error)
 T = TypeVar("T")
 
 
@@ -41,7 +40,9 @@ def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterato
     """Turn errors of reading a file into an ``InputError`` with its path, the place, and the expected content."""
     try:
         yield
-    except UNREADABLE as error:
+    except Exception as error:
+        if not isinstance(error, UNREADABLE) and not is_of_pyarrow(error):
+            raise
         row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # pyarrow's wording
         line, problem = (f"line {row[1]}", row[2]) if row else (place(), str(error))
         raise InputError(path, line, f"expected {content} ({cut(problem, 120)})") from error
@@ -189,6 +190,9 @@ def read_batches(
 
 def _header(path: Path, separator: str | None) -> list[str]:
     if separator is None:
+        with extra("pipeline"):
+            import pyarrow.parquet as pq
+
         return list(pq.read_schema(path).names)
     with open_text(path) as file:
         return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
@@ -198,6 +202,12 @@ def _batches(
     path: Path, separator: str | None, header: Sequence[str], names: Sequence[str]
 ) -> Iterator[dict[str, pa.Array]]:
     """Yield the columns ``names`` as text, in batches; null becomes empty text."""
+    with extra("pipeline"):
+        import pyarrow as pa
+        import pyarrow.compute as compute
+        import pyarrow.csv as pc
+        import pyarrow.parquet as pq
+
     if separator is None:
         for batch in pq.ParquetFile(path).iter_batches(BATCH, columns=names):
             yield {name: batch[name].cast(pa.string()).fill_null("") for name in names}

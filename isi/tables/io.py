@@ -1,18 +1,16 @@
-"""Parquet and safetensors files of the pipeline: each is checked when read, and written completely or not at all."""
+"""Safetensors files of the pipeline, each checked when read; files of any form are written completely or not at all."""
 
 from __future__ import annotations
 
 import glob
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from isi.errors import InputError, at, unwritable
 from isi.process import is_running
@@ -24,7 +22,7 @@ STAGE = "isi.stage"  #: Key of a file's metadata that names the stage that wrote
 
 
 @contextmanager
-def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
+def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
     """Turn errors of opening a file, ``fault`` included, into an ``InputError`` with its path."""
     try:
         yield
@@ -35,45 +33,6 @@ def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
     except (OSError, fault) as error:
         why = next(iter(str(error).splitlines()), type(error).__name__)
         raise InputError(path, "", f"expected {form} ({why})") from error
-
-
-def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
-    """Read the columns of a schema, dictionary-encoded or not; ``InputError`` if one is missing or of another type."""
-    with _opening(path, "a Parquet table", pa.ArrowException):
-        table = pq.ParquetFile(path).read()
-    for expected in schema:
-        place = table.schema.get_field_index(expected.name)
-        if place < 0:
-            raise InputError(path, f"column {expected.name!r}", "missing")
-        got = table.schema.field(place).type
-        if _plain(got) != _plain(expected.type):
-            raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
-    return table.select(schema.names)
-
-
-def _plain(kind: pa.DataType) -> pa.DataType:
-    """A column's type without dictionary encoding; large strings become strings."""
-    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
-    return pa.string() if pa.types.is_large_string(kind) else kind
-
-
-def write_parquet(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stage: str) -> None:
-    """Write each part as a row group, atomically; metadata: ``stage``. Equal arguments give equal bytes."""
-
-    def write_parts(temporary: Path) -> None:
-        with pq.ParquetWriter(temporary, schema.with_metadata({STAGE: stage}), compression="zstd") as writer:
-            for part in parts:
-                columns = [_in_order_of_rows(part.column(field.name), field.type) for field in schema]
-                writer.write_table(pa.Table.from_arrays(columns, schema=schema))
-
-    atomically(path, write_parts)
-
-
-def _in_order_of_rows(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
-    """The same column with its dictionary sorted by first appearance."""
-    if not pa.types.is_dictionary(kind):
-        return column.cast(kind)
-    return pa.chunked_array(column.cast(kind.value_type).combine_chunks().dictionary_encode())
 
 
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
@@ -109,7 +68,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None
 def _opened(path: Path) -> Iterator[Any]:
     from safetensors import SafetensorError, safe_open  # imported here: it loads torch
 
-    with _opening(path, "a safetensors file", SafetensorError), safe_open(path, framework="pt") as file:
+    with opening(path, "a safetensors file", SafetensorError), safe_open(path, framework="pt") as file:
         yield file
 
 

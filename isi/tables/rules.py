@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from isi.errors import InputError
 
 LONGEST, SHOWN = 1000, 40  #: Maximum number of characters of a name, and of a value in a message.
 MOST_OBSERVED = 10**9  #: Maximum sum of the counts of a table: an epoch passes over all observations.
 ROUNDING = 1e-6  #: Tolerance for means, which are computed in single precision.
+#: Arrow's type of a column by name; ``category``: text that repeats, dictionary-encoded.
+ArrowType = Literal["bool", "int32", "int64", "float64", "string", "category"]
 Broken = np.ndarray | pd.Series  #: Whether each row breaks a rule; shape: (rows,), bool.
 
 
@@ -30,7 +32,7 @@ class Rule:
 class ColumnType:
     """The type of a column and the rule for its values; a null breaks no rule, but is refused unless ``nullable``."""
 
-    type: pa.DataType
+    type: ArrowType
     expected: str = ""  #: message; ``{}`` is the column's name
     broken: Callable[[pd.Series], Broken] | None = None
     nullable: bool = False
@@ -49,7 +51,7 @@ class ColumnType:
             yield Rule(self.expected.format(repr(name)), [name], lambda frame: broken(frame[name]))
 
 
-def at_least(low: float, kind: pa.DataType) -> ColumnType:
+def at_least(low: float, kind: ArrowType) -> ColumnType:
     """Numbers in [low, ∞)."""
     return ColumnType(kind, f"expected {{}} of at least {low:g}", lambda values: values < low)
 
@@ -57,7 +59,7 @@ def at_least(low: float, kind: pa.DataType) -> ColumnType:
 def within(low: float, high: float) -> ColumnType:
     """Real numbers in [low, high], with the tolerance ``ROUNDING``."""
     expected = f"expected {{}} from {low:g} to {high:g}"
-    return ColumnType(pa.float64(), expected, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
+    return ColumnType("float64", expected, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
 
 
 def one_of(*names: str) -> ColumnType:
@@ -77,14 +79,14 @@ def _nameless(values: pd.Series) -> pd.Series:
 
 _NAMED = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
 #: Names: plain, for columns of unique names; dictionary-encoded, for names that repeat.
-TEXT, NAME = (ColumnType(kind, _NAMED, _nameless) for kind in (pa.string(), pa.dictionary(pa.int32(), pa.string())))
-FROM_0, FROM_1 = at_least(0, pa.int32()), at_least(1, pa.int32())
+TEXT, NAME = (ColumnType(kind, _NAMED, _nameless) for kind in ("string", "category"))
+FROM_0, FROM_1 = at_least(0, "int32"), at_least(1, "int32")
 ENTITY = replace(FROM_0, is_entity=True)
-REAL = ColumnType(pa.float64(), "expected {} to be finite", np.isinf)
+REAL = ColumnType("float64", "expected {} to be finite", np.isinf)
 SHARE = within(0, 1)
 #: Numbers of observations: at least 1 in a row, at most ``MOST_OBSERVED`` in all rows.
 COUNT = ColumnType(
-    pa.int32(), f"expected {{}} of at least 1, and at most {MOST_OBSERVED:,} observations in all",
+    "int32", f"expected {{}} of at least 1, and at most {MOST_OBSERVED:,} observations in all",
     lambda values: (values < 1) | (values.astype(np.int64).cumsum() > MOST_OBSERVED),
 )  # fmt: skip
 

@@ -11,13 +11,13 @@ from string import Formatter
 from typing import TYPE_CHECKING
 
 import pandas as pd
-import pyarrow as pa
 
 from isi.errors import InputError
 from isi.tables import io
 from isi.tables.rules import ColumnType, Rule, ascending, refuse, unique
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from torch import Tensor
 
 _DECLARED: list[DataFile] = []
@@ -64,7 +64,9 @@ class Table(DataFile):
 
     @cached_property
     def schema(self) -> pa.Schema:
-        return pa.schema([(name, column.type) for name, column in self.columns.items()])
+        from isi.tables.parquet import schema_of  # here, since it loads pyarrow, which few commands need
+
+        return schema_of(self.columns)
 
     @property
     def entity_ids(self) -> list[str]:
@@ -87,7 +89,9 @@ class Table(DataFile):
         return as_text(self.read(**names))
 
     def read_file(self, path: Path) -> pd.DataFrame:
-        frame: pd.DataFrame = io.read_parquet(path, self.schema).to_pandas()
+        from isi.tables import parquet
+
+        frame: pd.DataFrame = parquet.read(path, self.schema).to_pandas()
         self.check(frame, path)
         return frame
 
@@ -97,11 +101,15 @@ class Table(DataFile):
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
         """Like ``write``, to any path."""
+        from isi.tables import parquet
+
         frame = frame.sort_values(list(self.key)) if self.ordered else frame
-        self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
+        self.write_parts(path, [parquet.table_of(frame, self.schema)], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
         """Check each part by itself, and write it as a row group; return the number of rows of all parts."""
+        from isi.tables import parquet
+
         rows = 0
 
         def checked() -> Iterator[pa.Table]:
@@ -115,7 +123,7 @@ class Table(DataFile):
                 why = f"cannot be read ({error.strerror or error})"
                 raise InputError(error.filename or "a source of the table", "", why) from error
 
-        io.write_parquet(path, checked(), self.schema, stage)
+        parquet.write(path, checked(), self.schema, stage)
         return rows
 
 

@@ -8,12 +8,15 @@ import math
 from typing import cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from isi.errors import extra
 from isi.models.bilinear import BlockModel
 from isi.models.stack import Embedding
 from isi.training.batches import TrainingData, sample_epoch
+
+with extra("pipeline"):
+    from numba import njit
 
 Floats = NDArray[np.float32]
 Ids = NDArray[np.int32]
