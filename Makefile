@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install repro beyond quick record test types pytest fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
+.PHONY: help install repro beyond quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -21,7 +21,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --no-deps $(TORCH)
 	$(BIN)/pip install --quiet --no-deps --require-hashes -r requirements.lock
-	$(BIN)/pip install --quiet --editable .   # and what a CUDA build of torch wants besides
+	$(BIN)/pip install --quiet --editable '.[pipeline,test]'   # and what a CUDA build of torch wants besides
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
@@ -57,6 +57,12 @@ types: $(INSTALLED)
 
 pytest: $(INSTALLED)
 	pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+
+wheel: $(INSTALLED)  ## build the wheel and the source distribution, and check them, in dist/ (installs the extra `release`)
+	$(BIN)/pip install --quiet --editable '.[release]'
+	rm -rf dist
+	python -m build --no-isolation
+	twine check --strict dist/*
 
 fuzz: $(INSTALLED)  ## feed 10,000 malformed files to the readers, in about ten minutes (ARGS="--inputs 1000" for fewer); table in docs/benchmarks
 	python -m tests.fuzz $(ARGS)
