@@ -89,7 +89,7 @@ def inserted(
     if new is None:
         new = _new_labels(rows, factory, Names("entity_names", factory.num_entities, entity_labels), relations)
         near = nearly_known(new, factory.entity_to_id)
-    names = all_names(factory.num_entities, entity_labels, new)
+    names = all_names(Names("entity_names", factory.num_entities, entity_labels), new, "new")
     ids, known = torch.from_numpy(triples_of(rows, "triples", names, relations)), factory.mapped_triples
     embedding = read_model(model, known, margin)
     for head, relation, tail in ids[(ids[:, [HEAD, TAIL]] < factory.num_entities).all(1)][:1].tolist():
