@@ -226,7 +226,7 @@ def init_context_of(
     session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT
     session.entities[:, known:] = False
-    ends = torch.from_numpy(insert_triples[:, [HEAD, TAIL]])
+    ends = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].copy(order="C"))
     place = torch.searchsorted(new, ends).clamp(max=len(new) - 1)
     triple, end = (new[place] == ends).nonzero(as_tuple=True)
     order = torch.argsort(place[triple, end], stable=True)
