@@ -177,7 +177,20 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(inverse: A
         *tables, triples[~of_known], new=2, model="transe_l1", model_options={"margin": 1.0}, initializer="soft_rs",
         known_triples=triples[of_known],
     )  # fmt: skip
-    np.testing.assert_allclose(done.entities, expected.entities, rtol=1e-5, atol=1e-6)
+    unit = expected.entities / np.linalg.norm(expected.entities, axis=1, keepdims=True)  # as TransE's vectors are
+    np.testing.assert_allclose(done.entities, unit, rtol=1e-5, atol=1e-6)
+    assert done.relations.shape == (RELATIONS, 2 * DIMENSION)
+
+
+@pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
+def test_interference_ranks_as_pykeen_does(name: str, factory: Any, inverse: Any) -> None:
+    for of in (factory, inverse):
+        done = isi.pykeen.inserted(model_of(name, MODELS.get(name, {}), of), of, NEW, initializer="mean")
+        larger, more = isi.pykeen.enlarge(model_of(name, MODELS.get(name, {}), of), of, done)
+        metrics = RankBasedEvaluator().evaluate(
+            larger, of.mapped_triples, additional_filter_triples=more.mapped_triples, use_tqdm=False, batch_size=32
+        )
+        assert done.interference().h_cur == pytest.approx(metrics.get_metric("mrr"), abs=1e-4)
 
 
 @pytest.mark.parametrize("name", ["es", "soft_es", "kind_mean", "mean", "map_mean", "iu"])

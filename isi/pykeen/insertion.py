@@ -18,7 +18,7 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion import api
 from isi.insertion.arguments import Names, Source, all_names, argument, listed_triples, triples_of
 from isi.insertion.result import Inserted
-from isi.pykeen.reading import PykeenModel, both_ways, read_model, stored, tables_of
+from isi.pykeen.reading import BothWays, PykeenModel, both_ways, constrained, read_model, stored, tables_of
 
 SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
@@ -75,8 +75,8 @@ def inserted(
 ) -> Inserted:  # fmt: skip
     """The result of ``isi.insert`` for the arguments of ``insert``: vectors, report and interference.
 
-    With a model of inverse triples, each triple is inserted in both directions, and the rows of the inverse relations
-    follow those of the relations. ``interference`` scores heads by the relations, PyKEEN by their inverses.
+    With a model of inverse triples, each triple is inserted in both directions. In the result, as in PyKEEN's
+    predictions, tails are scored by the relation and heads by its inverse; a row of ``relations`` joins both.
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
@@ -115,8 +115,17 @@ def inserted(
         warnings.warn(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)", stacklevel=3
         )
-    lists = {name: getattr(done, name) for name in ("insert_triples", "between", "known_triples")}
-    return replace(done, **{name: rows[rows[:, RELATION] < relations.number] for name, rows in lists.items()})
+    vectors = constrained(model, torch.from_numpy(done.entities[done.known :])).numpy()
+    done = replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
+    return both_ways_joined(done, relations) if model.use_inverse_triples else done
+
+
+def both_ways_joined(done: Inserted, relations: Names) -> Inserted:
+    """The result with R relations, from that with their inverses as further relations and each triple both ways."""
+    names = ("insert_triples", "between", "known_triples")
+    lists = {name: rows[rows[:, RELATION] < relations.number] for name in names for rows in [getattr(done, name)]}
+    joined = np.concatenate(np.split(done.relations, 2), 1)
+    return replace(done, relations=joined, relation_names=relations.names, model=BothWays(done.model), **lists)
 
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:

@@ -90,6 +90,34 @@ class InteractionModel(Model):
         raise NoRelationMap
 
 
+@dataclass(frozen=True, eq=False)
+class BothWays(Model):
+    """PyKEEN's predictions with inverse triples: f(h, r, ?) for tails, and for heads f(t, inverse of r, ?).
+
+    The row of a relation joins those of the relation and of its inverse in ``base``.
+    """
+
+    base: Model
+
+    def width(self, dimension: int) -> int:
+        return 2 * self.base.width(dimension)
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        return self.base.score(head, relation.chunk(2, -1)[0], tail)
+
+    def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
+        return self.base.score_tails(head, relation.chunk(2, -1)[0], entity)
+
+    def score_heads(self, tail: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
+        return self.base.score_tails(tail, relation.chunk(2, -1)[1], entity)
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return self.base.transform(vectors, relation.chunk(2, -1)[0])
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return self.base.transform(vectors, relation.chunk(2, -1)[1])
+
+
 def tables_of(model: object) -> list[Table]:
     """The entity tables of a model; InputError unless it stores all vectors of entities in tables."""
     if not isinstance(model, ERModel):
@@ -109,6 +137,11 @@ def tables_of(model: object) -> list[Table]:
 
 def entity_forms(model: PykeenModel) -> tuple[Form, ...]:
     return tuple(Form(tuple(table.shape), table.is_complex, table.constrainer) for table in tables_of(model))
+
+
+def constrained(model: PykeenModel, rows: Tensor) -> Tensor:
+    """Joined rows, (n, d), under the constraints of their tables."""
+    return torch.cat([_flat(values) for values in parted(rows, entity_forms(model))], 1)
 
 
 def stored(model: PykeenModel, rows: Tensor) -> list[tuple[Table, Tensor]]:
@@ -174,6 +207,10 @@ def _read(representation: Representation) -> tuple[Form, Tensor]:
     with torch.no_grad():
         values = representation.eval()().detach().cpu()
     representation.train(training)
+    return Form(tuple(representation.shape), values.is_complex()), _flat(values)
+
+
+def _flat(values: Tensor) -> Tensor:
+    """Values of a table, (N, *shape), as rows, (N, size)."""
     flat = values.reshape(len(values), -1)
-    rows = torch.cat([flat.real, flat.imag], 1) if values.is_complex() else flat
-    return Form(tuple(representation.shape), values.is_complex()), rows
+    return torch.cat([flat.real, flat.imag], 1) if values.is_complex() else flat
