@@ -10,9 +10,11 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from isi.evaluation.query_sets import novel_query_set
@@ -27,6 +29,7 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
+from isi.report.figures import STYLE, rendered
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 
@@ -139,6 +142,10 @@ def main() -> None:
         results[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
     table = table_of(settings, results)
     table.to_csv(BENCHMARKS / "initializers.csv", index=False)
+    with mpl.rc_context(STYLE):
+        canvas = frontier(table)
+        for form in ("svg", "png"):
+            (BENCHMARKS / f"initializers.{form}").write_bytes(rendered(canvas, form))
     of_params = [shown(params.initializers.get(name, {})) for name in table["initializer"]] == table[
         "options"
     ].to_numpy()
@@ -166,6 +173,20 @@ def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
     """Standard error over hidden sets of each setting's MRR* minus that of the first of ``rows``; shape (rows,)."""
     variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in results.values()]
     return (np.sqrt(np.sum(variance, 0)) / len(results)).round(2)
+
+
+def frontier(table: pd.DataFrame) -> Figure:
+    """Every setting: what it gains about hidden entities, and what it costs earlier triples (``MEASURES``)."""
+    canvas = Figure(figsize=(6.5, 4.5), layout="constrained")
+    axes = canvas.subplots()
+    gain, _, loss = MEASURES
+    for name, rows in table.groupby("initializer", sort=False):
+        registered = INITIALIZERS.get(str(name), str(name))
+        axes.scatter(rows[loss], rows[gain], s=14, color=registered.colour, label=registered.label)
+    axes.axvline(TOLERANCE, color="#999999", linewidth=0.8, linestyle="--")
+    axes.set(xlabel=f"{loss} triples, MRR* points", ylabel="MRR* about hidden entities")
+    axes.legend(fontsize=7, ncols=2)
+    return canvas
 
 
 def shown(options: dict[str, Any]) -> str:

@@ -30,6 +30,7 @@ from isi.pykeen import enlarge, inserted, read_model, warm
 
 Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]
+Parts = list[tuple[Slot, np.ndarray]]  #: The slot that is queried, and triples of ids, (N, 3).
 BATCH = 256  #: Number of triples in a batch of evaluation.
 
 
@@ -49,7 +50,10 @@ def hidden_in(
     words = None if words is None else words[split.order]
     start = time.process_time()
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
-    answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
+    seconds = [{"method": "known", "seconds": time.process_time() - start}]
+    pairs = valid.mapped_triples.numpy()
+    before = {"method": "nothing", "asked": "earlier"} | ranked(case.model, both_ends(pairs), split.triples)
+    answers = list[dict[str, Any]]([before])
     methods: dict[str, dict[str, Any]] = {
         "insert": {}, **{name: {"initializer": name} for name in settings.initializers}, "own": {"pykeen_rows": True},
         "insert_new_rows": {"then": "new_rows"}, "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
@@ -62,7 +66,7 @@ def hidden_in(
         model, result = case.enlarged(split.insert_triples(number), **options)
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
-        answers += [row | measures for measures in measured(model, split, valid.mapped_triples.numpy())]
+        answers += [row | measures for measures in measured(model, split, pairs)]
     return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
 
 
@@ -151,22 +155,29 @@ def evaluator() -> RankBasedEvaluator:
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
     """For each value of ``asked`` (``HIDDEN_ENTITIES``): queries, MRR and Hits@10 of filtered realistic ranks."""
     by_head = split.queries[:, HEAD] >= split.known
-    of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)
-    queries: dict[str, list[tuple[Slot, np.ndarray]]] = {
-        "known": [("tail", of_heads), ("head", of_tails)],
-        "hidden": [("head", of_heads), ("tail", of_tails)],
-        "earlier": [("head", valid), ("tail", valid)],
-    }
-    measures = {"mrr": "inverse_harmonic_mean_rank", "hits_at_10": "hits_at_10"}
+    of_heads, of_tails = split.queries[by_head], split.queries[~by_head]
+    queries: dict[str, Parts] = {
+        "known": [("tail", of_heads), ("head", of_tails)], "hidden": [("head", of_heads), ("tail", of_tails)],
+        "earlier": both_ends(valid),
+    }  # fmt: skip
     for name, parts in queries.items():
-        ranked = []
-        for slot, triples in parts:
-            if len(triples):
-                metric = evaluator().evaluate(
-                    model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=true,
-                    batch_size=BATCH, use_tqdm=False,
-                ).get_metric  # fmt: skip
-                ranked.append([len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures.values())])
-        number, *values = np.array(ranked).T
-        means = {measure: each @ number / number.sum() for measure, each in zip(measures, values, strict=True)}
-        yield {"asked": name, "queries": int(number.sum())} | means
+        yield {"asked": name} | ranked(model, parts, split.true)
+
+
+def both_ends(triples: np.ndarray) -> Parts:
+    return [("head", triples), ("tail", triples)]
+
+
+def ranked(model: Model, parts: Parts, true: np.ndarray) -> dict[str, Any]:
+    """Queries, MRR and Hits@10 of realistic ranks of the ends of triples, filtered by ``true``, (N, 3)."""
+    measures, rows = {"mrr": "inverse_harmonic_mean_rank", "hits_at_10": "hits_at_10"}, []
+    for slot, triples in parts:
+        if len(triples):
+            metric = evaluator().evaluate(
+                model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=torch.from_numpy(true),
+                batch_size=BATCH, use_tqdm=False,
+            ).get_metric  # fmt: skip
+            rows.append([len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures.values())])
+    number, *values = np.array(rows).T
+    means = {measure: each @ number / number.sum() for measure, each in zip(measures, values, strict=True)}
+    return {"queries": int(number.sum())} | means

@@ -10,12 +10,12 @@ from isi.initializers.evidence import SAMPLE, spread
 from isi.initializers.newton import Problem, newton
 from isi.models.stack import Embedding
 
-SHRINKAGE = 0.5  #: Weight of an isotropic covariance of equal trace: there are few relations.
+SHRINKAGE = 0.9  #: Weight of an isotropic covariance of equal trace: there are few relations.
 
 
 def fit_relations(
-    theta: Embedding, entities: int, relations: int, triples: Tensor, known_triples: Tensor, strength: float = 1.0,
-    ratio: int = 3, known_negatives: float = 1.0,
+    theta: Embedding, entities: int, relations: int, triples: Tensor, known_triples: Tensor, strength: float = 3.0,
+    ratio: int = 1, known_negatives: float = 1.0,
 ) -> Tensor:  # fmt: skip
     """The most probable rows of the relations of one embedding after its first ``relations``; shape (q, w).
 
