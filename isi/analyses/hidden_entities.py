@@ -19,7 +19,7 @@ from isi.tables.table import Table
 #: ``method``: key of ``methods`` in ``hidden_in``, or nothing (before any insertion). ``initializer``: that of
 #: ``isi.pykeen.insert``; null for methods without it. ``told``: maximum number of insert triples per entity (null:
 #: all). ``asked``: the answer is the ``known`` or the ``hidden`` end of a triple of a hidden entity, or (``earlier``)
-#: either end of a validation triple of known entities. All entities are candidates. ``entities``: number of hidden ones.
+#: either end of a validation triple of known entities. All entities are candidates. ``entities``: number of hidden.
 HIDDEN_ENTITIES = Table(
     "data/beyond/hidden/{graph}.parquet",
     {"method": NAME, "initializer": NAME.optional, "told": FROM_1.optional, "seed": FROM_0,
