@@ -213,7 +213,9 @@ def known() -> OpenBundle:
     return opened(random_bundle(120))
 
 
-@pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
+@pytest.mark.parametrize("changed", [
+    {"initializer": "map"}, {"initializer": "map", "vector": None}, {"initializer": "rs", "options": {"k": 3}},
+])  # fmt: skip
 def test_held_out_entities_are_inserted_as_the_new_one_was(known: OpenBundle, changed: dict[str, Any]) -> None:
     calibration = calibration_of(known, **changed)
     assert len(calibration.held_out) == ENTITIES
@@ -227,7 +229,7 @@ def test_held_out_entities_are_inserted_as_the_new_one_was(known: OpenBundle, ch
         facts = [(names[head], labels[relation], names[tail]) for head, relation, tail in insert_triples.tolist()]
         assert set(facts) <= set(known.named_triples())
         given = {"name": names[entity], "triples": facts, "vector": None if words is None else words[entity]}
-        new = new_entity(**{"initializer": calibration.result.initializer, **changed, **given})
+        new = new_entity(**{**changed, **given})
         alone = insert_entity(rest, new)[1].entities[-1]
         np.testing.assert_allclose(vector.numpy(), alone, rtol=1e-4, atol=1e-5)
 

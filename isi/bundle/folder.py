@@ -78,7 +78,7 @@ class InsertionRequest(ManifestSection):
 
 
 class InsertionRecord(InsertionRequest):
-    """The input of an insertion, from which it can be repeated; the initializer that was used, and the reason."""
+    """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``; and the reason."""
 
     initializer: Text
     why: Text

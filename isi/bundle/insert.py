@@ -78,9 +78,13 @@ def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
     ]  # fmt: skip
 
 
-def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inserted]:
-    """The bundle with a new entity in its last row, and the result of ``isi.insert``."""
+def insert_entity(opened: OpenBundle, new: NewEntity, **choice: Any) -> tuple[OpenBundle, Inserted]:
+    """The bundle with a new entity in its last row, and the result of ``isi.insert``.
+
+    ``choice``: arguments about the choice of an initializer. A recorded insertion is repeated with its initializer.
+    """
     request, words = new.request, None
+    repeated = request if isinstance(request, InsertionRecord) else None
     if opened.words is not None:
         vector = np.zeros(opened.words.shape[1], opened.words.dtype) if new.vector is None else new.vector
         words = np.concatenate([opened.words, vector[None]])
@@ -88,10 +92,12 @@ def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inser
         opened.entities, opened.relations, request.insert_triples, new=[request.entity], model=opened.model,
         entity_names=opened.entity_names, relation_names=opened.relation_names, known_triples=opened.triples,
         words=None if new.vector is None else words, kinds=[*opened.kinds, new.kind],
-        initializer=request.requested_initializer, options=request.options, seed=request.seed,
+        initializer=repeated.initializer if repeated else request.requested_initializer, options=request.options,
+        seed=request.seed, **choice,
     )  # fmt: skip
     known = {"insert_triples": list(dict.fromkeys(request.insert_triples)), "initializer": result.initializer,
-             "why": result.why, "fallback": result.fallback[0]}  # fmt: skip
+             "options": dict(result.options), "why": repeated.why if repeated else result.why,
+             "fallback": result.fallback[0]}  # fmt: skip
     record = InsertionRecord(**{**request.model_dump(), **known})
     manifest = opened.manifest.model_copy(update={"inserted": [*opened.manifest.inserted, record]})
     larger = replace(
@@ -142,13 +148,10 @@ def ablations(
         fewer = known.part(np.delete(np.arange(row), indicator.id))
         pieces.append(("indicator", indicator.entity, fewer, without(rest)))
     for left_out, piece, fewer, given in pieces:
-        try:
-            _, other = insert_entity(fewer, given)
-        except InputError:
-            if given.request.insert_triples or given.vector is not None:
-                raise
+        if not given.request.insert_triples and given.vector is None and record.requested_initializer is None:
             yield Ablation(left_out, piece)
             continue
+        _, other = insert_entity(fewer, given)
         entities = opened.entities.copy()
         entities[row] = other.entities[-1]
         vector = torch.from_numpy(entities[row]).double()

@@ -33,13 +33,18 @@ def insert(
     ] = (),
     definition: Annotated[str | None, Parameter(help="definition in a sentence, for the word vector")] = None,
     kind: Annotated[str | None, Parameter(help="one of the bundle's kinds; for queries and initializers")] = None,
-    initializer: Annotated[str | None, Parameter(help="default: the best for the given triples and words")] = None,
+    initializer: Annotated[str | None, Parameter(help="default: the best for hidden known entities")] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
     vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of random initializers")] = 0,
+    calibrate: Annotated[bool, Parameter(help="compare initializers on hidden known entities")] = True,
+    tolerance: Annotated[float, Parameter(help="largest loss of the MRR of earlier triples in the comparison")] = 0.01,
+    budget: Annotated[float, Parameter(help="seconds for the comparison, by an estimate of its work")] = 2,
+    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of hidden entities and random initializers")] = 0,
     out: Out = None, embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
     """Insert an entity and report what the bundle predicts about it."""
+    import warnings
+
     from pydantic import Field
 
     from isi.bundle.folder import InsertionRequest, Text, write
@@ -76,9 +81,14 @@ def insert(
         entity=name, insert_triples=triples, definition=definition, requested_initializer=initializer,
         options=settings(set), seed=seed,
     )  # fmt: skip
-    with flags(initializer="--initializer", entities="--embedding"):
-        larger, result = insert_entity(opened, NewEntity(request, kind or "", plain(name), vector))
-    answer = insertion(larger, result, note, list(opened.kind_notes(triples)), top)
+    named = {name: f"--{name}" for name in ("initializer", "tolerance", "budget")}
+    with flags(**named, entities="--embedding"), warnings.catch_warnings(action="ignore", category=UserWarning):
+        larger, result = insert_entity(
+            opened, NewEntity(request, kind or "", plain(name), vector), calibrate=calibrate, tolerance=tolerance,
+            budget=budget,
+        )  # fmt: skip
+    notes = [*opened.kind_notes(triples), *(result.choice.warnings if result.choice else ())]
+    answer = insertion(larger, result, note, notes, top)
     if out:
         write(out, larger)
     show(answer, json)
@@ -114,7 +124,8 @@ def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str]
     has_words = opened.words is not None and bool(opened.words[report.id].any())
     return {
         "entity": record.entity, "id": report.id, "initializer": record.initializer, "why": record.why,
-        "fallback": record.fallback, "options": dict(result.options), "insert_triples": record.insert_triples,
+        "fallback": record.fallback, "options": dict(result.options),
+        "expected": result.choice and result.choice.expected, "insert_triples": record.insert_triples,
         "words": words if has_words else None, "no_words": None if has_words else words, "notes": notes,
         "indicators": list(map(asdict, shown)),
         "answers": [

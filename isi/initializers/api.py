@@ -101,7 +101,8 @@ Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and
 #: the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
 Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Required data or property of the model.
-Cost = Literal["entities", "pairs"]  #: Memory grows with the number of entities, or of their pairs.
+#: Memory grows with the number of entities, or of their pairs; ``newton``: an optimum for each novel entity.
+Cost = Literal["entities", "pairs", "newton"]
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,8 @@ class Registered:
     needs: tuple[Need, ...] = ()
     cost: Cost = "entities"
     grid: Mapping[str, Sequence[Any]] | None = None  #: options that ``tools/choose_initializers`` compares
+    #: settings that ``isi.insert`` compares on hidden entities beside ``defaults``, of which each changes some options
+    calibration: Sequence[Mapping[str, Any]] = ()
 
     def misses(self, model: Model) -> str | None:
         """The property that the initializer needs and the model lacks, in words, or None."""

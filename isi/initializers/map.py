@@ -83,7 +83,7 @@ def most_probable(
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
-@initializer("map", label="MAP", role="baseline", colour="#b2182b", needs=("insert_triples",),
+@initializer("map", label="MAP", role="baseline", colour="#b2182b", cost="newton", needs=("insert_triples",),
              defaults={"word_weight": 16.0, "relation_weight": 8.0, "strength": 0.5, "ratio": 3,
                        "known_negatives": 0.3},
              grid={"word_weight": [16.0], "relation_weight": [8.0, 16.0], "strength": [0.2, 0.5, 1.0, 3.0],
@@ -99,7 +99,7 @@ def maximum_a_posteriori(
 
 
 @initializer("map_own_facts", label="MAP, own facts", role="baseline", colour="#d6604d",
-             needs=("words", "insert_triples", "inverse"),
+             cost="newton", needs=("words", "insert_triples", "inverse"),
              defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
              grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR})  # fmt: skip
 def map_of_own_facts(
@@ -110,7 +110,7 @@ def map_of_own_facts(
 
 
 @initializer("map_ers", label="MAP, own facts, ERS", role="baseline", colour="#ef8a62",
-             needs=("words", "insert_triples", "inverse"),
+             cost="newton", needs=("words", "insert_triples", "inverse"),
              defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
              grid={"k": [9], "candidates": [30], **_PRIOR})  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
@@ -118,15 +118,16 @@ def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: 
     return most_probable(context, hybrid_similarity(context, k, candidates), strength, ratio)
 
 
-@initializer("map_mean", label="MAP, own facts, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
-             defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR)  # fmt: skip
+@initializer("map_mean", label="MAP, own facts, mean", role="baseline", colour="#f4a582", cost="newton",
+             needs=("insert_triples",), defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR)  # fmt: skip
 def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """MAP, own facts, mean: as "MAP, own facts", with a prior at the known centroid."""
     return most_probable(context, _mean_of_known(context), strength, ratio)
 
 
 @initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46",
-             needs=("insert_triples", "inverse", "linear_score"), defaults={"strength": 1e-4, "ratio": 3},
+             cost="newton", needs=("insert_triples", "inverse", "linear_score"),
+             defaults={"strength": 1e-4, "ratio": 3},
              grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]})  # fmt: skip
 def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions."""

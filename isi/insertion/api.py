@@ -1,5 +1,6 @@
 """``isi.insert``: vectors for new entities in a trained embedding. ``isi.fit_new``: training of these vectors."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.config import Seed, check
+from isi.config import NotNegative, Seed, check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT
@@ -16,6 +17,7 @@ from isi.initializers import api as initializers
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, Triple, argument, stack_of_one, table
+from isi.insertion.choice import calibrated
 from isi.insertion.relations import fit_relations
 from isi.insertion.result import Inserted
 from isi.insertion.rounds import schedule
@@ -39,6 +41,7 @@ def insert(
     known_triples: Sequence[Triple] | np.ndarray | None = None,
     words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, seed: int = 0,
+    calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
 ) -> Inserted:  # fmt: skip
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not change.
 
@@ -55,21 +58,33 @@ def insert(
             minimize MAP's objective, too (``fit_relations``).
         model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored with a ``Model``.
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
-        known_triples: triples of known entities, for ``interference``. If given, similar entities are among their ends.
+        known_triples: triples of known entities, for ``interference`` and the default initializer. If given, similar
+            entities are among their ends.
         words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
             to vectors or texts.
         word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
         kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds.
-        initializer: a name; null: the best for the given data (``BEST``). ``options`` replace its default options.
-        seed: root seed of random initializers.
+        initializer: a name; null: the best by calibration. ``options`` replace its default options.
+        seed: root seed of random initializers and of the hidden entities.
+        calibrate: without a named initializer and ``options``, hide known entities, insert them from as many of their
+            triples as the new ones have, and choose the initializer with the highest MRR about them among those that
+            keep the MRR of earlier triples (``Inserted.choice``). If false, or with too few ``known_triples``: the
+            first of ``BEST`` for the given data.
+        tolerance: largest loss of the MRR of earlier triples, if a tenth more entities (or all new ones) were inserted.
+        budget: seconds of one core for the choice, by an estimate of its work; a clock would change results.
 
     Returns:
         an ``Inserted``: both tables, (E + n, d) and (R + q, w); its method ``report`` describes each new entity.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
+
+    Warns:
+        UserWarning: the chosen initializer harms earlier triples, or the model ranks its own triples almost at random.
     """
     check(seed, Seed, "", "argument 'seed'")
+    for name, value in (("tolerance", tolerance), ("budget", budget)):
+        check(value, NotNegative, "", f"argument {name!r}")
     rows = table(entities, "entities")
     known, names = len(rows), arguments.all_names(Names("entity_names", len(rows), entity_names), new, "new")
     rows = np.concatenate([rows, np.zeros((names.number - known, rows.shape[1]), rows.dtype)])
@@ -93,7 +108,26 @@ def insert(
         expected = "expected insert triples, word vectors (also of known entities), or an initializer such as mean"
         raise refusal(bare, expected)
     theta0 = stack_of_one(rows, given.relations, given.model)
-    chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
+    choice, has_triples = None, len(insert_triples) > 0
+    chosen, used, why, together = choose(initializer, options, theta0, has_triples, words_serve)
+    if calibrate and initializer is None and not options and len(given.known_triples) and len(new_ids):
+        # a model without inverse cannot serve a new entity that has triples alone by an initializer that needs words
+        words_for_all = words_serve and (given.model.invertible or bool(has_words.all()))
+        others = [each for each in fitting(theta0, has_triples, words_for_all) if not too_large(each, known)]
+        choice = calibrated(
+            [chosen, *(each for each in others if each is not chosen)],
+            replace(theta0, entity=theta0.entity[:, :known], relation=theta0.relation[:, :old_relations]),
+            given.known_triples,
+            np.bincount(insert_triples[:, [HEAD, TAIL]].max(1) - known, minlength=len(rows) - known),
+            vectors[:known] if words_for_all and vectors is not None else None,
+            None if kind_ids is None else kind_ids[:known], seed, tolerance, budget,
+        )  # fmt: skip
+    if choice is not None:
+        candidate = choice.chosen
+        chosen, used, _, together = choose(candidate.initializer, candidate.options, theta0, has_triples, words_serve)
+        why = choice.why
+        for sentence in choice.warnings:
+            warnings.warn(sentence, stacklevel=2)
     name = chosen.name
 
     def initialized(ids: np.ndarray, seen: np.ndarray) -> list[InitResult]:
@@ -125,7 +159,7 @@ def insert(
         relation_names=given.relation_names.names, new=new_ids.tolist(),
         new_relations=list(range(old_relations, len(given.relations))),
         insert_triples=insert_triples, between=given.triples[~one_new_end], known_triples=given.known_triples,
-        initializer=name, options=used, why=why,
+        initializer=name, options=used, why=why, choice=choice,
         fallback=[initializers.FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
@@ -178,27 +212,37 @@ def choose(
     embedding is too large for it, or the model does not support it.
     """
     given = arguments.options_by_name(options, "options")
-    model, why, (_, entities, dimension) = theta0.model, "as named", theta0.entity.shape
+    why, (_, entities, dimension) = "as named", theta0.entity.shape
     check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
     with argument("initializer"):
         if initializer is None:
-            initializer, why = best(triples, words, model)
+            initializer, why = best(theta0, triples, words)
         registered = INITIALIZERS.get(initializer, "initializer")
         checked = initializers.options_of(initializer, {**registered.defaults, **given}, "initializer")
-        registered.check(model)
-        if registered.cost == "pairs" and entities**2 > PAIRS:
+        registered.check(theta0.model)
+        if too_large(registered, entities):
             work = f"which compares the words of every two of {entities:,} entities: choose another"
             raise InputError("", "", f"the embedding is too large for {initializer}, {work}")
     numbers = max(entities, theta0.relation.shape[1] * dimension)  # for one new entity
     return registered, checked, why, max(1, BUDGET // numbers)
 
 
-def best(triples: bool, words: bool, model: Model) -> tuple[str, str]:
-    """The default initializer for the given data, and the reason for it."""
+def too_large(registered: Registered, entities: int) -> bool:
+    return registered.cost == "pairs" and entities**2 > PAIRS
+
+
+def fitting(theta0: Embedding, triples: bool, words: bool) -> list[Registered]:
+    """The registered initializers that support the model and need no more than the given data."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
-    candidates = [INITIALIZERS.get(name, name) for name in BEST]
-    fitting = [other for other in candidates if not lacking & set(other.needs) and not other.misses(model)]
-    return fitting[0].name, "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
+    every = [INITIALIZERS.get(name, name) for name in INITIALIZERS.names()]
+    return [each for each in every if not lacking & set(each.needs) and not each.misses(theta0.model)]
+
+
+def best(theta0: Embedding, triples: bool, words: bool) -> tuple[str, str]:
+    """The first of ``BEST`` for the given data, and the reason for it."""
+    names = {each.name for each in fitting(theta0, triples, words)}
+    why = "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
+    return next(name for name in BEST if name in names), why
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:

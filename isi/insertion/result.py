@@ -17,6 +17,7 @@ from isi.errors import InputError, cut, short
 from isi.evaluation.ranking import compare
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import Names, Triple, is_whole, stack_of_one, trained_session, triples_of
+from isi.insertion.choice import Choice
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -95,6 +96,7 @@ class Inserted:
     initializer: str
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
+    choice: Choice | None  #: the measures by which it was chosen; null if it was named or not calibrated
     fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or null
     #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); null if the
     #: initializer has no weights, or n · E is too large

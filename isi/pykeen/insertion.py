@@ -27,7 +27,7 @@ def insert(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
     new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0,
+    seed: int = 0, calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
 ) -> tuple[PykeenModel, CoreTriplesFactory]:  # fmt: skip
     """Insert new entities into a copy of a trained model: ``insert(model, factory, triples)``. Known vectors stay.
 
@@ -46,7 +46,8 @@ def insert(
         words: vectors or texts by label, or word vectors of known and new entities; shape (E + n, v), zero if missing.
         word_source: embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
         kinds: the kind of each entity, by label or in order.
-        initializer: a name; null: the best for the given data. ``options`` replace its default options.
+        initializer: a name; null: chosen as by ``isi.insert``, which documents ``calibrate``, ``tolerance`` and
+            ``budget``. ``options`` replace its default options.
         margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; null: estimated
             from scores of the factory's triples and of corrupted ones.
         seed: root seed of random initializers.
@@ -62,7 +63,7 @@ def insert(
     model, factory, triples = of_result(model, factory, triples)
     done = inserted(
         model, factory, triples, new=new, words=words, word_source=word_source, kinds=kinds, initializer=initializer,
-        options=options, margin=margin, seed=seed,
+        options=options, margin=margin, seed=seed, calibrate=calibrate, tolerance=tolerance, budget=budget,
     )  # fmt: skip
     return enlarge(model, factory, done)
 
@@ -71,7 +72,7 @@ def inserted(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
     new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0,
+    seed: int = 0, calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
 ) -> Inserted:  # fmt: skip
     """The result of ``isi.insert`` for the arguments of ``insert``: vectors, report and interference.
 
@@ -103,6 +104,7 @@ def inserted(
             embedding.entity[0].numpy(), embedding.relation[0].numpy(), ids.numpy(), new=new, model=embedding.model,
             entity_names=entity_labels, relation_names=relation_labels, known_triples=known.numpy(), words=words,
             word_source=word_source, kinds=kinds, initializer=initializer, options=options, seed=seed,
+            calibrate=calibrate, tolerance=tolerance, budget=budget,
         )  # fmt: skip
     except InputError as error:
         if near and error.file.startswith("new entity"):

@@ -1,0 +1,240 @@
+"""The default of ``isi.insert``: the initializer that is best for hidden known entities and does no harm."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import isi
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, Registered, initializer, without_weights
+from isi.insertion.arguments import stack_of_one
+from isi.insertion.choice import Choice, HiddenDraws, Queried, calibrated, choose_by_rule, hide
+from isi.models.bilinear import DistMult
+
+ENTITIES, RELATIONS, DIMENSION = 40, 3, 16
+RNG = np.random.default_rng(0)
+VECTORS = RNG.standard_normal((ENTITIES, DIMENSION)).astype(np.float32)
+MAPS = RNG.standard_normal((RELATIONS, DIMENSION)).astype(np.float32)
+THETA = stack_of_one(VECTORS, MAPS, DistMult())
+#: The triples of the highest scores, so that every filtered rank is 1: the model has learned them perfectly.
+SCORES = np.einsum("hd,rd,td->hrt", VECTORS, MAPS, VECTORS)
+TRIPLES = np.argwhere(np.quantile(SCORES, 0.9) < SCORES)
+FEWER = TRIPLES[::2]  #: Now some that are right are taken for wrong.
+NUMBERS = np.array([4, 4])
+GIVEN = [(ENTITIES, 0, 3), (5, 1, ENTITIES), (ENTITIES, 2, 8)]
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()})
+
+
+def own(name: str, vectors: Callable[[InitContext], Tensor], **about: Any) -> Registered:
+    """Register an initializer; the registry is restored after the test."""
+
+    @initializer(name, cost="entities", **about)
+    def function(context: InitContext, times: float = 1.0) -> InitResult:
+        return without_weights(times * vectors(context))
+
+    return INITIALIZERS.get(name)
+
+
+def oracle(context: InitContext) -> Tensor:
+    """The true vectors of hidden entities, zero for new ones."""
+    table = torch.zeros(ENTITIES + 1, DIMENSION)
+    table[:ENTITIES] = torch.from_numpy(VECTORS)
+    return table[context.novel]
+
+
+def loud(context: InitContext) -> Tensor:
+    return 1e4 * torch.ones(*context.novel.shape, DIMENSION)
+
+
+def insert(**changed: Any) -> Any:
+    given = {"new": 1, "model": "distmult", "known_triples": TRIPLES, **changed}
+    return isi.insert(VECTORS, MAPS, GIVEN, **given)
+
+
+def of(*initializers: Registered, tolerance: float = 0.01, budget: float = 2, seed: int = 0) -> Choice:
+    choice = calibrated(initializers, THETA, TRIPLES, NUMBERS, None, None, seed, tolerance, budget)
+    assert choice is not None
+    return choice
+
+
+@pytest.mark.parametrize(("about", "loss", "tolerance", "expected"), [
+    ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.01, 1), ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.02, 2),
+    ([0.3, 0.5, 0.9], [0.03, 0.02, 0.5], 0.01, 1),  # all harm: the least loss
+    ([0.5, 0.5, 0.4], [0.0, 0.0, 0.0], 0.01, 0), ([0.1, 0.9], [0.2, 0.2], 0.1, 0), ([0.1, 0.2], [-0.1, 0.0], 0.0, 1),
+])  # fmt: skip
+def test_the_best_that_does_no_harm_is_chosen(
+    about: list[float], loss: list[float], tolerance: float, expected: int
+) -> None:
+    assert choose_by_rule(about, loss, tolerance) == expected
+
+
+def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> None:
+    own("oracle", oracle)
+    done = insert()
+    assert done.initializer == done.choice.chosen.initializer == "oracle"
+    assert done.choice.chosen.known_ends > max(
+        x.known_ends for x in done.choice.candidates if x is not done.choice.chosen
+    )
+    assert abs(done.choice.chosen.loss) < 1e-6
+    assert done.why == done.choice.why
+    frame = done.choice.to_frame()
+    assert set(frame["initializer"]) >= {"oracle", "mean", "map_mean", "soft_rs"}
+    assert not {"es", "soft_hybrid"} & set(frame["initializer"])  # they need words
+    assert frame.loc[frame["chosen"], "initializer"].tolist() == ["oracle"]
+
+
+def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() -> None:
+    own("scaled", oracle, defaults={"times": 0.01}, calibration=[{"times": -1.0}, {"times": 1.0}])
+    done = insert()
+    tried = [each.options for each in done.choice.candidates if each.initializer == "scaled"]
+    assert tried == [{"times": 0.01}, {"times": -1.0}, {"times": 1.0}]
+    assert (done.initializer, done.options) == ("scaled", {"times": 1.0})
+
+
+def test_a_loud_vector_is_chosen_only_if_there_is_nothing_else_and_then_there_is_a_warning() -> None:
+    noisy, quiet = own("loud", loud), INITIALIZERS.get("mean")
+    choice = of(noisy, quiet)
+    by_name = {each.initializer: each for each in choice.candidates}
+    assert by_name["loud"].hidden_ends > by_name["mean"].hidden_ends
+    assert by_name["loud"].loss > 0.1 > abs(by_name["mean"].loss)
+    assert choice.chosen is by_name["mean"]
+    assert not choice.warnings
+    alone = of(noisy)
+    (warning,) = alone.warnings
+    assert "loud harms least" in warning
+    assert f"{alone.chosen.h_cur:.3f}" in warning
+    assert of(noisy, quiet, tolerance=1).chosen.initializer == "loud"
+
+
+def test_a_model_that_has_not_learned_is_noticed() -> None:
+    swapped = RNG.permutation(ENTITIES)[TRIPLES[:, TAIL]]
+    with pytest.warns(UserWarning, match="random"):
+        insert(known_triples=np.column_stack([TRIPLES[:, :2], swapped]))
+
+
+def test_initializers_without_finite_vectors_are_no_candidates() -> None:
+    broken = own("broken", lambda context: torch.full((*context.novel.shape, DIMENSION), torch.nan))
+    assert [each.initializer for each in of(broken, INITIALIZERS.get("mean")).candidates] == ["mean"]
+
+
+def test_the_choice_depends_on_the_arguments_alone() -> None:
+    one, same, other = (insert(seed=seed) for seed in (7, 7, 8))
+    assert one.choice == same.choice
+    assert one.entities.tobytes() == same.entities.tobytes()
+    assert one.choice.candidates != other.choice.candidates
+
+
+@pytest.mark.parametrize("changed", [
+    {"calibrate": False}, {"known_triples": None}, {"known_triples": TRIPLES[:5]}, {"budget": 0},
+    {"initializer": "map_mean"}, {"options": {"strength": 0.3}},
+])  # fmt: skip
+def test_without_calibration_the_first_of_the_listed_initializers_is_used(changed: dict[str, Any]) -> None:
+    done = insert(**changed)
+    assert done.choice is None
+    assert done.initializer == changed.get("initializer", "map")
+
+
+def test_a_lower_budget_hides_fewer_entities_and_then_leaves_costly_candidates_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("isi.insertion.choice.OVERHEAD", 0.0)
+    every = [INITIALIZERS.get(name) for name in ("mean", "map_mean", "soft_rs")]
+    choices = [
+        calibrated(every, THETA, TRIPLES, NUMBERS, None, None, 0, 0.01, budget)
+        for budget in [0, *np.geomspace(1e-5, 1, 50)]
+    ]
+    sizes = [(0, 0) if choice is None else (len(choice.candidates), choice.hidden) for choice in choices]
+    assert [number for number, _ in sizes] == sorted(number for number, _ in sizes)
+    assert sizes[0] == (0, 0)
+    assert {number for number, _ in sizes} == {0, 1, 2, 3}
+    with_all = [hidden for number, hidden in sizes if number == 3]
+    assert with_all[0] < with_all[-1] <= ENTITIES
+    assert with_all == sorted(with_all)
+
+
+def test_hidden_entities_are_inserted_from_as_many_of_their_triples_and_queried_on_the_others() -> None:
+    draws = hide(THETA, TRIPLES, NUMBERS, None, None, 0, 12)
+    assert draws is not None
+    context = draws.context
+    assert context.novel.shape == (3, 4)  # a tenth of 40 at a time
+    assert len(torch.unique(context.novel)) == 12
+    known = {tuple(triple) for triple in TRIPLES.tolist()}
+    for model, hidden in enumerate(context.novel.tolist()):
+        given = set()
+        for place, entity in enumerate(hidden):
+            rows = context.observed[model, place]
+            for end, relation, is_tail in zip(
+                *(
+                    getattr(context, name)[model, place][rows].tolist()
+                    for name in ("other", "relation", "novel_is_tail")
+                ),
+                strict=True,
+            ):
+                given.add((end, relation, entity) if is_tail else (entity, relation, end))
+                assert end not in hidden
+            assert 1 <= rows.sum() <= 4
+            assert not context.theta0.entity[model, entity].any()
+        queried = {tuple(triple) for triple in draws.about.triples[model][draws.about.counted[model]].tolist()}
+        assert given | queried <= known
+        assert not given & queried
+        assert all((head in hidden) != (tail in hidden) for head, _, tail in queried)
+        earlier = draws.earlier.triples[model][draws.earlier.counted[model]].tolist()
+        assert not {end for head, _, tail in earlier for end in (head, tail)} & set(hidden)
+        assert not context.known[model, hidden].any()
+        assert int(context.known[model].sum()) == ENTITIES - 4
+
+
+def plain_rank(scores: np.ndarray, answer: int, wrong: np.ndarray) -> float:
+    """1 + number of wrong candidates that score higher; a tie counts ½."""
+    tie = 1e-5 * abs(scores).max()
+    ahead, tied = scores > scores[answer] + tie, abs(scores - scores[answer]) <= tie
+    return float(1 + ahead[wrong].sum() + tied[wrong].sum() / 2)
+
+
+def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
+    """The four measures of ``Candidate``, query by query, in NumPy; ``vectors``: (M, n, d)."""
+    measures: dict[str, list[float]] = {"known": [], "hidden": [], "before": [], "after": []}
+    known = {tuple(triple) for triple in FEWER.tolist()}
+    for model, hidden in enumerate(draws.context.novel.numpy()):
+        table = VECTORS.copy()
+        table[hidden] = vectors[model]
+        old = ~np.isin(np.arange(ENTITIES), hidden)
+        listed: list[tuple[str, Queried]] = [("about", draws.about), ("earlier", draws.earlier)]
+        for name, queries in listed:
+            for triple in queries.triples[model][queries.counted[model]].tolist():
+                for slot in (HEAD, TAIL):
+                    others = [[*triple[:slot], e, *triple[slot + 1 :]] for e in range(ENTITIES)]
+                    wrong = np.array([tuple(other) not in known for other in others])
+                    given = table[triple[TAIL if slot == HEAD else HEAD]] * MAPS[triple[RELATION]]
+                    scores, answer = table @ given, triple[slot]
+                    if name == "about":
+                        kind = "hidden" if answer in hidden else "known"
+                        measures[kind].append(1 / plain_rank(scores, answer, wrong))
+                        continue
+                    before = plain_rank(scores, answer, wrong & old)
+                    added = plain_rank(scores, answer, wrong & ~old) - 1
+                    measures["before"].append(1 / before)
+                    measures["after"].append(1 / (before + draws.share * added))
+    return [float(np.mean(values)) for values in measures.values()]
+
+
+@pytest.mark.parametrize("share", [1.0, 2.5])
+def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
+    draws = hide(THETA, FEWER, NUMBERS, None, None, 1, 12)
+    assert draws is not None
+    draws, scaled = replace(draws, share=share), own("scaled", lambda context: 0.5 * oracle(context).flip(1))
+    measured = draws.measure(scaled, {})
+    assert measured is not None
+    expected = by_loops(draws, 0.5 * VECTORS[draws.context.novel.flip(1).numpy()])
+    figures = [measured.known_ends, measured.hidden_ends, measured.h_old, measured.h_cur]
+    np.testing.assert_allclose(figures, expected, rtol=1e-5)
+    assert 0 < measured.loss < measured.h_old < 0.9
