@@ -37,8 +37,8 @@ def insert(
     set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
     vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
     calibrate: Annotated[bool, Parameter(help="compare initializers on hidden known entities")] = True,
-    tolerance: Annotated[float, Parameter(help="largest loss of the MRR of earlier triples in the comparison")] = 0.01,
-    budget: Annotated[float, Parameter(help="seconds for the comparison, by an estimate of its work")] = 2,
+    tolerance: Annotated[float, Parameter(help="largest loss of the MRR of earlier triples in the comparison")] = 0.02,
+    budget: Annotated[float, Parameter(help="seconds for the comparison, by an estimate of its work")] = 3,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of hidden entities and random initializers")] = 0,
     out: Out = None, embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip

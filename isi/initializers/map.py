@@ -83,11 +83,22 @@ def most_probable(
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
+#: Strength and known_negatives for other embeddings than AI2-THOR's; then the same with a centroid as prior.
+_SETTINGS = [
+    {"strength": strength, "known_negatives": weight}
+    for strength, weight in ((3.0, 3.0), (1.0, 1.0), (3.0, 10.0), (1.0, 3.0), (3.0, 1.0), (3.0, 30.0), (1.0, 10.0))
+] + [
+    {"word_weight": 0.0, "relation_weight": 0.0, "strength": strength, "known_negatives": weight}
+    for strength, weight in ((0.5, 1.0), (0.1, 0.3), (0.5, 3.0), (0.1, 1.0))
+]
+
+
 @initializer("map", label="MAP", role="baseline", colour="#b2182b", cost="newton", needs=("insert_triples",),
              defaults={"word_weight": 16.0, "relation_weight": 8.0, "strength": 0.5, "ratio": 3,
                        "known_negatives": 0.3},
              grid={"word_weight": [16.0], "relation_weight": [8.0, 16.0], "strength": [0.2, 0.5, 1.0, 3.0],
-                   "ratio": [3, 9], "known_negatives": [0.03, 0.1, 0.3, 1.0]})  # fmt: skip
+                   "ratio": [3, 9], "known_negatives": [0.03, 0.1, 0.3, 1.0]},
+             calibration=_SETTINGS)  # fmt: skip
 def maximum_a_posteriori(
     context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count,
     known_negatives: NotNegative,

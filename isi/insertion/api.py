@@ -41,7 +41,7 @@ def insert(
     known_triples: Sequence[Triple] | np.ndarray | None = None,
     words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, seed: int = 0,
-    calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
+    calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
 ) -> Inserted:  # fmt: skip
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not change.
 

@@ -41,6 +41,7 @@ MOST_SCORES = 2**23  #: Maximum number of scores in one table.
 #: Multiplications in a second, and as many as the overhead of one candidate takes. They turn a budget of seconds into
 #: one of work, so that the choice depends on the arguments alone and not on a clock.
 RATE, OVERHEAD = 8e9, 4e7
+SECOND = 2  #: Rank of the wrong answer that stands for right ones that the model was not trained on.
 STEPS = 8  #: Assumed number of steps of Newton's method.
 NEAR_CHANCE = 2.0  #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 
@@ -55,15 +56,12 @@ class Candidate:
     hidden_ends: float  #: of the hidden entity, given the known end
     h_old: float  #: of earlier triples, among the other known entities
     h_cur: float  #: of the same, when a tenth more entities (or all new ones) have been inserted
+    loss: float  #: mean loss of MRR of earlier triples, and of answers that stand for held-out ones (``SECOND``)
 
     @property
     def about(self) -> float:
         """Mean MRR of both kinds of queries about hidden entities."""
         return (self.known_ends + self.hidden_ends) / 2
-
-    @property
-    def loss(self) -> float:
-        return self.h_old - self.h_cur
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,8 @@ class Choice:
         if best.loss > self.tolerance:
             harmful.append(
                 f"every initializer harms: {best.initializer} harms least, and with it the MRR of earlier triples falls"
-                f" from {best.h_old:.3f} to {best.h_cur:.3f} (tolerance {self.tolerance:g})"
+                f" by {best.loss:.3f} (tolerance {self.tolerance:g}; of trained triples from {best.h_old:.3f} to"
+                f" {best.h_cur:.3f})"
             )
         if best.h_old < NEAR_CHANCE * self.chance:
             untrained.append(
@@ -131,12 +130,18 @@ def calibrated(
         numbers: number of insert triples of each new entity, shape (n,).
         tolerance: largest loss of the MRR of earlier triples that is no harm.
         budget: seconds of one core, by an estimate of the work; limits the number of hidden entities, and if these are
-            few, that of candidates (defaults before other options, the cheapest first).
+            few, that of candidates: the first and cheaper ones, defaults before other options, come before the rest.
     """
     work = {each.name: work_of(each, theta0, triples, numbers, words) for each in initializers}
-    ordered = [*initializers[:1], *sorted(initializers[1:], key=lambda each: work[each.name])]
-    settings = [(each, dict(each.defaults)) for each in ordered]
-    settings += [(each, {**each.defaults, **options}) for each in ordered for options in each.calibration]
+    first, *others = initializers
+    others.sort(key=lambda each: work[each.name])
+    cheap = [each for each in others if work[each.name] < work[first.name]]
+    settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
+    settings += [(each, {**each.defaults, **options}) for each in (first, *cheap) for options in each.calibration]
+    settings += [
+        (each, {**each.defaults, **options})
+        for each in others[len(cheap) :] for options in ({}, *each.calibration)
+    ]  # fmt: skip
     total = np.cumsum([work[each.name] for each, _ in settings])
     possible = (budget * RATE - OVERHEAD * np.arange(1, len(settings) + 1)) / total  # hidden entities, for each prefix
     affordable = int((possible >= min(LEAST_HIDDEN, theta0.entity.shape[1])).sum())
@@ -182,20 +187,23 @@ class Queried:
         """Ids; shape (2, M, Q)."""
         return self.triples[..., [HEAD, TAIL]].movedim(-1, 0)
 
-    def ahead(self, theta: Embedding, candidates: Tensor, wrong: Tensor) -> Tensor:
-        """Number of ``wrong`` candidates, (2, M, Q, C), of vectors (M, C, d), above the answer; a tie counts ½."""
+    def scores(self, theta: Embedding, candidates: Tensor) -> Tensor:
+        """Scores of vectors (M, C, d) as heads, then as tails; shape (2, M, Q, C)."""
         head, relation, tail = self.triples.unbind(-1)
         heads, relations, tails = rows(theta.entity, head), rows(theta.relation, relation), rows(theta.entity, tail)
-        answer, model = theta.score(head, relation, tail)[..., None], theta.model
-        numbers = []
-        for score, ends, mask in ((model.score_heads, tails, wrong[0]), (model.score_tails, heads, wrong[1])):
-            scores = score(ends, relations, candidates)
-            tie = TIE * torch.maximum(
-                torch.stack(torch.aminmax(scores, dim=-1, keepdim=True)).abs().amax(0), answer.abs()
-            )
-            above, not_below = (scores > answer + tie) & mask, ~(scores < answer - tie) & mask  # NaN ties
-            numbers.append((above.count_nonzero(dim=-1) + not_below.count_nonzero(dim=-1)) / 2)
-        return torch.stack(numbers)
+        by_tail, by_head = theta.model.score_heads, theta.model.score_tails
+        return torch.stack([by_tail(tails, relations, candidates), by_head(heads, relations, candidates)])
+
+    def right_scores(self, theta: Embedding) -> Tensor:
+        """Score of each triple, for its head and its tail alike; shape (2, M, Q)."""
+        return theta.score(*self.triples.unbind(-1)).expand(2, -1, -1)
+
+
+def ahead(scores: Tensor, answer: Tensor, wrong: Tensor) -> Tensor:
+    """Number of ``wrong`` candidates whose scores, (2, M, Q, C), exceed the answer's, (2, M, Q); a tie counts ½."""
+    tie = TIE * torch.maximum(scores.abs().amax(-1), answer.abs())
+    above, not_below = scores > (answer + tie)[..., None], ~(scores < (answer - tie)[..., None])  # NaN ties
+    return ((above & wrong).count_nonzero(dim=-1) + (not_below & wrong).count_nonzero(dim=-1)) / 2
 
 
 def queries_of(graph: Graph, ids: Tensor) -> Queried:
@@ -223,10 +231,17 @@ class HiddenDraws:
         return ~(self.earlier.right | hidden[:, None])
 
     @cached_property
-    def before(self) -> Tensor:
-        """Ranks of the answers of ``earlier`` before the insertion; shape (2, M, Q)."""
+    def before(self) -> tuple[Tensor, Tensor]:
+        """Scores and ranks of two answers of ``earlier`` before the insertion; shapes (2, 2, M, Q).
+
+        The model was trained on the right answer. The second best wrong one stands for answers that were not trained
+        on, whose ranks are not as safe.
+        """
         theta0 = self.context.theta0
-        return 1 + self.earlier.ahead(theta0, theta0.entity, self.competes)
+        scores, right = self.earlier.scores(theta0, theta0.entity), self.earlier.right_scores(theta0)
+        plausible = scores.masked_fill(~self.competes, -torch.inf).topk(min(SECOND, scores.shape[-1])).values[..., -1]
+        ranks = 1 + ahead(scores, right, self.competes), torch.full(right.shape, float(SECOND))
+        return torch.stack([right, plausible]), torch.stack(ranks)
 
     @property
     def chance(self) -> float:
@@ -245,18 +260,22 @@ class HiddenDraws:
         if not vectors.isfinite().all():
             return None
         theta = replace(theta0, entity=theta0.entity.scatter(1, novel[..., None].expand_as(vectors), vectors))
-        ranks = 1 + self.about.ahead(theta, theta.entity, ~self.about.right)
+        about = self.about.scores(theta, theta.entity)
+        ranks = 1 + ahead(about, self.about.right_scores(theta), ~self.about.right)
         is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)
         places = novel[:, None].expand(*self.earlier.right.shape[:3], -1)
-        after = self.before + self.share * self.earlier.ahead(theta, vectors, ~self.earlier.right.gather(-1, places))
+        (answers, before), scores = self.before, self.earlier.scores(theta, vectors)
+        wrong = ~self.earlier.right.gather(-1, places)
+        after = before + self.share * torch.stack([ahead(scores, answer, wrong) for answer in answers])
         known_ends, hidden_ends, h_old, h_cur = (
             (1 / part).double().mean().item()
             for part in (
                 ranks[self.about.counted & ~is_hidden], ranks[self.about.counted & is_hidden],
-                self.before[:, self.earlier.counted], after[:, self.earlier.counted],
+                before[0][:, self.earlier.counted], after[0][:, self.earlier.counted],
             )
         )  # fmt: skip
-        return Candidate(initializer.name, options, known_ends, hidden_ends, h_old, h_cur)
+        loss = (1 / before - 1 / after).double()[..., self.earlier.counted].mean().item()
+        return Candidate(initializer.name, options, known_ends, hidden_ends, h_old, h_cur, loss)
 
 
 def hide(

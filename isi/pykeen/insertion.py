@@ -27,7 +27,7 @@ def insert(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
     new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0, calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
+    seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
 ) -> tuple[PykeenModel, CoreTriplesFactory]:  # fmt: skip
     """Insert new entities into a copy of a trained model: ``insert(model, factory, triples)``. Known vectors stay.
 
@@ -72,7 +72,7 @@ def inserted(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
     new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0, calibrate: bool = True, tolerance: float = 0.01, budget: float = 2,
+    seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
 ) -> Inserted:  # fmt: skip
     """The result of ``isi.insert`` for the arguments of ``insert``: vectors, report and interference.
 
