@@ -234,6 +234,17 @@ def test_held_out_entities_are_inserted_as_the_new_one_was(known: OpenBundle, ch
         np.testing.assert_allclose(vector.numpy(), alone, rtol=1e-4, atol=1e-5)
 
 
+def test_a_chosen_initializer_is_recorded_and_an_insertion_is_repeated_with_it(known: OpenBundle) -> None:
+    larger, result = insert_entity(known, new_entity("new", [("new", "in", "e1")], vector=np.ones(4)))
+    (record,) = larger.manifest.inserted
+    assert result.choice is not None
+    assert (record.initializer, record.options, record.why) == (result.initializer, result.options, result.choice.why)
+    again, repeated = insert_entity(*before(larger, record))
+    assert repeated.choice is None
+    assert again.manifest.inserted == [record]
+    assert repeated.entities.tobytes() == result.entities.tobytes()
+
+
 def test_a_curve_goes_through_answers_that_are_no_insert_triples(known: OpenBundle) -> None:
     calibration, scores, right = calibration_of(known), [], []
     for entity, vector, insert_triples in calibration.held_out:
