@@ -83,13 +83,10 @@ def most_probable(
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
-#: Strength and known_negatives for other embeddings than AI2-THOR's; then the same with a centroid as prior.
+#: Options for embeddings on which more weight on the prior or on known triples pays, the best guess first.
 _SETTINGS = [
     {"strength": strength, "known_negatives": weight}
     for strength, weight in ((3.0, 3.0), (1.0, 1.0), (3.0, 10.0), (1.0, 3.0), (3.0, 1.0), (3.0, 30.0), (1.0, 10.0))
-] + [
-    {"word_weight": 0.0, "relation_weight": 0.0, "strength": strength, "known_negatives": weight}
-    for strength, weight in ((0.5, 1.0), (0.1, 0.3), (0.5, 3.0), (0.1, 1.0))
 ]
 
 

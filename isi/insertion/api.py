@@ -16,7 +16,7 @@ from isi.graph.sessions import OUT
 from isi.initializers import api as initializers
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
-from isi.insertion.arguments import Names, Source, Triple, argument, stack_of_one, table
+from isi.insertion.arguments import Names, Source, TripleForms, argument, stack_of_one, table
 from isi.insertion.choice import calibrated
 from isi.insertion.relations import fit_relations
 from isi.insertion.result import Inserted
@@ -35,10 +35,10 @@ MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estim
 
 
 def insert(
-    entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int | Sequence[str],
+    entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int | Sequence[str],
     model: str | Model, model_options: Mapping[str, Any] | None = None, new_relations: int | Sequence[str] = 0,
     entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
-    known_triples: Sequence[Triple] | np.ndarray | None = None,
+    known_triples: TripleForms | None = None,
     words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, seed: int = 0,
     calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
@@ -48,9 +48,11 @@ def insert(
     Args:
         entities: vectors of the known entities, shape (E, d); if complex, the real half, then the imaginary half.
         relations: vectors of the relations, shape (R, w), with w = ``Model.width(d)``.
-        triples: (head, relation, tail) by names or ids, each with a new entity or relation. New entities have the ids
-            E, E + 1, ... in the order of ``new``, new relations R, R + 1, .... New entities that have triples with each
-            other are inserted ``ROUNDS`` times: first those with known entities, then those next to them, then all.
+        triples: (head, relation, tail) by names or ids, each with a new entity or relation, in a list, an array, a
+            tensor or a DataFrame; or facts by head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``. New
+            entities have the ids E, E + 1, ... in the order of ``new``, new relations R, R + 1, .... New entities that
+            have triples with each other are inserted ``ROUNDS`` times: first those with known entities, then those next
+            to them, then all.
         new: names of the new entities; without ``entity_names``, their number n.
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or your own ``Model``
             (set ``invertible = False`` if its ``transform`` or ``inverse`` only raises an error).
@@ -282,10 +284,10 @@ def init_context_of(
 
 
 def fit_new(
-    entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int,
+    entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int,
     model: str | Model, model_options: Mapping[str, Any] | None = None,
     entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
-    known_triples: Sequence[Triple] | np.ndarray | None = None, epochs: int = 100, all_epochs: int = 0,
+    known_triples: TripleForms | None = None, epochs: int = 100, all_epochs: int = 0,
     learning_rate: float = 0.04, weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Train the rows of new entities while all other rows are frozen; then, optionally, train all rows.

@@ -24,6 +24,8 @@ from isi.tables import paths
 #: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
 Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
+#: Triples in the forms that ``listed_triples`` describes.
+TripleForms = Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]
 SLOTS = ("head", "relation", "tail")
 
 

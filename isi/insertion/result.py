@@ -16,7 +16,7 @@ from isi.config import Count, Seed, check
 from isi.errors import InputError, cut, short
 from isi.evaluation.ranking import compare
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names, Triple, is_whole, stack_of_one, trained_session, triples_of
+from isi.insertion.arguments import Names, TripleForms, is_whole, stack_of_one, trained_session, triples_of
 from isi.insertion.choice import Choice
 from isi.models.model import Model
 from isi.models.stack import Embedding
@@ -175,7 +175,7 @@ class Inserted:
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
     def interference(
-        self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0,
+        self, triples: TripleForms | None = None, most: int = 256, seed: int = 0,
         original: int | None = None, show: int = 5,
     ) -> Interference:  # fmt: skip
         """Measure how far new entities push known answers down. This changes nothing: the insertion may be rejected.
