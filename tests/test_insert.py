@@ -16,6 +16,7 @@ import isi
 from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
+from isi.insertion.api import batches
 from isi.insertion.arguments import Names, triples_of
 from isi.tables import paths
 from tests.init_contexts import insertion
@@ -169,6 +170,30 @@ def test_kinds_may_be_listed_or_named() -> None:
     assert done.indicators == [list(range(6)), list(range(6, 12))]
     by_name = dict(zip([*KNOWN, *NEW], listed, strict=True))
     assert call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators == done.indicators
+
+
+def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: dict[str, Any] = {"initializer": "soft_rs", "triples": TRIPLES[:3][::-1]}
+    together = call(**given)
+    monkeypatch.setattr("isi.insertion.api.FEW", 1)  # so that the first, of two triples, follows the second, of one
+    apart = call(**given)
+    np.testing.assert_allclose(apart.entities, together.entities, atol=1e-6)
+    assert apart.fallback == together.fallback
+    assert apart.weights is not None
+    assert together.weights is not None
+    np.testing.assert_allclose(apart.weights, together.weights, atol=1e-6)
+
+
+def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    number = [5, 3, 100, 0, 40, 33, 70]
+    triples = np.array([(10 + place, 0, 1) for place, times in enumerate(number) for _ in range(times)])
+    assert [part.tolist() for part in batches(torch.arange(10, 17), triples, 2, 1)] == [
+        [10, 11], [13], [14, 15], [12, 16]
+    ]  # fmt: skip
+    monkeypatch.setattr("isi.insertion.api.BUDGET", 3 * 64 * 8)
+    assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
 
 
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,7 +51,7 @@ class Session:
 
     def members(self, *splits: int) -> Tensor:
         """Mask of the unique triples whose split is among ``splits``; shape: (M, T), bool."""
-        return torch.isin(self.splits, torch.tensor(splits, dtype=self.splits.dtype))
+        return torch.stack([self.splits == split for split in splits]).any(0)
 
     def trained(self) -> Tensor:
         """Mask of the session's entities with at least one training triple; shape: (M, E), bool."""
@@ -84,10 +84,11 @@ def touches(graph: Graph, entities: Tensor) -> Tensor:
 
 def ends(graph: Graph, triples: Tensor) -> Tensor:
     """Mask, (M, E), of the heads and tails of ``triples``, a mask of shape (M, T)."""
-    number = torch.zeros(len(triples), len(graph.entities))
+    entities = len(graph.entities)
+    reached = torch.zeros(len(triples), entities + 1, dtype=torch.bool)  # the last column is of no entity
     for slot in (0, 2):
-        number.index_add_(1, graph.triples[:, slot], triples.float())
-    return number > 0
+        reached.scatter_(1, torch.where(triples, graph.triples[:, slot], entities), True)
+    return reached[:, :-1]
 
 
 def membership(ids: Tensor, entities: int) -> Tensor:

@@ -53,14 +53,18 @@ class InitContext:
 
 
 def context_of(
-    theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor
-) -> InitContext:
-    """The input of an initializer; ``insert_triples``, (T, 3), sorted: model, place in ``novel``, triple id."""
+    theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor,
+    listed: Tensor | None = None,
+) -> InitContext:  # fmt: skip
+    """The input of an initializer; ``insert_triples``, (T, 3), sorted: model, place in ``novel``, triple id.
+
+    Ids are rows of ``listed``, (I, 3); null: of the graph's triples.
+    """
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
     longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = before.graph.triples[triple].T
+    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
     is_tail = tail == novel[model, place]
 
     def padded(values: Tensor) -> Tensor:

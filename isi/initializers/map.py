@@ -68,7 +68,10 @@ def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> 
 
 def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Tensor:
     """α of triples, (B, C, d), whose score is ⟨v, α⟩ if it is linear in the novel vector; shapes as in ``score_of``."""
-    return torch.where(is_tail, model.transform(other, relation), model.transform_tail(other, relation))
+    alpha, at = torch.empty_like(other), is_tail[..., 0]
+    alpha[at] = model.transform(other[at], relation[at])
+    alpha[~at] = model.transform_tail(other[~at], relation[~at])
+    return alpha
 
 
 def most_probable(

@@ -4,11 +4,14 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor
-from torch.nn.functional import normalize, one_hot
+from torch.linalg import vector_norm
+from torch.nn.functional import normalize
 
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
 
 WHOLE = 2**24  #: Maximal E² for which cosines of all pairs are computed; above, only those of novel entities.
+
+TINY = 1e-12  #: Smallest length that a vector is divided by.
 
 Weigh = Callable[[], Tensor]  #: Computes weights of known entities, or a mask of indicators, (M, n, E).
 
@@ -42,9 +45,11 @@ def insert_triple_ends(context: InitContext) -> Tensor:
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
     """Σ_r cos(v_e, ᾱ_r) over relations of insert triples (equation 5), (M, n, E); ``alpha``: other α, (M, n, I, d)."""
     theta0, alpha = context.theta0, insert_triple_alpha(context) if alpha is None else alpha
-    of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
-    centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ up to its length
-    return torch.einsum("mnrd,med->mne", normalize(centroids, dim=-1), normalize(theta0.entity, dim=-1))
+    of = alpha.new_zeros(*context.relation.shape, theta0.relation.shape[1])
+    of.scatter_(-1, context.relation[..., None], context.observed[..., None].to(alpha.dtype))
+    centroids = of.mT @ alpha  # ᾱ up to its length
+    length: Tensor = vector_norm(theta0.entity, dim=-1)
+    return normalize(centroids, dim=-1).sum(2) @ theta0.entity.mT / length.clamp(min=TINY)[:, None]
 
 
 def mean_relational_score(context: InitContext) -> Tensor:

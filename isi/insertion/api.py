@@ -12,7 +12,6 @@ from torch import Tensor
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.graph.sessions import OUT
 from isi.initializers import api as initializers
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
@@ -31,6 +30,7 @@ from isi.training.trainer import Optimizer, train
 BEST = ("map", "soft_es", "mean")
 #: Maximum number of elements: word similarities of entity pairs; one batch of new entities; weights of a result.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
+FEW = 32  #: Number of triples up to which all new entities share batches.
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
@@ -133,12 +133,13 @@ def insert(
     name = chosen.name
 
     def initialized(ids: np.ndarray, seen: np.ndarray) -> list[InitResult]:
-        parts = torch.split(torch.from_numpy(ids), together) if len(ids) else ()
+        parts = batches(torch.from_numpy(ids), seen, together, max(given.relations.shape))
         given_to = (
             init_context_of(theta0, part, known, seen, given.known_triples, vectors, kind_ids, seed) for part in parts
         )
         with argument("initializer"):
-            return [chosen.initialize(context, used) for context in given_to]
+            results = [chosen.initialize(context, used) for context in given_to]
+        return results if len(parts) < 2 else [in_order_of_ids(results, torch.cat(parts))]
 
     try:
         results = in_rounds(theta0, known, old_relations, given.triples, given.known_triples, initialized)
@@ -259,6 +260,32 @@ def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> fl
     return -(right / 2 + (other_heads + other_tails) / 4).item()
 
 
+def batches(new: Tensor, triples: np.ndarray, together: int, width: int) -> list[Tensor]:
+    """Ids of new entities, (n,), in batches of at most ``together``, each padded to its largest number of triples.
+
+    Entities of a batch have at most ``FEW`` triples, or numbers that differ by a factor of two at most. Vectors of
+    length ``width`` for all triples of a batch, padding included, have at most ``BUDGET`` numbers, or it is one entity.
+    """
+    ends = torch.from_numpy(triples[:, [HEAD, TAIL]].copy(order="C")).flatten()
+    number = torch.bincount(ends, minlength=int(new.max()) + 1)[new] if len(new) else new
+    level = (number / FEW).clamp(min=1).log2().ceil().long()
+    parts = list[Tensor]()
+    for step in sorted(set(level.tolist())):
+        most = max(1, min(together, BUDGET // (FEW * 2**step * width)))
+        parts += torch.split(new[level == step], most)
+    return parts
+
+
+def in_order_of_ids(results: list[InitResult], ids: Tensor) -> InitResult:
+    """The results of batches as one, by ascending id; ``ids``: of all batches, (n,)."""
+    order = torch.argsort(ids)
+    vectors, fallback = (torch.cat([getattr(result, name) for result in results], 1)[:, order]
+                         for name in ("vectors", "fallback"))  # fmt: skip
+    weights = [result.weights for result in results if result.weights is not None]
+    together = torch.cat(weights, 1)[:, order] if len(weights) == len(results) else None
+    return InitResult(vectors, fallback, together, results[0].is_centroid)
+
+
 def init_context_of(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
@@ -269,8 +296,7 @@ def init_context_of(
 
     Shapes: triples (I, 3), (K, 3); words (N, v), kinds (N,) for all N entities. If K = 0, all known ones are eligible.
     """
-    session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
-    session.splits[:, : len(insert_triples)] = OUT
+    session = arguments.trained_session(known_triples, theta0, kinds)
     session.entities[:, known:] = False
     ends = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].copy(order="C"))
     place = torch.searchsorted(new, ends).clamp(max=len(new) - 1)
@@ -279,7 +305,8 @@ def init_context_of(
     triple, end = triple[order], end[order]
     triples = torch.stack([torch.zeros_like(triple), place[triple, end], triple], 1)
     vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
-    context = initializers.context_of(theta0, session, new[None], triples, vectors, seed, new[None, :1] - known)
+    listed, keys = torch.from_numpy(insert_triples), new[None, :1] - known
+    context = initializers.context_of(theta0, session, new[None], triples, vectors, seed, keys, listed)
     return context if len(known_triples) else replace(context, eligible=context.known)
 
 
