@@ -5,11 +5,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 from torch.linalg import vector_norm
-from torch.nn.functional import normalize
+from torch.nn.functional import normalize, one_hot
 
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
 
-WHOLE = 2**24  #: Maximal E² for which cosines of all pairs are computed; above, only those of novel entities.
+WHOLE = 2**24  #: Maximal E² for which cosines of all pairs, or unit vectors of all entities, are computed.
 
 TINY = 1e-12  #: Smallest length that a vector is divided by.
 
@@ -45,11 +45,13 @@ def insert_triple_ends(context: InitContext) -> Tensor:
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
     """Σ_r cos(v_e, ᾱ_r) over relations of insert triples (equation 5), (M, n, E); ``alpha``: other α, (M, n, I, d)."""
     theta0, alpha = context.theta0, insert_triple_alpha(context) if alpha is None else alpha
-    of = alpha.new_zeros(*context.relation.shape, theta0.relation.shape[1])
-    of.scatter_(-1, context.relation[..., None], context.observed[..., None].to(alpha.dtype))
-    centroids = of.mT @ alpha  # ᾱ up to its length
-    length: Tensor = vector_norm(theta0.entity, dim=-1)
-    return normalize(centroids, dim=-1).sum(2) @ theta0.entity.mT / length.clamp(min=TINY)[:, None]
+    of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
+    centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ up to its length
+    unit, entity = normalize(centroids, dim=-1), theta0.entity
+    if entity.shape[1] ** 2 <= WHOLE:
+        return torch.einsum("mnrd,med->mne", unit, normalize(entity, dim=-1))
+    length: Tensor = vector_norm(entity, dim=-1)
+    return unit.sum(2) @ entity.mT / length.clamp(min=TINY)[:, None]  # copies no large table
 
 
 def mean_relational_score(context: InitContext) -> Tensor:
