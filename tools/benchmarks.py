@@ -72,10 +72,10 @@ def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Median time and memory of ``isi.insert`` on one thread, with three insert triples for each new entity."""
+    """Median time of one core and memory of an insertion, with ten insert triples for each new entity."""
     return {
-        "known entities": _count(rows["entities"]), "new entities": _count(rows["new"]),
-        "initializer": rows["initializer"],
+        "known entities": _count(rows["entities"]), "known triples": _count(rows["triples"]),
+        "new entities": _count(rows["new"]), "by": rows["what"],
         "ms": _figures(1000 * rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
     }  # fmt: skip
 

@@ -168,7 +168,8 @@ def checked_arguments(
     new = triples_of(triples, "triples", names, labels)
     old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
     is_new, was_new = (
-        np.concatenate([ids[:, [HEAD, TAIL]] >= known, ids[:, [RELATION]] >= old_relations], 1) for ids in (new, old)
+        np.stack([ids[:, HEAD] >= known, ids[:, RELATION] >= old_relations, ids[:, TAIL] >= known], 1)
+        for ids in (new, old)
     )
     for name, ids, wrong, expected in (
         ("triples", new, ~is_new.any(1), "a new entity or relation, else use 'known_triples'"),

@@ -70,12 +70,20 @@ def test_growth(benchmark: Any, entities: int, form: str) -> None:
     benchmark.extra_info.update(benchmark.pedantic(report, args=("grow_graph", settings), rounds=1))
 
 
+FB15K_237 = {"entities": 14_541, "relations": 237, "triples": 272_115}
+MILLION = {"entities": 1_000_000, "relations": 1_000, "triples": 10_000_000}
+
+
 @pytest.mark.parametrize(
-    ("entities", "new", "rounds", "most_seconds", "most_mib"),
-    [(14_541, 1, 50, 0.01, GIB), (14_541, 1000, 5, 1.0, 2 * GIB), (1_000_000, 1, 1, 10.0, 4 * GIB),
-     (1_000_000, 100, 1, 60.0, 4 * GIB)],
+    ("graph", "what", "new", "rounds", "most_seconds", "most_mib"),
+    [(FB15K_237, "map", 1, 15, 0.1, 1.5 * GIB), (FB15K_237, "map", 1000, 1, 60, 1.5 * GIB),
+     (FB15K_237, "soft_rs", 1, 15, 0.1, 1.5 * GIB), (FB15K_237, "fit_new", 1, 1, 60, 1.5 * GIB),
+     (MILLION, "map", 1, 2, 3, 5 * GIB), (MILLION | {"triples": 0}, "map", 1, 2, 3, 4 * GIB),
+     (MILLION, "map, file", 1, 2, 3, 5 * GIB)],
 )  # fmt: skip
-def test_insert(benchmark: Any, entities: int, new: int, rounds: int, most_seconds: float, most_mib: float) -> None:
-    settings = {"entities": entities, "dimension": 200, "new": new, "rounds": rounds}
+def test_insert(
+    benchmark: Any, graph: dict[str, int], what: str, new: int, rounds: int, most_seconds: float, most_mib: float
+) -> None:
+    settings = {**graph, "what": what, "new": new, "rounds": rounds}
     reported = measured(benchmark, "insert", most_seconds, most_mib, "insert", **settings)
-    benchmark.extra_info.update(entities=entities, new=new, dimension=200, **reported)
+    benchmark.extra_info.update(settings, **reported)
