@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Canvas
 
 from isi.report import stats, words
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_size, panels
+from isi.report.figures import by_size, legend, panels
 from isi.report.section import Content, of_each_graph
 from isi.report.stats import LEVEL, Difference, Pair, by_seed, cells_of, compare, difference, pairs_table, signed
 from isi.report.tables import Column, Estimate
@@ -107,7 +107,19 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         "scopes": by_scope(["scope", "model"]),
         "sessions": by_scope(["session", "scope", "model"]),
     }  # fmt: skip
-    return Content(numbers, tables, {"figure3a_immediate": figure})
+    return Content(numbers, tables, {"figure3a_immediate": figure, "gain_and_cost": gain_and_cost(runs, initializers)})
+
+
+def gain_and_cost(runs: pd.DataFrame, initializers: Sequence[str]) -> Canvas:
+    """MRR* about novel entities against what known triples lose since novel entities are candidates; in points."""
+    means = 100 * runs.pivot_table("mrr_star", "model", "scope", observed=True)
+    canvas, axes = panels(1, 1, 4.4, width=6)
+    cost, gain = (means["known_closed"] - means["known"]).to_dict(), means["novel"].to_dict()
+    for model in (name for name in initializers if name in gain):
+        axes[0].plot(cost[model], gain[model], marker="o", ls="", color=colour(model, initializers), label=label(model))
+    axes[0].set(xlabel="loss of MRR*, known entities", ylabel="MRR*, novel entities")
+    legend(canvas, axes)
+    return canvas
 
 
 @of_each_graph
