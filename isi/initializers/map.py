@@ -96,8 +96,8 @@ _SETTINGS = [
 @initializer("map", label="MAP", role="baseline", colour="#b2182b", cost="newton", needs=("insert_triples",),
              defaults={"word_weight": 16.0, "relation_weight": 8.0, "strength": 0.5, "ratio": 3,
                        "known_negatives": 0.3},
-             grid={"word_weight": [16.0], "relation_weight": [8.0, 16.0], "strength": [0.2, 0.5, 1.0, 3.0],
-                   "ratio": [3, 9], "known_negatives": [0.03, 0.1, 0.3, 1.0]},
+             grid={"word_weight": [16.0], "relation_weight": [8.0], "strength": [0.2, 0.5, 1.0, 3.0],
+                   "ratio": [1, 3, 9], "known_negatives": [0.1, 0.3, 1.0]},
              calibration=_SETTINGS)  # fmt: skip
 def maximum_a_posteriori(
     context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count,
