@@ -61,7 +61,7 @@ def parsed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
 def test_an_insertion_is_reported_as_json_and_as_text(capsys: pytest.CaptureFixture[str]) -> None:
     result = parsed(capsys, *STOVE, "--top", "1")
     assert result["insert_triples"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
-    assert (result["entity"], result["id"], result["initializer"]) == ("stove", 6, "map_mean")
+    assert (result["entity"], result["id"], result["initializer"]) == ("stove", 6, "map")
     assert [(query["query"], query["answers"][0]["entity"]) for query in result["answers"]] == [
         (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
     ]  # fmt: skip
@@ -70,7 +70,7 @@ def test_an_insertion_is_reported_as_json_and_as_text(capsys: pytest.CaptureFixt
     assert (len(result["nearest"]), result["interference"][0]["queries"]) == (1, 8)
     assert "this embedding has no word vectors" in result["no_words"]
     text = printed(capsys, *STOVE).splitlines()
-    assert text[:3] == ["entity: stove", "id: 6", "initializer: map_mean"]
+    assert text[:3] == ["entity: stove", "id: 6", "initializer: map"]
     assert re.fullmatch(r" +kitchen +1 .*yes.* no", text[text.index("  query: stove atLocation ?") + 3])
 
 
