@@ -20,7 +20,7 @@ from isi.sources.triples import shipped_names
 from isi.tables import paths
 from tests.small_graphs import points_of, random_embedding, random_graph
 from tools import repro, wordnet, workspace
-from tools.choose_initializers import about, hide
+from tools.choose_initializers import about, hide, settings_of
 from tools.embed_phrases import WORDNET, read
 
 ROOT = Path(__file__).parent.parent
@@ -211,3 +211,9 @@ def test_the_shipped_phrases_of_wordnet_are_whole_and_have_vectors_of_unit_lengt
     words = read_vectors(paths.shipped_vectors("wordnet"))
     assert words.index_to_key == list(read(WORDNET).index)
     assert (abs((words.vectors**2).sum(1) - 1) < 1e-5).all()
+
+
+def test_options_in_params_are_compared_first_and_once() -> None:
+    settings = settings_of(["mean", "class_noise"], {"class_noise": {"fraction": 0.25}, "es": {"k": 8}})
+    assert settings[:2] == [("mean", {}), ("class_noise", {"fraction": 0.25})]
+    assert [options["fraction"] for _, options in settings[1:]] == [0.25, 0.1, 0.5, 1.0]
