@@ -117,9 +117,8 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
     """The settings to compare: for each initializer its options in params, then those of its grid; no duplicates."""
     settings = []
     for name in names:
-        every = [listed[name] for name in {name} & listed.keys()] + combinations(
-            INITIALIZERS.get(name, name).grid or {}
-        )
+        chosen = [listed[name]] if name in listed else []
+        every = chosen + combinations(INITIALIZERS.get(name, name).grid or {})
         once = {tuple(setting.items()): setting for setting in every}
         settings += [(name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()]
     return settings
