@@ -35,7 +35,11 @@ COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
 
 def pages(root: Path = ROOT) -> list[Path]:
     """The documents that may have marked places."""
-    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    return [
+        root / "README.md",
+        *sorted((root / "docs").glob("*.md")),
+        *sorted((root / "docs" / "you-have").glob("*.md")),
+    ]
 
 
 def filled(page: str, root: Path = ROOT) -> str:

@@ -31,7 +31,7 @@ from isi.sources.triples import read_id_names, read_ids
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
-FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")  #: Suffixes of tensor files.
+FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth", ".ckpt")  #: Suffixes of tensor files.
 #: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
 #: Names of the tables of entities and relations in other tools. Two names: real and imaginary half of one table.

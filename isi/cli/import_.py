@@ -23,7 +23,7 @@ def import_(
         help="for distance models: margin=NUMBER (default: estimated from the triples), squared=true")] = (),
     tensors: Annotated[tuple[Path, ...], Parameter(
         consume_multiple=True, show_default=False,
-        help=".npy, .npz, .safetensors, .json, or a state dict as .pt or .pth; default: those in FOLDER")] = (),
+        help=".npy, .npz, .safetensors, .json, or a state dict as .pt, .pth or .ckpt; default: those in FOLDER")] = (),
     trust_pickle: Annotated[bool, Parameter(
         help=f"read PyKEEN's {PICKLE}: whoever wrote a pickle can have it run any program on this machine,"
         " so use this only for files of your own or of people you trust")] = False,

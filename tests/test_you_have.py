@@ -1,0 +1,200 @@
+"""The pages of docs/you-have/: their code runs as it stands, and their layouts score as the other libraries do.
+
+LibKGE, OpenKE and AmpliGraph are not installed: the tests write their formats, and have their formulas.
+"""
+
+import re
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
+
+import isi
+from isi.__main__ import main
+from isi.bundle.query import open_bundle
+from isi.errors import InputError
+from tests.documented import DOCS
+from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, write_openke
+
+PAGES = sorted((DOCS / "you-have").glob("*.md"))
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+NEEDS = {"pykeen": ["pykeen"], "csv": ["pykeen"], "rdf": ["pykeen", "rdflib"], "torchkge": ["torchkge"]}
+FILES = {"csv": "home.csv", "turtle": "home.ttl"}
+
+
+class AmpliGraphModel:
+    """``get_embeddings`` of AmpliGraph's ScoringBasedEmbeddingModel."""
+
+    def get_embeddings(self, entities: Any, embedding_type: str = "e") -> np.ndarray:
+        names, rows = (NAMES, ENTITIES) if embedding_type == "e" else (BETWEEN, LABELS)
+        return rows[[names.index(name) for name in entities]]
+
+
+def write_arrays() -> None:
+    rng = np.random.default_rng(0)
+    np.save("entities.npy", rng.standard_normal((5, 8)))
+    np.save("relations.npy", rng.standard_normal((2, 8)))
+
+
+def write_checkpoints() -> None:
+    """The folder and the checkpoints of OpenKE."""
+    write_openke(Path("mine"))
+    state = {"ent_embeddings.weight": torch.tensor(ENTITIES), "rel_embeddings.weight": torch.tensor(LABELS)}
+    constants = {"zero_const": torch.zeros(1), "pi_const": torch.tensor([torch.pi])}
+    for name in ("distmult", "transe"):
+        torch.save(constants | state, f"{name}.ckpt")
+
+
+def write_libkge(relations: np.ndarray = LABELS) -> None:
+    """The files of LibKGE's preprocessing, and a checkpoint: a pickled ``Config`` beside (state dict, meta)."""
+    Path("mine").mkdir()
+    for slot, names in (("entity", NAMES), ("relation", BETWEEN)):
+        lines = "".join(f"{number}\t{name}\n" for number, name in enumerate(names))
+        Path("mine", f"{slot}_ids.del").write_text(lines, encoding="utf-8")
+    Path("mine/train.del").write_text("".join("\t".join(map(str, row)) + "\n" for row in TRIPLES), encoding="utf-8")
+    config = type("Config", (), {"__module__": "kge.config"})()
+    vars(config).update(folder="local", options={"model": "complex"})
+    module: Any = ModuleType("kge.config")
+    module.Config = type(config)
+    state = {
+        "_entity_embedder._embeddings.weight": torch.tensor(ENTITIES),
+        "_relation_embedder._embeddings.weight": torch.tensor(relations),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "kge", ModuleType("kge"))
+        patch.setitem(sys.modules, "kge.config", module)
+        torch.save({"type": "train", "epoch": 3, "model": (state, {}), "config": config}, "checkpoint_best.pt")
+
+
+PREPARE: dict[str, Callable[[], None]] = {
+    "arrays": write_arrays, "openke": write_checkpoints, "libkge": write_libkge,
+}  # fmt: skip
+
+
+def run(page: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """Write the files of a page, and run its code and its commands in order; the names that the code defines."""
+    scope: dict[str, Any] = {"__name__": "page"}
+    if page.stem == "ampligraph":
+        scope |= {"model": AmpliGraphModel(), "X": np.array([[NAMES[h], BETWEEN[r], NAMES[t]] for h, r, t in TRIPLES])}
+    for language, code in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if language in FILES:
+            Path(FILES[language]).write_text(code, encoding="utf-8")
+        elif language == "python":
+            exec(compile(code, page.name, "exec"), scope)  # noqa: S102
+        else:
+            for line in code.splitlines():
+                main(shlex.split(line.removeprefix("$ "))[1:])
+                assert capsys.readouterr().out
+    return scope
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_runs_as_it_stands(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in NEEDS.get(page.stem, ()):
+        pytest.importorskip(name)
+    monkeypatch.chdir(tmp_path)
+    PREPARE.get(page.stem, lambda: None)()
+    scope = run(page, capsys)
+    if "larger" in scope:
+        assert set(scope["answers"]) == set(scope["more"].entity_to_id)
+        assert scope["larger"].num_entities == scope["factory"].num_entities + len(scope.get("hidden", "1"))
+    elif "done" in scope:
+        assert (scope["done"].names.of(-1 % len(scope["done"].entities)), scope["done"].new) == (
+            "espresso machine", [len(scope["done"].entities) - 1],
+        )  # fmt: skip
+    else:
+        larger = open_bundle(Path("larger"))
+        assert larger.entity_names[-1] == "espresso machine"
+        place = [larger.entity_names.index(name) for name in NAMES]
+        assert larger.entities[place].tobytes() == ENTITIES.tobytes()
+
+
+def test_tables_of_transe_are_normalized_as_openke_does_when_it_scores(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_checkpoints()
+    run(DOCS / "you-have" / "openke.md", capsys)
+    opened = open_bundle(Path("imported-transe"))
+    np.testing.assert_allclose(np.linalg.norm(opened.entities, axis=1), 1, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(opened.relations, axis=1), 1, rtol=1e-6)
+
+
+def test_reciprocal_relations_of_libkge_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_libkge(np.concatenate([LABELS, LABELS]))
+    with pytest.raises(InputError, match="relation_names"):
+        run(DOCS / "you-have" / "libkge.md", capsys)
+
+
+def halves(*vectors: Tensor) -> list[Tensor]:
+    return [half for vector in vectors for half in vector.chunk(2, -1)]
+
+
+def complex_of_libkge(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    r_re, r_im, t_re, t_im = halves(r, t)
+    left, right = torch.cat((h, h), -1), torch.cat((t, t_im, t_re), -1)
+    return (left * right * torch.cat((r_re, r, -r_im), -1)).sum(-1)
+
+
+def rotate_of_libkge(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    h_re, h_im, t_re, t_im = halves(h, t)
+    real, imaginary = h_re * r.cos() - h_im * r.sin() - t_re, h_re * r.sin() + h_im * r.cos() - t_im
+    return -torch.hypot(real, imaginary).norm(p=2, dim=-1)
+
+
+def complex_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    h_re, h_im, t_re, t_im, r_re, r_im = halves(h, t, r)
+    return (h_re * t_re * r_re + h_im * t_im * r_re + h_re * t_im * r_im - h_im * t_re * r_im).sum(-1)
+
+
+def complex_of_ampligraph(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    h_re, h_im, r_re, r_im, t_re, t_im = halves(h, r, t)
+    return (h_re * (r_re * t_re + r_im * t_im) + h_im * (r_re * t_im - r_im * t_re)).sum(-1)
+
+
+def hole_of_ampligraph(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    k = h.shape[-1] // 2
+    return 2 / k * complex_of_ampligraph(h, r, t)
+
+
+def transe_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
+    h, r, t = (normalize(vector, 2, -1) for vector in (h, r, t))
+    return -torch.norm((h + r) - t, 2, -1)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "model"),
+    [
+        (complex_of_libkge, "complex"), (rotate_of_libkge, "rotate"), (complex_of_openke, "complex"),
+        (complex_of_ampligraph, "complex"), (hole_of_ampligraph, "complex"), (transe_of_openke, "transe"),
+    ],
+)  # fmt: skip
+def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], model: str) -> None:
+    """Up to the margin, after what the page does to the tables."""
+    torch.manual_seed(0)
+    entities, relations = torch.randn(7, 6), torch.randn(3, 3 if model == "rotate" else 6)
+    used = entities, relations
+    if theirs is hole_of_ampligraph:
+        used = entities, relations * (2 / 3)
+    if theirs is transe_of_openke:
+        used = normalize(entities), normalize(relations)
+    options = {} if model == "complex" else {"margin": 2.0}
+    done = isi.insert(
+        *(table.numpy() for table in used), [(7, 0, 1)], new=1, model=model, model_options=options, initializer="mean"
+    )
+    head, relation, tail = torch.cartesian_prod(torch.arange(7), torch.arange(3), torch.arange(7)).T
+    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get("margin", 0.0)
+    torch.testing.assert_close(ours, theirs(entities[head], relations[relation], entities[tail]), rtol=1e-4, atol=1e-5)
