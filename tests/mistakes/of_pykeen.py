@@ -56,7 +56,7 @@ PYKEEN_CASES = [
     Called("a list of facts", {"triples": {"cup": ["e1"]}}, "argument 'triples'|'cup'"),
     Called("a relation in another case", {"triples": [("cup", "R0", "e1")]}, "argument 'triples'|did you mean 'r0'"),
     Called("a new label that is known", {"new": ["cup", "e1"]}, "argument 'new'|'e1'|known"),
-    Called("nothing is known of an entity", {"triples": [*NEW, ("cup", "r0", "kup")]}, "new entity 'kup'"),
+    Called("nothing is known of an entity", {"triples": [*NEW, ("kup", "r0", "kup")]}, "new entity 'kup'"),
     Called("a margin that is no number", {"margin": "a"}, "argument 'margin'"),
     Called("an initializer that needs an inverse", lambda: {"model": model("rescal"), "initializer": "rs"},
            "argument 'initializer'"),
