@@ -29,7 +29,7 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
-from isi.report.figures import STYLE, legend, rendered
+from isi.report.figures import STYLE, legend, panels, rendered
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 
@@ -178,8 +178,7 @@ def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
 
 def frontier(table: pd.DataFrame) -> Figure:
     """Gain about hidden entities against loss of earlier triples for every setting that loses at most three points."""
-    canvas = Figure(figsize=(6.5, 4.5), layout="constrained")
-    axes = canvas.subplots()
+    canvas, (axes,) = panels(1, 1, 5.5)
     gain, _, loss = MEASURES
     for name, rows in table.groupby("initializer", sort=False):
         registered = INITIALIZERS.get(str(name), str(name))
