@@ -187,7 +187,7 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
     assert 'id="none"' not in text
     assert text.index('href="#one"') < text.index('href="#immediate"')
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
-        f"{name}.{form}" for name in ("figure3a_immediate", "verdict") for form in ("svg", "png")
+        f"{name}.{form}" for name in ("figure3a_immediate", "gain_and_cost", "verdict") for form in ("svg", "png")
     }
     assert (tmp_path / "tables/own_table.csv").read_text("utf-8") == "a\n1\n2\n"
     assert not (tmp_path / "tables/of_an_earlier_run.csv").exists()
