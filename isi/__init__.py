@@ -9,7 +9,7 @@ from typing import Any
 
 __all__ = ["InputError", "fit_new", "insert"]
 
-_WHERE = {"InputError": "isi.errors", "fit_new": "isi.insertion.api", "insert": "isi.insertion.api"}
+_WHERE = {"InputError": "isi.errors", "fit_new": "isi.insertion.fit", "insert": "isi.insertion.api"}
 
 
 def __dir__() -> list[str]:

@@ -24,7 +24,7 @@ from torch.optim import Adam
 from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
-from isi.insertion.api import fit_new
+from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
 from isi.pykeen import enlarge, inserted, read_model, warm
 

@@ -43,7 +43,7 @@ MOST_SCORES = 2**23  #: Maximum number of scores in one table.
 RATE, OVERHEAD = 8e9, 4e7
 SECOND = 2  #: Rank of the wrong answer that stands for right ones that the model was not trained on.
 STEPS = 8  #: Assumed number of steps of Newton's method.
-NEAR_CHANCE = 2.0  #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
+NEAR_RANDOM = 2.0  #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Choice:
     tolerance: float  #: largest loss of MRR that is no harm
     hidden: int  #: number of hidden entities
     queries: int  #: number of their queried triples
-    chance: float  #: expected MRR of earlier triples at random ranks
+    random_mrr: float  #: expected MRR of earlier triples at random ranks
 
     @property
     def why(self) -> str:
@@ -89,10 +89,10 @@ class Choice:
                 f" by {best.loss:.3f} (tolerance {self.tolerance:g}; of trained triples from {best.h_old:.3f} to"
                 f" {best.h_cur:.3f})"
             )
-        if best.h_old < NEAR_CHANCE * self.chance:
+        if best.h_old < NEAR_RANDOM * self.random_mrr:
             untrained.append(
-                f"the model ranks its own triples almost at random (MRR {best.h_old:.3f}, by chance"
-                f" {self.chance:.3f}): no vector of a new entity helps before it is trained longer"
+                f"the model ranks its own triples almost at random (MRR {best.h_old:.3f}, at random"
+                f" {self.random_mrr:.3f}): no vector of a new entity helps before it is trained longer"
             )
         return harmful + untrained
 
@@ -157,7 +157,7 @@ def calibrated(
         return None
     place = choose_by_rule([each.about for each in candidates], [each.loss for each in candidates], tolerance)
     hidden, queries = draws.context.novel.numel(), int(draws.about.counted.sum())
-    return Choice(candidates, candidates[place], tolerance, hidden, queries, draws.chance)
+    return Choice(candidates, candidates[place], tolerance, hidden, queries, draws.random_mrr)
 
 
 def work_of(
@@ -244,7 +244,7 @@ class HiddenDraws:
         return torch.stack([right, plausible]), torch.stack(ranks)
 
     @property
-    def chance(self) -> float:
+    def random_mrr(self) -> float:
         """Expected MRR of earlier triples if their ranks were random: the mean of (1 + 1/2 + … + 1/C) / C."""
         number = (self.competes.sum(-1) + 1).double()[:, self.earlier.counted]
         return ((torch.digamma(number + 1) + np.euler_gamma) / number).mean().item()
@@ -304,10 +304,10 @@ def hide(
         given, touching = np.sort(np.resize(rng.permutation(numbers), together))[::-1], np.isin(ends, hidden).sum(1)
         held_out = list[tuple[int, int]]()
         for place, entity in enumerate(hidden):
-            own = rng.permutation(np.flatnonzero((ends == entity).any(1) & (touching == 1)))
-            count = min(given[place], len(own) - -(-len(own) // KEPT_BACK))
-            inserted += [(draw, place, triple) for triple in np.sort(own[:count])]
-            held_out += enumerate(own[count:].tolist())
+            of_entity = rng.permutation(np.flatnonzero((ends == entity).any(1) & (touching == 1)))
+            count = min(given[place], len(of_entity) - -(-len(of_entity) // KEPT_BACK))
+            inserted += [(draw, place, triple) for triple in np.sort(of_entity[:count])]
+            held_out += enumerate(of_entity[count:].tolist())
         about.append(
             [triple for _, triple in sorted(held_out, key=itemgetter(0))[:each]]
         )  # the first of each entity, ...

@@ -14,7 +14,7 @@ from torch.optim import Optimizer
 
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion import api
+from isi.insertion import fit
 from isi.insertion.arguments import Names, argument, as_list, is_whole, triples_of
 from isi.pykeen.insertion import checked_labels, labelled, of_result
 from isi.pykeen.reading import PykeenModel, both_ways, read_model, stored, tables_of
@@ -61,7 +61,7 @@ def fit_new(
     if model.use_inverse_triples:
         about = both_ways(torch.from_numpy(about), relations.number).numpy()
     embedding = read_model(model, factory.mapped_triples, margin)
-    vectors, _ = api.fit_new(
+    vectors, _ = fit.fit_new(
         embedding.entity[0].numpy()[order], embedding.relation[0].numpy(), about, new=len(ids), model=embedding.model,
         epochs=epochs, learning_rate=learning_rate, weight_decay=weight_decay, batch_size=batch_size, ratio=ratio,
         seed=seed,
