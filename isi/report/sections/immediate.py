@@ -114,7 +114,7 @@ def gain_and_cost(runs: pd.DataFrame, initializers: Sequence[str]) -> Canvas:
     """MRR* about novel entities against what known triples lose since novel entities are candidates; in points."""
     means = 100 * runs.pivot_table("mrr_star", "model", "scope", observed=True)
     means = means.reindex(columns=["known", "known_closed", "novel"])
-    canvas, axes = panels(1, 1, 4.4, width=6)
+    canvas, axes = panels(1, 1, 4.4)
     cost, gain = (means["known_closed"] - means["known"]).to_dict(), means["novel"].to_dict()
     for model in (name for name in initializers if name in gain):
         axes[0].plot(cost[model], gain[model], marker="o", ls="", color=colour(model, initializers), label=label(model))
