@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "experiments.published": workspace.DROP, "sources.published": workspace.DROP,
     **{f"initializers.{name}": workspace.DROP for name in (
         "mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds", "soft_hybrid",
-        "map",
+        "map", "map_own_facts",
     )},
 }  # fmt: skip
 

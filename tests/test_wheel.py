@@ -75,8 +75,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
         if path.suffix != ".egg-info":
             (tree / path.name).symlink_to(path)
     source = build("sdist", tree, out)
-    with tarfile.open(source) as archive:
-        archive.extractall(out, filter="data")
+    shutil.unpack_archive(source, out)
     (unpacked,) = (path for path in out.iterdir() if path.is_dir())
     return Built(source, build("wheel", unpacked, out))
 

@@ -32,7 +32,7 @@ SMALL: dict[str, Any] = {
     "compute.stack": 1, "compute.workers": 2, "final_model.experiments": ["published"],
     **{f"initializers.{name}": workspace.DROP for name in (
         "iu", "es", "rs", "mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
-        "soft_hybrid", "map",
+        "soft_hybrid", "map", "map_own_facts",
     )},
 }  # fmt: skip
 WHOM = ("make repro", "DVC", "a stage", "a worker")
