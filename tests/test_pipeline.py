@@ -170,7 +170,7 @@ def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<figure") == 1 + 8  # of the verdict, and of the first experiment
+    assert page.count("<figure") == 1 + 9  # of the verdict, and of the first experiment
     assert not re.search("src=|<link", page)
     differences = pd.read_csv(folder / "reports/tables/differences.csv")
     assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
