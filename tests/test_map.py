@@ -226,14 +226,23 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: s
     assert gradients[1].max() < 0.05 * gradients[0].max()
 
 
-@pytest.mark.parametrize("name", LINEAR)
-def test_anchors_are_the_gradients_of_a_linear_score(name: str) -> None:
-    of = four_novel(model_named(name))
-    (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), insert("mean", of).vectors, 0.5)
-    general = replace(problem, alpha=None)
-    at = torch.randn(4, DIMENSION, generator=torch.Generator().manual_seed(3)).double()
-    torch.testing.assert_close(problem.slopes(at), general.slopes(at))
-    torch.testing.assert_close(problem.scores(at), general.scores(at), atol=1e-5, rtol=1e-5)
+@pytest.mark.parametrize(("name", "options"), [*((name, {}) for name in LINEAR), *DISTANCES])
+def test_scores_by_mapped_ends_and_their_slopes_are_those_of_the_model_and_autograd(
+    name: str, options: dict[str, Option]
+) -> None:
+    model, (models, triples) = model_named(name, **options), (4, 30)
+    draw = torch.Generator().manual_seed(3)
+    other, relation, at = (
+        torch.randn(*shape, generator=draw)
+        for shape in ((models, triples, DIMENSION), (models, triples, model.width(DIMENSION)), (models, DIMENSION))
+    )
+    is_tail = torch.rand(models, triples, 1, generator=draw) < 0.5
+    novel = at[:, None].repeat(1, triples, 1).requires_grad_()
+    scores = model.score(torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other))
+    (slopes,) = torch.autograd.grad(scores.sum(), novel)
+    fast = maximum.score_of(model, is_tail, relation, other)
+    torch.testing.assert_close(fast.scores(at), scores.detach(), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(fast.slopes(at), slopes, atol=1e-4, rtol=1e-4)
 
 
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
@@ -244,7 +253,11 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     step, _ = newton_step(problem, at, score, problem.slopes(at))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
         expected = [share, share, 1, share]  # the third has no insert triples, hence a zero step
-        assert step_size(problem, at, score, times * step).tolist() == expected
+        shares, decrease = step_size(problem, at, score, times * step)
+        assert shares.tolist() == expected
+        there = at + shares[:, None] * times * step
+        lower = problem.objective(score, at) - problem.objective(problem.scores(there), there)
+        torch.testing.assert_close(decrease, lower)
 
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:

@@ -1,6 +1,6 @@
 """MAP and ridge: the vector that best fits the triples of ``evidence`` and a prior at a mean of known vectors."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +13,9 @@ from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import Problem, gram, newton
+from isi.initializers.newton import AnyScore, LinearScore, MappedScore, Problem, Score, gram, newton
 from isi.initializers.paper import hybrid_similarity
-from isi.models.model import Model
+from isi.models.model import Model, RelationMapModel
 from isi.models.stack import NotFinite, rows
 
 SHRINKAGE = 0.1  #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be singular.
@@ -53,21 +53,24 @@ def problems(context: InitContext, weighted: Evidence, mean: Tensor, strength: f
         model = place // number
         is_tail, relation, other, positive, negative, prior = (values[place] for values in listed)
         ends = is_tail[..., None], theta0.relation[model[:, None], relation], theta0.entity[model[:, None], other]
-        alpha = anchors(theta0.model, *ends) if theta0.model.linear else None
-        yield Problem(positive, negative, prior, precision[model], score_of(theta0.model, *ends), alpha)
+        yield Problem(positive, negative, prior, precision[model], score_of(theta0.model, *ends))
 
 
-def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Callable[[Tensor], Tensor]:
+def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Score:
     """f of triples by vectors of the novel entities; shapes (B, C, 1), (B, C, w), (B, C, d)."""
+    if model.linear:
+        return LinearScore(anchors(model, is_tail, relation, other))
+    if isinstance(model, RelationMapModel):
+        return MappedScore(model.interaction, anchors(model, is_tail, relation, other))
 
     def score(novel: Tensor) -> Tensor:
         return model.score(torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other))
 
-    return score
+    return AnyScore(score, other.shape[1])
 
 
 def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Tensor:
-    """α of triples, (B, C, d), whose score is ⟨v, α⟩ if it is linear in the novel vector; shapes as in ``score_of``."""
+    """α of triples, (B, C, d): their known ends, mapped by the relation; shapes as in ``score_of``."""
     alpha, at = torch.empty_like(other), is_tail[..., 0]
     alpha[at] = model.transform(other[at], relation[at])
     alpha[~at] = model.transform_tail(other[~at], relation[~at])
@@ -89,7 +92,7 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
 #: Options for embeddings on which more weight on the prior or on known triples pays, the best guess first.
 _SETTINGS = [
     {"strength": strength, "known_negatives": weight}
-    for strength, weight in ((3.0, 3.0), (1.0, 1.0), (3.0, 10.0), (1.0, 3.0), (3.0, 1.0), (3.0, 30.0), (1.0, 10.0))
+    for strength, weight in ((1.0, 3.0), (1.0, 10.0), (3.0, 10.0), (1.0, 1.0), (3.0, 3.0), (3.0, 30.0), (3.0, 100.0))
 ]
 
 

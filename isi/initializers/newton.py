@@ -2,18 +2,78 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
 from torch.linalg import solve
 from torch.nn.functional import softplus
 
-from isi.models.scoring import padded
+from isi.models.scoring import Interaction, padded
 
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
 TOLERANCE = 1e-6  #: A step is the last if twice its predicted gain of log-probability is at most this.
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
+CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
+
+
+class Score(Protocol):
+    """The score f of each of C triples by vectors v, (B, d), float32."""
+
+    def scores(self, at: Tensor) -> Tensor:
+        """f; shape (B, C)."""
+
+    def slopes(self, at: Tensor) -> Tensor:
+        """∂f/∂v; shape (B, C, d)."""
+
+
+@dataclass(frozen=True)
+class LinearScore:
+    """f = ⟨v, α⟩; ``alpha``: (B, C, d)."""
+
+    alpha: Tensor
+
+    def scores(self, at: Tensor) -> Tensor:
+        return (self.alpha @ at[..., None])[..., 0]
+
+    def slopes(self, at: Tensor) -> Tensor:  # noqa: ARG002
+        return self.alpha
+
+
+@dataclass(frozen=True)
+class MappedScore:
+    """f = interaction(α, v), where α is the known end, mapped by the relation; ``alpha``: (B, C, d)."""
+
+    interaction: Interaction
+    alpha: Tensor
+
+    def scores(self, at: Tensor) -> Tensor:
+        return self.interaction.rows(self.alpha, at[:, None])[0]
+
+    def slopes(self, at: Tensor) -> Tensor:
+        score, backward = self.interaction.rows(self.alpha, at[:, None])
+        return backward(torch.ones_like(score))[1]
+
+
+@dataclass(frozen=True)
+class AnyScore:
+    """f of vectors for each triple, (B, C, d), with slopes by autograd."""
+
+    function: Callable[[Tensor], Tensor]
+    triples: int  #: C
+
+    def scores(self, at: Tensor) -> Tensor:
+        return self.function(self._for_each(at))
+
+    def slopes(self, at: Tensor) -> Tensor:
+        with torch.enable_grad():
+            vectors = self._for_each(at).clone().requires_grad_()
+            total = self.function(vectors).sum()
+        return torch.autograd.grad(total, vectors)[0]
+
+    def _for_each(self, at: Tensor) -> Tensor:
+        return at[:, None].expand(-1, self.triples, -1)
 
 
 @dataclass(frozen=True)
@@ -24,32 +84,21 @@ class Problem:
     negative: Tensor  #: w⁻; shape: (B, C)
     mean: Tensor  #: μ; shape: (B, d)
     precision: Tensor  #: λΣ⁻¹; shape: (B, d, d)
-    score: Callable[[Tensor], Tensor]  #: f of each triple, (B, C), with a vector for each, (B, C, d)
-    alpha: Tensor | None  #: ∂f/∂v if f = ⟨v, α⟩; shape: (B, C, d)
+    score: Score
 
     def scores(self, at: Tensor) -> Tensor:
         """f of each triple with vectors (B, d); shape (B, C)."""
-        if self.alpha is not None:
-            return (self.alpha @ at.float()[..., None])[..., 0].double()
-        return self.score(self._for_each(at)).double()
+        return self.score.scores(at.float()).double()
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
-        if self.alpha is not None:
-            return self.alpha
-        with torch.enable_grad():
-            vectors = self._for_each(at).clone().requires_grad_()
-            total = self.score(vectors).sum()
-        return torch.autograd.grad(total, vectors)[0]
+        return self.score.slopes(at.float())
 
     def objective(self, score: Tensor, at: Tensor) -> Tensor:
         """Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ); shapes (B, C), (B, d), result (B,)."""
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
         return (self.positive * softplus(-score) + self.negative * softplus(score)).sum(-1) + prior / 2
-
-    def _for_each(self, at: Tensor) -> Tensor:
-        return at.float()[:, None].expand(-1, self.positive.shape[1], -1)
 
 
 def newton(problem: Problem) -> Tensor:
@@ -62,9 +111,9 @@ def newton(problem: Problem) -> Tensor:
     score, slopes = problem.scores(at), problem.slopes(at)
     for _ in range(STEPS):
         step, gain = newton_step(problem, at, score, slopes)
-        share = step_size(problem, at, score, step)
+        share, decrease = step_size(problem, at, score, step)
         at = torch.where(active[:, None], at + share[:, None] * step, at)
-        active &= gain > TOLERANCE
+        active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
         score, slopes = problem.scores(at), problem.slopes(at)
@@ -81,16 +130,20 @@ def newton_step(problem: Problem, at: Tensor, score: Tensor, slopes: Tensor) -> 
     return step, -(gradient * step).sum(-1)
 
 
-def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> Tensor:
-    """The first factor of 1, ½, ¼, ... whose step does not increase the objective, else 2^-``HALVINGS``; (B,)."""
+def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
+    """The first factor of 1, ½, ¼, ... whose step does not increase the objective, else 2^-``HALVINGS``; (B,).
+
+    And the decrease of the objective by the last factor that was tried, (B,).
+    """
     here, share = problem.objective(score, at), torch.ones(len(at), dtype=at.dtype)
     for _ in range(HALVINGS):
         there = at + share[:, None] * step
-        worse = problem.objective(problem.scores(there), there) > here * (1 + ROUNDING)
+        after = problem.objective(problem.scores(there), there)
+        worse = after > here * (1 + ROUNDING)
         if not worse.any():
             break
         share = torch.where(worse, share / 2, share)
-    return share
+    return share, here - after
 
 
 def gram(slopes: Tensor, weight: Tensor) -> Tensor:

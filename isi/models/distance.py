@@ -9,7 +9,7 @@ from torch import Tensor
 from isi.config import Positive
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model, RelationMapModel, register_model
-from isi.models.scoring import Backward, Distance, Interaction, Triples, padded
+from isi.models.scoring import Backward, Distance, Interaction, L1Distance, Triples, padded
 
 
 class Translation(Model):
@@ -50,13 +50,14 @@ class TransE(Translation, DistanceModel):
 
 @register_model("transe_l1")
 @dataclass(frozen=True)
-class TransEL1(Translation):
+class TransEL1(Translation, RelationMapModel):
     """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default TransE of PyKEEN and OpenKE."""
 
     margin: Positive
 
-    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        return self.margin - (head + relation - tail).abs().sum(-1)
+    @property
+    def interaction(self) -> Interaction:
+        return L1Distance(self.margin)
 
 
 @register_model("rotate")

@@ -99,7 +99,33 @@ class Distance:
         return 2 * slope if self.squared else slope / distance
 
 
-Interaction = Product | Distance
+@dataclass(frozen=True)
+class L1Distance:
+    """f(m, t) = margin - ‖m - t‖₁, the sum of absolute differences."""
+
+    margin: float
+
+    def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        gap = tail - mapped
+
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            by_mapped = gap.sign() * slope[..., None]
+            return by_mapped, -by_mapped
+
+        return self.margin - gap.abs().sum(-1), backward
+
+    def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            tables = mapped[:, : slope.shape[1]].detach().requires_grad_(), tail.detach().requires_grad_()
+            with torch.enable_grad():
+                distance = torch.cdist(*tables, p=1)
+            by_mapped, by_tail = torch.autograd.grad(distance, tables, -slope)
+            return by_mapped, by_tail
+
+        return self.margin - torch.cdist(mapped, tail, p=1), backward
+
+
+Interaction = Product | Distance | L1Distance
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """A stack of embeddings, scored by one model: the unit of training, ranking and insertion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -14,7 +15,19 @@ from isi.random import stream
 
 T = TypeVar("T")
 
+DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
 LARGEST = 1e11  #: Largest valid |x|: a score sums products of three coordinates and could overflow float32 above it.
+
+
+@contextmanager
+def without_denormals() -> Iterator[None]:
+    """Compute with zero in place of denormal numbers, which are slow (dead coordinates have many); then as before."""
+    before = not (torch.full((1,), DENORMAL) * 1).any()
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
 
 
 @dataclass(frozen=True)
