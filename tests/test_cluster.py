@@ -1,15 +1,12 @@
 """The grid on a cluster of a Dask scheduler and two workers on loopback; one worker is killed during its task."""
 
-import json
 import os
 import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,53 +19,29 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, TaskError, run
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
+from tests.dask_cluster import Cluster, two_workers
 from tests.environment import wait_for
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks
 
 pytest.importorskip("distributed")
 
-ROOT = Path(__file__).parent.parent
 PROCESSES = Compute(workers=2, stack=1)
-
-
-@dataclass(frozen=True)
-class Cluster:
-    compute: Compute
-    workers: dict[int, subprocess.Popen[bytes]]
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    folder = tmp_path_factory.mktemp("cluster")
-    at, started = folder / "scheduler.json", []
+    with two_workers(tmp_path_factory.mktemp("cluster")) as started:
+        yield started
 
-    def start(program: str, *arguments: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{program}", "--host", "127.0.0.1", "--no-dashboard"]
-        with (folder / f"{len(started)}.log").open("wb") as log:
-            process = subprocess.Popen(
-                [*command, "--scheduler-file", str(at), *arguments],
-                cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=log, stderr=log,
-            )  # fmt: skip
-        started.append(process)
-        return process
 
-    try:
-        start("dask_scheduler", "--port", "0")
-        workers = [start("dask_worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
-        assert wait_for(lambda: all(b"Registered to" in (folder / f"{n}.log").read_bytes() for n in (1, 2)))
-        address = json.loads(at.read_text(encoding="utf-8"))["address"]
-        compute = Compute(workers=1, stack=1, engine="dask", scheduler=address)
-        yield Cluster(compute, {process.pid: process for process in workers})
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+def on_cluster(cluster: Cluster) -> Compute:
+    return Compute(workers=1, stack=1, engine="dask", scheduler=cluster.scheduler)
 
 
 @pytest.fixture(params=["processes", "dask"])
 def compute(request: pytest.FixtureRequest) -> Compute:
     """The section ``compute`` for each engine."""
-    return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
+    return PROCESSES if request.param == "processes" else on_cluster(request.getfixturevalue("cluster"))
 
 
 def state(*_: object) -> tuple[int, float]:
@@ -109,7 +82,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
 
     killer = threading.Thread(target=kill_one)
     killer.start()
-    learned = run(partial(noted, tmp_path), tasks, cluster.compute, "theta0")
+    learned = run(partial(noted, tmp_path), tasks, on_cluster(cluster), "theta0")
     killer.join()
     (killed,) = [pid for pid, process in cluster.workers.items() if process.poll() == -signal.SIGKILL]
     (other,) = cluster.workers.keys() - {killed}
@@ -117,7 +90,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
     assert trained_bytes(learned) == expected
     later = insert_tasks(2, "ers", theta0(steps=2), steps=2)
-    inserted, again = (run(insert_stack, later, compute, "ers") for compute in (PROCESSES, cluster.compute))
+    inserted, again = (run(insert_stack, later, compute, "ers") for compute in (PROCESSES, on_cluster(cluster)))
     assert inserted_bytes(inserted) == inserted_bytes(again)
 
 

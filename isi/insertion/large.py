@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -14,12 +14,14 @@ from isi.graph.graph import HEAD, TAIL
 from isi.insertion import arguments
 from isi.insertion.api import batches, choose, in_order_of_ids, init_context_of
 from isi.insertion.arguments import Names, Triple, argument, stack_of_one, table
+from isi.insertion.workers import EntityParts
 from isi.models.model import Model
-from isi.models.stack import NotFinite
+from isi.models.stack import NotFinite, without_denormals
 
 
+@without_denormals()
 def insert_rows(
-    entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int,
+    entities: np.ndarray | EntityParts, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int,
     model: str | Model, model_options: Mapping[str, Any] | None = None,
     known_triples: Sequence[Triple] | np.ndarray | None = None,
     initializer: str = "map", options: Mapping[str, Any] | None = None, seed: int = 0,
@@ -30,7 +32,8 @@ def insert_rows(
     otherwise only at the rows that the initializer needs. Memory beyond the table grows with E + K, not with E · d.
 
     Args:
-        entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to it).
+        entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to it); or of
+            ``isi.insertion.workers.on_workers``, which leaves them to the workers of a Dask cluster.
         triples: ids, each with one new entity; ``new``: number n of new entities, whose ids are E, E + 1, ....
         initializer: one that needs no words or kinds; see ``isi.insert`` for all other arguments.
 
@@ -38,8 +41,8 @@ def insert_rows(
         InputError: names the wrong argument and the expected value.
     """
     check(seed, Seed, "", "argument 'seed'")
-    rows = table(entities, "entities")
-    known, names = len(rows), arguments.all_names(Names("entity_names", len(rows), None), new, "new")
+    rows = cast(torch.Tensor, entities) if isinstance(entities, EntityParts) else table(entities, "entities")
+    known, names = rows.shape[-2], arguments.all_names(Names("entity_names", rows.shape[-2], None), new, "new")
     if names.number == known:
         raise InputError("argument 'new'", "", "expected at least one new entity")
     given = arguments.checked_arguments(
