@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
-from isi.bundle.calibration import HeldOutCalibration, answer, fit_curve, fit_platt
+from isi.bundle.calibration import HeldOutCalibration, answer, fit_curve
 from isi.bundle.insert import NewEntity, ablations, before, indicators, insert_entity
 from isi.bundle.query import OpenBundle, Query, find, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
+from isi.insertion.platt import fit_platt
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, random_bundle, small
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS, InitContext
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
 from isi.insertion.api import batches
 from isi.insertion.arguments import Names, triples_of
 from isi.tables import paths
@@ -232,3 +232,32 @@ def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
     assert isi.insert.__module__ == "isi.insertion.api"
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018
+
+
+@pytest.mark.parametrize("flushed", [True, False])
+def test_denormal_numbers_are_flushed_during_a_call_alone(flushed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Known rows with denormal numbers stay, and so does the setting of the caller, after an error, too."""
+
+    def are_flushed() -> bool:
+        return not bool((torch.full((1,), 1e-40) * 1).any())
+
+    monkeypatch.setattr(INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()})
+    entities, relations = np.full((5, 4), 1e-40, np.float32), np.ones((1, 4), np.float32)
+    entities[:, 0] = range(5)
+    seen = list[bool]()
+
+    @initializer("watching", cost="entities")
+    def watching(context: InitContext) -> InitResult:
+        seen.append(are_flushed())
+        return without_weights(torch.zeros(*context.novel.shape, 4))
+
+    torch.set_flush_denormal(flushed)
+    try:
+        done = isi.insert(entities, relations, [(5, 0, 1)], new=1, model="distmult", initializer="watching")
+        with pytest.raises(InputError):
+            isi.insert(entities, relations, [(5, 0, 9)], new=1, model="distmult")
+        assert are_flushed() == flushed
+    finally:
+        torch.set_flush_denormal(False)
+    assert seen == [True]
+    assert done.entities[:5].tobytes() == entities.tobytes()

@@ -87,6 +87,10 @@ def test_a_new_relation_ranks_its_own_triples_first() -> None:
     )  # fmt: skip
     assert (done.new, done.new_relations, done.relations.shape) == ([], [4], (5, 6))
     np.testing.assert_array_equal(done.relations[:4], theta.relation[0, :4])
+    assert "new relations: 4" in repr(done)
+    assert done.report() == []
+    without = done.interference()
+    assert (without.h_old, without.above) == (without.h_cur, [])
     vectors = torch.from_numpy(done.entities)
     score = torch.einsum("hd,d,td->ht", vectors, torch.from_numpy(done.relations[4]), vectors)
     held_out = triples[of_new][1::2]

@@ -19,22 +19,19 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import softplus
 
 from isi.bundle.insert import before
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert
+from isi.insertion.platt import LEAST_RIGHT, PlattCurve, fit_platt
 from isi.insertion.result import Inserted
 from isi.random import stream
 
 LIKELY = 0.2  #: Least probability of an unexpected answer.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
-MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
-STEPS, GAIN = 50, 1e-10  #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
-#: Hidden entities: least number, if enough suit; at most one in ``ONE_IN`` at a time. Least number of right answers.
-LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
+LEAST_HIDDEN, ONE_IN = 32, 10  #: Hidden entities: least number, if enough suit; at most one in so many at a time.
 
 
 @dataclass(frozen=True)
@@ -88,17 +85,6 @@ def calibrated_on(answers: Iterable[Answer], inserted: bool) -> str | None:
     return ("held-out entities" if inserted else "known triples") if all_have else None
 
 
-@dataclass(frozen=True)
-class PlattCurve:
-    """probability = σ(slope · score + offset)."""
-
-    slope: float
-    offset: float
-
-    def __call__(self, scores: Tensor) -> Tensor:
-        return torch.sigmoid(self.slope * scores.double() + self.offset)
-
-
 def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
     """The curve for a relation and the slot of the answer, from known triples; null if the relation has none."""
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
@@ -109,51 +95,6 @@ def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None
     scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
     answers = [torch.tensor(sorted(opened.answers[Query(entity, relation, slot)])) for entity in sample]
     return fit_platt(scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers]))
-
-
-def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
-    """Fit a logistic curve to the scores of answers, (N,), and whether they are ``known``, (N,), bool.
-
-    Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite if scores separate known from
-    unknown answers. At most ``MOST_UNKNOWN`` unknown answers, spread evenly over the sorted scores, represent them all.
-    """
-    right, unknown = scores[known].double(), scores[~known].double().sort().values
-    number, every = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
-    unknown = unknown[every // 2 :: every]
-    inputs = torch.cat([right, unknown])
-    target = torch.full((len(inputs),), 1 / (number + 2)).double()
-    target[: len(right)] = (len(right) + 1) / (len(right) + 2)
-    weight = torch.full_like(target, number / max(1, len(unknown)))
-    weight[: len(right)] = 1.0
-    centre, spread = inputs.mean(), inputs.std(correction=0).clamp(min=1e-12)
-    fit = _logistic_regression(torch.stack([(inputs - centre) / spread, torch.ones_like(inputs)], 1), target, weight)
-    slope = (fit[0] / spread).item()
-    if slope <= 0:  # probability must not fall with the score
-        return PlattCurve(0.0, torch.logit((weight * target).sum() / weight.sum()).item())
-    return PlattCurve(slope, (fit[1] - fit[0] * centre / spread).item())
-
-
-def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Coefficients, (2,), for inputs (N, 2), by Newton's method; a step is halved until the loss does not rise."""
-
-    def loss_of(coefficients: Tensor) -> float:
-        score = inputs @ coefficients
-        return (weight * (softplus(score) - target * score)).sum().item()
-
-    coefficients = torch.zeros(2, dtype=torch.float64)
-    loss = loss_of(coefficients)
-    for _ in range(STEPS):
-        likely = torch.sigmoid(inputs @ coefficients)
-        gradient = inputs.T @ (weight * (likely - target))
-        hessian = (inputs * (weight * likely * (1 - likely))[:, None]).T @ inputs
-        hessian = hessian + 1e-9 * torch.eye(2, dtype=coefficients.dtype)
-        step, share = torch.linalg.solve(hessian, gradient), 1.0
-        while (after := loss_of(coefficients - share * step)) > loss and share > GAIN:
-            share /= 2
-        coefficients, gain, loss = coefficients - share * step, loss - after, after
-        if gain <= GAIN * abs(loss):
-            break
-    return coefficients
 
 
 class HeldOutEntity(NamedTuple):

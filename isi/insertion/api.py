@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,13 @@ from isi.initializers import api as initializers
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, argument, stack_of_one, table
-from isi.insertion.choice import calibrated
+from isi.insertion.choice import HIDDEN, calibrated, hide
+from isi.insertion.inverses import BothWays, adapted
 from isi.insertion.relations import fit_relations
 from isi.insertion.result import Inserted
 from isi.insertion.rounds import schedule
 from isi.models.model import Model
-from isi.models.stack import Embedding, NotFinite
+from isi.models.stack import Embedding, NotFinite, without_denormals
 
 #: Candidates for the default initializer, the best first (compared in docs/method.md). The default is the first one
 #: whose data are given and that supports the model.
@@ -32,6 +34,7 @@ FEW = 32  #: Number of triples up to which all new entities share batches.
 MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
+@without_denormals()
 def insert(
     entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int | Sequence[str],
     model: str | Model, model_options: Mapping[str, Any] | None = None, new_relations: int | Sequence[str] = 0,
@@ -110,24 +113,27 @@ def insert(
     theta0 = stack_of_one(rows, given.relations, given.model)
     choice, has_triples = None, len(insert_triples) > 0
     chosen, used, why, together = choose(initializer, options, theta0, has_triples, words_serve)
+    # a model without inverse cannot serve a new entity that has triples alone by an initializer that needs words
+    words_for_all = words_serve and (given.model.invertible or bool(has_words.all()))
+    hidden_from = (
+        Embedding(theta0.entity[:, :known], theta0.relation[:, :old_relations], one_score(given.model)),
+        given.known_triples,
+        np.bincount(insert_triples[:, [HEAD, TAIL]].max(1) - known, minlength=len(rows) - known),
+        vectors[:known] if words_for_all and vectors is not None else None,
+        None if kind_ids is None else kind_ids[:known], seed,
+    )  # fmt: skip
     if calibrate and initializer is None and not options and len(given.known_triples) and len(new_ids):
-        # a model without inverse cannot serve a new entity that has triples alone by an initializer that needs words
-        words_for_all = words_serve and (given.model.invertible or bool(has_words.all()))
+        # on hidden known entities, means of a few known vectors seem to harm less than they do (docs/insert.md)
         others = [each for each in fitting(theta0, has_triples, words_for_all) if not too_large(each, known)]
-        choice = calibrated(
-            [chosen, *(each for each in others if each is not chosen)],
-            replace(theta0, entity=theta0.entity[:, :known], relation=theta0.relation[:, :old_relations]),
-            given.known_triples,
-            np.bincount(insert_triples[:, [HEAD, TAIL]].max(1) - known, minlength=len(rows) - known),
-            vectors[:known] if words_for_all and vectors is not None else None,
-            None if kind_ids is None else kind_ids[:known], seed, tolerance, budget,
-        )  # fmt: skip
+        compared = [each for each in others if each.cost == "newton" or each.role == "own" or each.name in BEST]
+        listed = [chosen, *(each for each in compared if each.name != chosen.name)]
+        choice = calibrated(listed, *hidden_from, tolerance, budget)
     if choice is not None:
         candidate = choice.chosen
         chosen, used, _, together = choose(candidate.initializer, candidate.options, theta0, has_triples, words_serve)
         why = choice.why
         for sentence in choice.warnings:
-            warnings.warn(sentence, stacklevel=2)
+            warnings.warn(sentence, stacklevel=3)
     name = chosen.name
 
     def initialized(ids: np.ndarray, seen: np.ndarray) -> list[InitResult]:
@@ -161,6 +167,7 @@ def insert(
         new_relations=list(range(old_relations, len(given.relations))),
         insert_triples=insert_triples, between=given.triples[~one_new_end], known_triples=given.known_triples,
         initializer=name, options=used, why=why, choice=choice,
+        hide=partial(hide, *hidden_from, HIDDEN if choice is None else choice.most_hidden),
         fallback=[initializers.FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
@@ -225,7 +232,7 @@ def choose(
             work = f"which compares the words of every two of {entities:,} entities: choose another"
             raise InputError("", "", f"the embedding is too large for {initializer}, {work}")
     numbers = max(entities, theta0.relation.shape[1] * dimension)  # for one new entity
-    return registered, checked, why, max(1, BUDGET // numbers)
+    return adapted(registered, theta0.model), checked, why, max(1, BUDGET // numbers)
 
 
 def too_large(registered: Registered, entities: int) -> bool:
@@ -236,7 +243,13 @@ def fitting(theta0: Embedding, triples: bool, words: bool) -> list[Registered]:
     """The registered initializers that support the model and need no more than the given data."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
     every = [INITIALIZERS.get(name, name) for name in INITIALIZERS.names()]
-    return [each for each in every if not lacking & set(each.needs) and not each.misses(theta0.model)]
+    fit = (each for each in every if not lacking & set(each.needs) and not each.misses(theta0.model))
+    return [adapted(each, theta0.model) for each in fit]
+
+
+def one_score(model: Model) -> Model:
+    """The model, with heads scored by the relation and not by its inverse: ``calibrated`` has one score per triple."""
+    return replace(model, heads_by_inverse=False) if isinstance(model, BothWays) else model
 
 
 def best(theta0: Embedding, triples: bool, words: bool) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ def argument(name: str) -> Iterator[None]:
         raise InputError(f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message) from error
 
 
-def as_list(values: Any, item: type = object, expected: str = "a list") -> list[Any]:
+def as_list(values: Any, item: type | UnionType = object, expected: str = "a list") -> list[Any]:
     """An argument as a list of ``item``. An ``InputError`` refuses a text, and items of other types."""
     try:
         items = list(values)
@@ -153,15 +154,15 @@ class Arguments:
 
 
 def checked_arguments(
-    entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
-    known: int, triples: Any, known_triples: Any, new_relations: Any = 0,
+    entities: np.ndarray | torch.Tensor, relations: Any, model: Any, model_options: Any, names: Names,
+    relation_names: Any, known: int, triples: Any, known_triples: Any, new_relations: Any = 0,
 ) -> Arguments:  # fmt: skip
     """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number, are checked already.
 
     New relations get rows of zeros.
     """
-    checked = checked_model(model, model_options, entities.shape[1])
-    rows = table(relations, "relations", checked.width(entities.shape[1]))
+    checked = checked_model(model, model_options, entities.shape[-1])
+    rows = table(relations, "relations", checked.width(entities.shape[-1]))
     labels = all_names(Names("relation_names", len(rows), relation_names), new_relations, "new_relations")
     old_relations = len(rows)
     rows = np.concatenate([rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)])
@@ -203,8 +204,8 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
 
 
-def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
-    """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
+def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
+    """Triples as ids, in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
     with argument(name):
         triples = listed_triples(triples)
@@ -215,7 +216,13 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
                 row, slot = np.argwhere((ids < 0) | (ids >= limits))[0].tolist()
                 columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
         else:
-            ids = _ids_of(triples.tolist() if isinstance(triples, np.ndarray) else triples, columns)
+            ids = _listed_ids(triples.tolist() if isinstance(triples, np.ndarray) else triples, columns)
+    return ids
+
+
+def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
+    """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
+    ids = ids_of(triples, name, entities, relations)
     head, relation, tail = ids.T
     key = (head * relations.number + relation) * entities.number + tail  # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
     ordered = np.sort(key)  # much faster than pandas on all triples
@@ -223,7 +230,7 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     return np.delete(ids, repeated[pd.Series(key[repeated]).duplicated().to_numpy()], 0) if len(repeated) else ids
 
 
-def _ids_of(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
+def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
     """Triples of names or ids as ids, (T, 3), int64. Known names alone take a tenth of the time."""
     if {*map(type, triples)} <= {list, tuple} and {*map(len, triples)} == {3}:
         with suppress(KeyError, TypeError):  # an id, an unknown name, or what cannot be a name
@@ -302,11 +309,12 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
     return look_up(keyed, texts).vectors
 
 
-def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> Embedding:
-    """Tables, (E, d) and (R, w), as a stack of one float32 embedding. A float32 ``entities`` is not copied."""
+def stack_of_one(entities: np.ndarray | torch.Tensor, relations: np.ndarray, model: Model) -> Embedding:
+    """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding. Float32 vectors are not copied."""
     with np.errstate(over="ignore"):  # values that overflow are refused later
-        entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
-    return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)
+        if isinstance(entities, np.ndarray):
+            entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
+    return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)
 
 
 def trained_session(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Session:

@@ -40,9 +40,10 @@ KEPT_BACK = 4  #: At least one in so many triples of a hidden entity is queried 
 MOST_SCORES = 2**23  #: Maximum number of scores in one table.
 #: Multiplications in a second, and as many as the overhead of one candidate takes. They turn a budget of seconds into
 #: one of work, so that the choice depends on the arguments alone and not on a clock.
-RATE, OVERHEAD = 8e9, 4e7
+RATE, OVERHEAD = 1.4e10, 7e7
 SECOND = 2  #: Rank of the wrong answer that stands for right ones that the model was not trained on.
 STEPS = 8  #: Assumed number of steps of Newton's method.
+ELEMENTWISE = 300  #: As many multiplications of a product take the time of a step's work on one number of a vector.
 NEAR_RANDOM = 2.0  #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 
 
@@ -73,6 +74,7 @@ class Choice:
     tolerance: float  #: largest loss of MRR that is no harm
     hidden: int  #: number of hidden entities
     queries: int  #: number of their queried triples
+    most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
 
     @property
@@ -85,7 +87,7 @@ class Choice:
         best, harmful, untrained = self.chosen, [], []
         if best.loss > self.tolerance:
             harmful.append(
-                f"every initializer harms: {best.initializer} harms least, and with it the MRR of earlier triples falls"
+                f"every candidate harms: {best.initializer} harms least, and with it the MRR of earlier triples falls"
                 f" by {best.loss:.3f} (tolerance {self.tolerance:g}; of trained triples from {best.h_old:.3f} to"
                 f" {best.h_cur:.3f})"
             )
@@ -130,18 +132,13 @@ def calibrated(
         numbers: number of insert triples of each new entity, shape (n,).
         tolerance: largest loss of the MRR of earlier triples that is no harm.
         budget: seconds of one core, by an estimate of the work; limits the number of hidden entities, and if these are
-            few, that of candidates: the first and cheaper ones, defaults before other options, come before the rest.
+            few, that of candidates: defaults, the cheaper first, come before other options.
     """
     work = {each.name: work_of(each, theta0, triples, numbers, words) for each in initializers}
     first, *others = initializers
-    others.sort(key=lambda each: work[each.name])
-    cheap = [each for each in others if work[each.name] < work[first.name]]
-    settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
-    settings += [(each, {**each.defaults, **options}) for each in (first, *cheap) for options in each.calibration]
-    settings += [
-        (each, {**each.defaults, **options})
-        for each in others[len(cheap) :] for options in ({}, *each.calibration)
-    ]  # fmt: skip
+    ordered = [first, *sorted(others, key=lambda each: work[each.name])]
+    settings = [(each, dict(each.defaults)) for each in ordered]
+    settings += [(each, {**each.defaults, **options}) for each in ordered for options in each.calibration]
     total = np.cumsum([work[each.name] for each, _ in settings])
     possible = (budget * RATE - OVERHEAD * np.arange(1, len(settings) + 1)) / total  # hidden entities, for each prefix
     affordable = int((possible >= min(LEAST_HIDDEN, theta0.entity.shape[1])).sum())
@@ -157,7 +154,7 @@ def calibrated(
         return None
     place = choose_by_rule([each.about for each in candidates], [each.loss for each in candidates], tolerance)
     hidden, queries = draws.context.novel.numel(), int(draws.about.counted.sum())
-    return Choice(candidates, candidates[place], tolerance, hidden, queries, draws.random_mrr)
+    return Choice(candidates, candidates[place], tolerance, hidden, queries, number, draws.random_mrr)
 
 
 def work_of(
@@ -171,7 +168,8 @@ def work_of(
     if initializer.cost == "entities":
         return ranking + 4 * entities * dimension
     numbers_of_triples = numbers.mean() * entities, numbers.mean() * theta0.relation.shape[1], 2 * len(triples)
-    return ranking + STEPS * sum(min(SAMPLE, number) for number in numbers_of_triples) * dimension**2
+    for_each = dimension * (dimension + (0 if theta0.model.linear else ELEMENTWISE))
+    return ranking + STEPS * sum(min(SAMPLE, number) for number in numbers_of_triples) * for_each
 
 
 @dataclass(frozen=True)
@@ -249,17 +247,26 @@ class HiddenDraws:
         number = (self.competes.sum(-1) + 1).double()[:, self.earlier.counted]
         return ((torch.digamma(number + 1) + np.euler_gamma) / number).mean().item()
 
-    def measure(self, initializer: Registered, given: Mapping[str, Any]) -> Candidate | None:
-        """Insert the hidden entities and measure; null if the initializer has no finite vectors for them."""
-        theta0, novel = self.context.theta0, self.context.novel
+    def inserted(self, initializer: Registered, given: Mapping[str, Any]) -> tuple[dict[str, Any], Tensor] | None:
+        """The checked options, and the vectors of the hidden entities, (M, n, d); null if not all are finite."""
         try:
             options = options_of(initializer.name, given, "initializer")
-            vectors = initializer.initialize(self.context, options).vectors.to(theta0.entity)
+            vectors = initializer.initialize(self.context, options).vectors.to(self.context.theta0.entity)
         except (InputError, NoRelationMap):
             return None
-        if not vectors.isfinite().all():
+        return (options, vectors) if vectors.isfinite().all() else None
+
+    def theta(self, vectors: Tensor) -> Embedding:
+        """The embedding with vectors of the hidden entities, (M, n, d)."""
+        theta0, places = self.context.theta0, self.context.novel[..., None].expand_as(vectors)
+        return replace(theta0, entity=theta0.entity.scatter(1, places, vectors))
+
+    def measure(self, initializer: Registered, given: Mapping[str, Any]) -> Candidate | None:
+        """Insert the hidden entities and measure; null if the initializer has no finite vectors for them."""
+        if (inserted := self.inserted(initializer, given)) is None:
             return None
-        theta = replace(theta0, entity=theta0.entity.scatter(1, novel[..., None].expand_as(vectors), vectors))
+        (options, vectors), novel = inserted, self.context.novel
+        theta = self.theta(vectors)
         about = self.about.scores(theta, theta.entity)
         ranks = 1 + ahead(about, self.about.right_scores(theta), ~self.about.right)
         is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)

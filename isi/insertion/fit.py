@@ -11,11 +11,12 @@ from isi.errors import InputError, short
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, TripleForms, stack_of_one, table
 from isi.models.model import Model
-from isi.models.stack import NotFinite
+from isi.models.stack import NotFinite, without_denormals
 from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
 
+@without_denormals()
 def fit_new(
     entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int,
     model: str | Model, model_options: Mapping[str, Any] | None = None,

@@ -5,11 +5,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
-from isi.initializers.newton import Problem, newton
+from isi.initializers.newton import AnyScore, LinearScore, Problem, newton
+from isi.insertion.inverses import BothWays, apart, both_ways
 from isi.models.stack import Embedding
 
+WIDEST = 4096  #: Maximum length of a row: the objective has a Hessian of its square.
 SHRINKAGE = 0.9  #: Weight of an isotropic covariance of equal trace: there are few relations.
 
 
@@ -21,8 +24,18 @@ def fit_relations(
 
     ``entities``: number of known entities; ``triples``: those of the new relations, ids, (I, 3), whose ends have
     vectors; ``known_triples``: (T, 3), whose relation is replaced by the new one; options as of MAP. A relation without
-    triples gets the mean of the known relations.
+    triples gets the mean of the known relations. In the joined form of ``BothWays``, both halves of a row are fitted.
+    ``InputError`` if rows are longer than ``WIDEST``.
     """
+    if isinstance(theta.model, BothWays):
+        known_triples, triples = both_ways(known_triples), both_ways(triples)
+        rows = fit_relations(
+            apart(theta), entities, 2 * relations, triples, known_triples, strength, ratio, known_negatives
+        )
+        return rows.view(-1, theta.relation.shape[2])
+    if theta.relation.shape[2] > WIDEST:
+        expected = f"expected relations with rows of at most {WIDEST:,} numbers, got {theta.relation.shape[2]:,}"
+        raise InputError("argument 'new_relations'", "", expected)
     rows = theta.relation[0, :relations].double()
     mean, precision = rows.mean(0), strength * torch.linalg.inv(covariance(rows))
     fitted = []
@@ -31,7 +44,7 @@ def fit_relations(
         problem = _problem(theta, entities, relations, seen, known_triples, ratio, known_negatives * ratio)
         problem = replace(problem, mean=mean[None], precision=precision[None])
         if theta.model.linear:  # in the relation's row, too
-            problem = replace(problem, alpha=problem.slopes(mean[None]))
+            problem = replace(problem, score=LinearScore(problem.slopes(mean[None])))
         fitted.append(newton(problem)[0] if len(seen) else mean)
     return torch.stack(fitted).float()
 
@@ -57,7 +70,8 @@ def _problem(
     positive[: len(triples)] = 1
     first, last = theta.entity[0][pairs][:, None]
     none = torch.empty(0)
-    return Problem(positive[None], negative[None], none, none, lambda row: theta.model.score(first, row, last), None)
+    score = AnyScore(lambda row: theta.model.score(first, row, last), pairs.shape[1])
+    return Problem(positive[None], negative[None], none, none, score)
 
 
 def covariance(rows: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """The result of ``isi.insert``: enlarged tables, a report of each new entity, interference with known answers."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,10 +16,13 @@ from isi.config import Count, Seed, check
 from isi.errors import InputError, cut, short
 from isi.evaluation.ranking import compare
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names, TripleForms, is_whole, stack_of_one, trained_session, triples_of
-from isi.insertion.choice import Choice
+from isi.initializers.api import INITIALIZERS
+from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, trained_session, triples_of
+from isi.insertion.choice import Choice, HiddenDraws
+from isi.insertion.inverses import adapted
+from isi.insertion.probability import Curves, fit_curves
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, without_denormals
 from isi.random import stream
 
 BUDGET = 2**24  #: Maximum number of cosines or scores in one table.
@@ -91,12 +94,13 @@ class Inserted:
     new: list[int]  #: ids of the new entities
     new_relations: list[int]  #: ids of the new relations
     insert_triples: np.ndarray  #: triples of a new and a known entity; shape: (I, 3)
-    between: np.ndarray  #: triples of new entities only; shape: (B, 3)
+    between: np.ndarray  #: triples of two new entities, and of new relations between known ones; shape: (B, 3)
     known_triples: np.ndarray
     initializer: str
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
     choice: Choice | None  #: the measures by which it was chosen; null if it was named or not calibrated
+    hide: Callable[[], HiddenDraws | None]  #: hides known entities, those of the choice if there was one
     fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or null
     #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); null if the
     #: initializer has no weights, or n · E is too large
@@ -117,16 +121,39 @@ class Inserted:
     def names(self) -> Names:
         return Names("entity_names", len(self.entities), self.entity_names)
 
+    @cached_property
+    def labels(self) -> Names:
+        return Names("relation_names", len(self.relations), self.relation_names)
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Probability by score, fitted to hidden known entities; InputError if too few of their triples are known.
+
+        There must be new entities: the hidden ones get as many insert triples.
+        """
+        chosen = adapted(INITIALIZERS.get(self.initializer, "initializer"), self.model)
+        with without_denormals():
+            draws = self.hide()
+            curves = None if draws is None else fit_curves(draws, chosen, self.options)
+        if curves is None:
+            expected = f"expected more triples: known entities are hidden and inserted by {self.initializer}, and the"
+            raise InputError("argument 'known_triples'", "", f"{expected} answers about them calibrate probabilities")
+        return curves
+
     def __repr__(self) -> str:
-        of, first = self.names.of, self.new[0]
-        ((ids, cosines),) = self._nearest([first], 5)
-        near = ", ".join(f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True))
+        of, relation_of = self.names.of, self.labels.of
         lines = [
-            f"{len(self.new)} new beside {self.known} known entities, inserted from {len(self.insert_triples)} triples",
-            f"new: {', '.join(str(of(row)) for row in self.new[:10])}{', ...' * (len(self.new) > 10)}",
-            f"initializer: {self.initializer}, {self.why}",
-            f"nearest to {of(first)}: {near}",
-        ]  # fmt: skip
+            f"{len(self.new)} new beside {self.known} known entities, inserted from {len(self.insert_triples)} triples"
+        ]
+        for label, names, rows in (
+            ("new", of, self.new), ("new relations", relation_of, self.new_relations),
+        ):  # fmt: skip
+            if rows:
+                lines.append(f"{label}: {', '.join(str(names(row)) for row in rows[:10])}{', ...' * (len(rows) > 10)}")
+        for first in self.new[:1]:
+            ((ids, cosines),) = self._nearest([first], 5)
+            near = ", ".join(f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True))
+            lines += [f"initializer: {self.initializer}, {self.why}", f"nearest to {of(first)}: {near}"]
         return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
 
     def to_frame(self, nearest: int = 5) -> pd.DataFrame:
@@ -155,7 +182,7 @@ class Inserted:
     def _nearest(self, rows: Sequence[int], number: int) -> list[tuple[list[int], list[float]]]:
         """For each of some entities, the ids of the known ones with the highest cosines, and the cosines."""
         vectors = self.embedding.entity[0]
-        known, chosen = vectors[: self.known], vectors[torch.tensor(rows)]
+        known, chosen = vectors[: self.known], vectors[list(rows)]
         lengths = known.norm(dim=-1).clamp(min=TINY)
         parts = torch.split(normalize(chosen, dim=-1), max(1, BUDGET // self.known))
         best = [torch.topk(part @ known.T / lengths, min(number, self.known)) for part in parts]
@@ -173,6 +200,27 @@ class Inserted:
 
         usual, new = distance(known).sort().values, distance(vectors[self.known :])
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
+
+    def probability(self, triples: TripleForms) -> np.ndarray:
+        """The calibrated probability that each triple of a new entity is true, by its score; shape (T,), float64.
+
+        A triple counts as an answer to a query about the new entity, (new, relation, ?) or (?, relation, known), that
+        has a right answer; the probability is the share of right answers among answers of equal score. If the relation
+        may have no answer for the entity, it is too high. ``fit_curves`` says how it is fitted and how well it holds.
+
+        Args:
+            triples: names or ids in any form that ``isi.insert`` accepts, each with a new entity; duplicates stay.
+
+        Raises:
+            InputError: names the triple without a new entity; there are too few known triples.
+        """
+        ids = ids_of(triples, "triples", self.names, self.labels)
+        for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < self.known).all(1))[:1].tolist():
+            raise InputError("argument 'triples'", f"triple {row}", "expected a new entity, but both ends are known")
+        if not len(ids):
+            return np.zeros(0)
+        head, relation, tail = torch.from_numpy(ids).T[:, None]
+        return self.curves(self.embedding.score(head, relation, tail)[0], relation[0]).numpy()
 
     def interference(
         self, triples: TripleForms | None = None, most: int = 256, seed: int = 0,
@@ -196,7 +244,7 @@ class Inserted:
         if not is_whole(old) or not 0 < old <= self.known:
             expected = f"expected a number of entities from 1 to {self.known}, got {short(original)}"
             raise InputError("argument 'original'", "", expected)
-        labels = Names("relation_names", len(self.relations), self.relation_names)
+        labels = self.labels
         if triples is None:
             queried = self.known_triples[(self.known_triples[:, [HEAD, TAIL]] < old).all(1)]
         else:
@@ -243,7 +291,8 @@ def ranks_of(embedding: Embedding, true: np.ndarray, queried: int, old: int) -> 
             # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
             ahead = compare(scores[0, :, :old], answer), compare(torch.cat([right, new], -1), answer * 0)[:, 1:]
             before, added = torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
-            rank, highest = 1 + before.sum(-1), new.masked_fill(added == 0, -torch.inf).argmax(-1) + old
+            ahead_of = torch.cat([torch.full_like(right, -torch.inf), new.masked_fill(added == 0, -torch.inf)], -1)
+            rank, highest = 1 + before.sum(-1), ahead_of.argmax(-1) - 1 + old
             rows.append((rank, rank + added.sum(-1), highest))
             above += added.sum(0)
     ranks, all_ranks, highest = map(torch.cat, zip(*rows, strict=True))

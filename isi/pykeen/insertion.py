@@ -17,19 +17,31 @@ from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion import api
 from isi.insertion.arguments import Names, Source, all_names, argument, listed_triples, triples_of
+from isi.insertion.inverses import BothWays, joined
 from isi.insertion.result import Inserted
-from isi.pykeen.reading import BothWays, PykeenModel, both_ways, constrained, read_model, stored, tables_of
+from isi.pykeen.reading import (
+    PykeenModel,
+    constrained,
+    read_model,
+    relation_tables_of,
+    stored,
+    table_rows,
+    tables_of,
+)
 
 SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
 
 def insert(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
-    new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
+    new: int | Sequence[str] | None = None, new_relations: int | Sequence[str] = 0,
+    words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
     seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
 ) -> tuple[PykeenModel, CoreTriplesFactory]:  # fmt: skip
-    """Insert new entities into a copy of a trained model: ``insert(model, factory, triples)``. Known vectors stay.
+    """Insert new entities or relations into a copy of a trained model: ``insert(model, factory, triples)``.
+
+    Known vectors stay unchanged.
 
     To train the copy, use ``fit_new`` or ``train_on``: PyKEEN's own ``train`` starts again from random vectors.
 
@@ -38,11 +50,13 @@ def insert(
             initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others with those that need no inverse
             (map_mean, mean, es, ...). Or the result of PyKEEN's pipeline: ``insert(result, triples)``.
         factory: the triples factory that the model was trained on.
-        triples: of the new entities, as labels (if the factory has labels) or ids: (head, relation, tail) in a list, an
-            array or a tensor; a DataFrame with columns head, relation and tail, or three columns; another triples
-            factory; or facts by head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``.
+        triples: of the new entities and relations, as labels (if the factory has labels) or ids: (head, relation, tail)
+            in a list, an array or a tensor; a DataFrame with columns head, relation and tail, or three columns; another
+            triples factory; or facts by head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``.
         new: labels of the new entities (null: all labels in ``triples`` that the factory lacks, with a warning if one
             is nearly a known label); their number if the factory has no labels.
+        new_relations: labels of the new relations in ``triples``, or their number if the factory has no labels.
+            The model needs tables of relations. Triples of new relations may lie between known entities.
         words: vectors or texts by label, or word vectors of known and new entities; shape (E + n, v), zero if missing.
         word_source: embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
         kinds: the kind of each entity, by label or in order.
@@ -53,37 +67,43 @@ def insert(
         seed: root seed of random initializers.
 
     Returns:
-        copies of the model, with the vectors of new entities as last rows, and of the factory, with their labels and
-        triples. PyKEEN can predict with, evaluate and save them. Numeric literals of new entities are zero, as PyKEEN
-        sets those of entities without literals.
+        copies of the model, with the vectors of new entities and relations as last rows, and of the factory, with their
+        labels and triples. With inverse triples, a new relation has two rows, its own and that of its inverse. PyKEEN
+        can predict with, evaluate and save them. Numeric literals of new entities are zero, as PyKEEN sets those of
+        entities without literals.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
     """
     model, factory, triples = of_result(model, factory, triples)
     done = inserted(
-        model, factory, triples, new=new, words=words, word_source=word_source, kinds=kinds, initializer=initializer,
-        options=options, margin=margin, seed=seed, calibrate=calibrate, tolerance=tolerance, budget=budget,
+        model, factory, triples, new=new, new_relations=new_relations, words=words, word_source=word_source,
+        kinds=kinds, initializer=initializer, options=options, margin=margin, seed=seed, calibrate=calibrate,
+        tolerance=tolerance, budget=budget,
     )  # fmt: skip
     return enlarge(model, factory, done)
 
 
 def inserted(
     model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
-    new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
+    new: int | Sequence[str] | None = None, new_relations: int | Sequence[str] = 0,
+    words: Any = None, word_source: Source | None = None, kinds: Any = None,
     initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
     seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
 ) -> Inserted:  # fmt: skip
     """The result of ``isi.insert`` for the arguments of ``insert``: vectors, report and interference.
 
-    With a model of inverse triples, each triple is inserted in both directions. In the result, as in PyKEEN's
+    With a model of inverse triples, each triple counts in both directions. In the result, as in PyKEEN's
     predictions, tails are scored by the relation and heads by its inverse; a row of ``relations`` joins both.
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
     entity_labels, relation_labels = checked_labels(model, factory)
-    relations = Names("relation_names", model.num_real_relations, relation_labels)
+    known_relations = Names("relation_names", model.num_real_relations, relation_labels)
+    relations = all_names(known_relations, new_relations, "new_relations")
+    if relations.number > known_relations.number:
+        relation_tables_of(model)
     with argument("triples"):
         rows = labelled(triples)
     near = {}
@@ -91,20 +111,20 @@ def inserted(
         new = _new_labels(rows, factory, Names("entity_names", factory.num_entities, entity_labels), relations)
         near = nearly_known(new, factory.entity_to_id)
     names = all_names(Names("entity_names", factory.num_entities, entity_labels), new, "new")
-    ids, known = torch.from_numpy(triples_of(rows, "triples", names, relations)), factory.mapped_triples
-    embedding = read_model(model, known, margin)
-    for head, relation, tail in ids[(ids[:, [HEAD, TAIL]] < factory.num_entities).all(1)][:1].tolist():
+    ids = triples_of(rows, "triples", names, relations)
+    embedding = read_model(model, factory.mapped_triples, margin)
+    known = (ids[:, [HEAD, TAIL]] < factory.num_entities).all(1) & (ids[:, RELATION] < known_relations.number)
+    for head, relation, tail in ids[known][:1].tolist():
         triple = f"({names.of(head)}, {relations.of(relation)}, {names.of(tail)})"[:200]
-        raise InputError("argument 'triples'", triple, "expected a new entity, but both are known already")
-    if model.use_inverse_triples:
-        ids, known = (both_ways(listed, relations.number) for listed in (ids, known))
-        relation_labels = relation_labels and [*relation_labels, *(f"{label} (inverse)" for label in relation_labels)]
+        raise InputError("argument 'triples'", triple, "expected a new entity or relation, but all are known already")
+    embedding = joined(embedding) if model.use_inverse_triples else embedding
     try:
         done = api.insert(
-            embedding.entity[0].numpy(), embedding.relation[0].numpy(), ids.numpy(), new=new, model=embedding.model,
-            entity_names=entity_labels, relation_names=relation_labels, known_triples=known.numpy(), words=words,
-            word_source=word_source, kinds=kinds, initializer=initializer, options=options, seed=seed,
-            calibrate=calibrate, tolerance=tolerance, budget=budget,
+            embedding.entity[0].numpy(), embedding.relation[0].numpy(), ids, new=new, new_relations=new_relations,
+            model=embedding.model, entity_names=entity_labels, relation_names=relation_labels,
+            known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
+            initializer=initializer, options=options, seed=seed, calibrate=calibrate, tolerance=tolerance,
+            budget=budget,
         )  # fmt: skip
     except InputError as error:
         if near and error.file.startswith("new entity"):
@@ -117,36 +137,35 @@ def inserted(
         warnings.warn(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)", stacklevel=3
         )
-    vectors = constrained(model, torch.from_numpy(done.entities[done.known :])).numpy()
-    done = replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
-    return both_ways_joined(done, relations) if model.use_inverse_triples else done
-
-
-def both_ways_joined(done: Inserted, relations: Names) -> Inserted:
-    """The result with R relations, from that with their inverses as further relations and each triple both ways."""
-    names = ("insert_triples", "between", "known_triples")
-    lists = {name: rows[rows[:, RELATION] < relations.number] for name in names for rows in [getattr(done, name)]}
-    joined = np.concatenate(np.split(done.relations, 2), 1)
-    return replace(done, relations=joined, relation_names=relations.names, model=BothWays(done.model), **lists)
+    vectors = constrained(tables_of(model), torch.from_numpy(done.entities[done.known :])).numpy()
+    return replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
 
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Copies of a model and its factory, with the vectors, labels and triples of the new entities of ``done``."""
+    """Copies of a model and its factory, with the vectors, labels and triples of new entities and relations."""
     larger = deepcopy(model)
-    larger.num_entities = number = len(done.entities)
-    for table, rows in stored(larger, torch.from_numpy(done.entities[done.known :])):
+    larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)
+    grown = stored(tables_of(larger), torch.from_numpy(done.entities[done.known :]))
+    base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
+    if isinstance(base, BothWays):
+        base, rows, larger.num_relations = base.base, rows.view(-1, rows.shape[1] // 2), 2 * len(done.relations)
+    if len(rows):
+        grown += stored(relation_tables_of(larger), table_rows(base, rows))
+    for table, added in grown:
         weight = table._embeddings.weight
-        weight.data, weight.grad = torch.cat([weight.data, rows]), None  # same Parameter: regularizers may refer to it
-        table.max_id = table._embeddings.num_embeddings = number
+        weight.data, weight.grad = torch.cat([weight.data, added]), None  # same Parameter: regularizers may refer to it
+        table.max_id = table._embeddings.num_embeddings = len(weight)
     new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
     triples = torch.cat([factory.mapped_triples, new])
     options: dict[str, Any] = {
         "create_inverse_triples": factory.create_inverse_triples, "metadata": dict(factory.metadata),
     }  # fmt: skip
     if not isinstance(factory, TriplesFactory):
-        return larger, CoreTriplesFactory(triples, number, factory.real_num_relations, **options)
+        return larger, CoreTriplesFactory(triples, len(done.entities), len(done.relations), **options)
+    relation_names = done.relation_names or ()
     options |= {
-        "mapped_triples": triples, "relation_to_id": factory.relation_to_id,
+        "mapped_triples": triples,
+        "relation_to_id": dict(factory.relation_to_id) | {name: row for row, name in enumerate(relation_names)},
         "entity_to_id": dict(factory.entity_to_id) | {str(done.names.of(row)): row for row in done.new},
     }  # fmt: skip
     if not isinstance(factory, TriplesNumericLiteralsFactory):
@@ -194,12 +213,13 @@ def labelled(triples: Any) -> np.ndarray | list[Any]:
 def _new_labels(
     rows: np.ndarray | list[Any], factory: CoreTriplesFactory, entities: Names, relations: Names
 ) -> list[str]:
-    """All labels in triples that the factory lacks, in order; InputError if there are none."""
+    """Labels of entities in triples that the factory lacks, in order; InputError without any, and no new relation."""
     if not isinstance(factory, TriplesFactory):
         raise InputError("argument 'new'", "", "expected the number of new entities: the factory has no labels")
     whole = [tuple(triple) for triple in rows if hasattr(triple, "__len__") and len(triple) == 3]
     ends = dict.fromkeys(str(end) for head, _, tail in whole for end in (head, tail) if isinstance(end, str))
-    if new := [end for end in ends if end not in entities.ids]:
+    new = [end for end in ends if end not in entities.ids]
+    if new or relations.number > factory.real_num_relations:
         return new
     known = triples_of(rows, "triples", entities, relations)
     names = ", ".join(repr(entities.of(row)) for row in dict.fromkeys(known[:, [HEAD, TAIL]].flatten().tolist()))

@@ -14,9 +14,9 @@ from pykeen.nn.representation import Representation
 from torch import Tensor
 
 from isi.errors import InputError
-from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import NoRelationMap
 from isi.insertion import api
+from isi.insertion.inverses import both_ways
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.distance import RotatE, TransE, TransEL1
 from isi.models.model import Model
@@ -32,7 +32,8 @@ class Form:
 
     shape: tuple[int, ...]
     is_complex: bool
-    constrainer: Callable[[Tensor], Tensor] | None = None  #: what PyKEEN applies to a table after each update
+    #: what PyKEEN applies to a table after each update, and to its rows whenever it reads them
+    limits: tuple[Callable[[Tensor], Tensor], ...] = ()
 
     @property
     def size(self) -> int:
@@ -40,11 +41,12 @@ class Form:
         return prod(self.shape) * (1 + self.is_complex)
 
     def values(self, rows: Tensor) -> Tensor:
-        """Convert rows of shape (..., size) to values of shape (..., *shape), under the constraint."""
+        """Convert rows of shape (..., size) to values of shape (..., *shape), under the constraints."""
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         values = rows.reshape(-1, *self.shape)  # a table, as constrainers expect it
-        values = values if self.constrainer is None else self.constrainer(values)
+        for limit in self.limits:
+            values = limit(values)
         return values.view(*rows.shape[:-1], *self.shape)
 
 
@@ -90,34 +92,6 @@ class InteractionModel(Model):
         raise NoRelationMap
 
 
-@dataclass(frozen=True, eq=False)
-class BothWays(Model):
-    """PyKEEN's predictions with inverse triples: f(h, r, ?) for tails, and for heads f(t, inverse of r, ?).
-
-    The row of a relation joins those of the relation and of its inverse in ``base``.
-    """
-
-    base: Model
-
-    def width(self, dimension: int) -> int:
-        return 2 * self.base.width(dimension)
-
-    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        return self.base.score(head, relation.chunk(2, -1)[0], tail)
-
-    def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        return self.base.score_tails(head, relation.chunk(2, -1)[0], entity)
-
-    def score_heads(self, tail: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        return self.base.score_tails(tail, relation.chunk(2, -1)[1], entity)
-
-    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        return self.base.transform(vectors, relation.chunk(2, -1)[0])
-
-    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        return self.base.transform(vectors, relation.chunk(2, -1)[1])
-
-
 def tables_of(model: object) -> list[Table]:
     """The entity tables of a model; InputError unless it stores all vectors of entities in tables."""
     if not isinstance(model, ERModel):
@@ -135,43 +109,48 @@ def tables_of(model: object) -> list[Table]:
     return tables
 
 
-def entity_forms(model: PykeenModel) -> tuple[Form, ...]:
-    return tuple(Form(tuple(table.shape), table.is_complex, table.constrainer) for table in tables_of(model))
+def relation_tables_of(model: PykeenModel) -> list[Table]:
+    """The relation tables of a model; InputError if it has none, or computes vectors of relations."""
+    parts = list(model.relation_representations)
+    tables = [part for part in parts if isinstance(part, Table)]
+    if not tables or len(tables) < len(parts):
+        others = [type(part).__name__ for part in parts if not isinstance(part, Table)]
+        problem = f"{others[0]} computes the vectors of relations" if others else "it has no vectors of relations"
+        message = f"{type(model).__name__} cannot have new relations, since {problem}"
+        raise InputError("argument 'new_relations'", "", message)
+    return tables
 
 
-def constrained(model: PykeenModel, rows: Tensor) -> Tensor:
+def form_of(table: Table) -> Form:
+    limits = tuple(limit for limit in (table.constrainer, table.normalizer) if limit is not None)
+    return Form(tuple(table.shape), table.is_complex, limits)
+
+
+def constrained(tables: Sequence[Table], rows: Tensor) -> Tensor:
     """Joined rows, (n, d), under the constraints of their tables."""
-    return torch.cat([_flat(values) for values in parted(rows, entity_forms(model))], 1)
+    return torch.cat([_flat(values) for values in parted(rows, list(map(form_of, tables)))], 1)
 
 
-def stored(model: PykeenModel, rows: Tensor) -> list[tuple[Table, Tensor]]:
-    """Each entity table of a model, and its part of joined rows, (n, d), as PyKEEN stores it."""
-    parts = parted(rows, entity_forms(model))
+def stored(tables: Sequence[Table], rows: Tensor) -> list[tuple[Table, Tensor]]:
+    """Each of some tables, and its part of joined rows, (n, d), as PyKEEN stores it."""
+    parts = parted(rows, list(map(form_of, tables)))
     real = [torch.view_as_real(values) if values.is_complex() else values for values in parts]
     return [
-        (table, values.reshape(len(rows), -1).to(table._embeddings.weight))
-        for table, values in zip(tables_of(model), real, strict=True)
+        (table, values.reshape(-1, table._embeddings.embedding_dim).to(table._embeddings.weight))
+        for table, values in zip(tables, real, strict=True)
     ]
-
-
-def both_ways(triples: Tensor, relations: int) -> Tensor:
-    """Triples, (T, 3), then their inverses (t, r + ``relations``, h); shape (2T, 3)."""
-    inverses = triples[:, [TAIL, RELATION, HEAD]]
-    inverses[:, RELATION] += relations
-    return torch.cat([triples, inverses])
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
     """Read a model as a stack of one embedding; a null margin is estimated from ``triples``, shape (T, 3).
 
-    Of a model with inverse triples, the rows of the R relations come first, then those of their inverses.
+    Of a model with inverse triples, row 2r is that of relation r and row 2r + 1 that of its inverse, as in PyKEEN.
     """
-    forms, entity = entity_forms(model), torch.cat([_read(table)[1] for table in tables_of(model)], 1)
+    forms = tuple(map(form_of, tables_of(model)))
+    entity = torch.cat([_read(table)[1] for table in tables_of(model)], 1)
     read = [_read(representation) for representation in model.relation_representations]
     tables = [rows for _, rows in read]
-    if model.use_inverse_triples:
-        triples = both_ways(triples, model.num_real_relations)
-        tables = [torch.cat([rows[0::2], rows[1::2]]) for rows in tables]
+    triples = both_ways(triples) if model.use_inverse_triples else triples
     if len(forms) == 1 and (closed := _closed_form(model.interaction, tables)):
         make, rows = closed
         embedding = Embedding(entity[None].float(), rows[None].float(), make(0.0))
@@ -201,16 +180,23 @@ def _closed_form(
     return (make, relations[0]) if make else None
 
 
+def table_rows(model: Model, relations: Tensor) -> Tensor:
+    """Rows of relations of a model that was read, (q, w), as joined rows of tables: RotatE's angles as |r| = 1."""
+    return torch.cat([relations.cos(), relations.sin()], 1) if isinstance(model, RotatE) else relations
+
+
 def _read(representation: Representation) -> tuple[Form, Tensor]:
     """Form and all rows, shape (N, size), of a representation in evaluation mode (no dropout; normalized)."""
     training = representation.training
     with torch.no_grad():
         values = representation.eval()().detach().cpu()
     representation.train(training)
+    if isinstance(representation, Table):
+        return form_of(representation), _flat(values)
     return Form(tuple(representation.shape), values.is_complex()), _flat(values)
 
 
 def _flat(values: Tensor) -> Tensor:
     """Values of a table, (N, *shape), as rows, (N, size)."""
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), prod(values.shape[1:]))
     return torch.cat([flat.real, flat.imag], 1) if values.is_complex() else flat

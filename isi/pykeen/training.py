@@ -16,8 +16,9 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion import fit
 from isi.insertion.arguments import Names, argument, as_list, is_whole, triples_of
+from isi.insertion.inverses import both_ways
 from isi.pykeen.insertion import checked_labels, labelled, of_result
-from isi.pykeen.reading import PykeenModel, both_ways, read_model, stored, tables_of
+from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
 
 
 def fit_new(
@@ -59,7 +60,7 @@ def fit_new(
     order = np.concatenate([np.setdiff1d(np.arange(names.number), ids), ids])  # new ones last
     about[:, [HEAD, TAIL]] = np.argsort(order)[about[:, [HEAD, TAIL]]]
     if model.use_inverse_triples:
-        about = both_ways(torch.from_numpy(about), relations.number).numpy()
+        about = both_ways(torch.from_numpy(about)).numpy()
     embedding = read_model(model, factory.mapped_triples, margin)
     vectors, _ = fit.fit_new(
         embedding.entity[0].numpy()[order], embedding.relation[0].numpy(), about, new=len(ids), model=embedding.model,
@@ -67,7 +68,7 @@ def fit_new(
         seed=seed,
     )  # fmt: skip
     trained = deepcopy(model)
-    for table, rows in stored(trained, torch.from_numpy(vectors[-len(ids) :])):
+    for table, rows in stored(tables_of(trained), torch.from_numpy(vectors[-len(ids) :])):
         table._embeddings.weight.data[torch.from_numpy(ids)] = rows
     return trained
 
