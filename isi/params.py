@@ -225,7 +225,7 @@ def check_beyond(beyond: Beyond, params: Params) -> None:
     for name, hidden in beyond.hidden.items():
         _check_names(hidden.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
         if hidden.source == "graphs":
-            _check_names([name], beyond.graphs, f"hidden.{name}")
+            _check_names([hidden.graph], beyond.graphs, f"hidden.{name}.graph")
 
 
 def _check_variant(variant: Variant, params: Params, key: str) -> None:

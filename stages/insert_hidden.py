@@ -19,22 +19,22 @@ from isi.experiment.runner import run
 from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, Graph, build_graph
 from isi.graph.words import load_vectors, look_up
 from isi.stage import StageContext, stage
-from isi.tables import io
+from isi.tables import io, paths
 
 
 @stage
-def insert_hidden(context: StageContext, graph: str) -> None:
-    settings, params = context.beyond.hidden[graph], context.params
-    triples, phrases = of_package(graph) if settings.source == "pykeen" else of_pipeline(graph)
+def insert_hidden(context: StageContext, study: str) -> None:
+    settings, params = context.beyond.hidden[study], context.params
+    graph, phrases = SOURCES[settings.source](settings.graph)
     words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
-    splits = np.zeros((1, len(triples.triples)), dtype=np.int8)
-    points = [GridPoints.without_insertion(graph, triples, [seed], splits) for seed in range(settings.seeds)]
-    tasks = [(point, words, settings, f"hidden.{graph}", params.seed) for point in points]
-    answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {graph}"), strict=True)
-    HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, graph=graph)
+    splits = np.zeros((1, len(graph.triples)), dtype=np.int8)
+    points = [GridPoints.without_insertion(study, graph, [seed], splits) for seed in range(settings.seeds)]
+    tasks = [(point, words, settings, f"hidden.{study}", params.seed) for point in points]
+    answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {study}"), strict=True)
+    HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, study=study)
     by_method = pd.concat(seconds).astype({"told": "Int64"}).groupby(["method", "told"], dropna=False, sort=False)
     means = by_method["seconds"].mean().round(3).reset_index().to_json(orient="records", indent=1)
-    io.atomically(seconds_path(graph), lambda path: path.write_text(f"{means}\n", encoding="utf-8"))
+    io.atomically(seconds_path(study), lambda path: path.write_text(f"{means}\n", encoding="utf-8"))
 
 
 def of_package(name: str) -> tuple[Graph, list[str]]:
@@ -42,9 +42,25 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     dataset = get_dataset(dataset=name)
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)
-    names = [sorted(ids, key=ids.__getitem__) for ids in (dataset.entity_to_id, dataset.relation_to_id)]
+    entities, relations = (sorted(ids, key=ids.__getitem__) for ids in (dataset.entity_to_id, dataset.relation_to_id))
+    return unweighted(entities, relations, triples), entities
+
+
+def of_table(name: str) -> tuple[Graph, list[str]]:
+    """A graph that ships as a table of triples, and the names of its entities."""
+    listed = pd.read_csv(paths.RAW / name / "triples.csv", keep_default_na=False)
+    entities, relations = sorted({*listed["head"], *listed["tail"]}), sorted(set(listed["relation"]))
+    ids = [
+        pd.Categorical(listed[slot], names).codes
+        for slot, names in (("head", entities), ("relation", relations), ("tail", entities))
+    ]
+    return unweighted(entities, relations, torch.from_numpy(np.stack(ids, 1).astype(np.int64))), entities
+
+
+def unweighted(entities: list[str], relations: list[str], triples: torch.Tensor) -> Graph:
+    """A graph without kinds, each of whose triples was observed once."""
     ones = torch.ones(len(triples), dtype=torch.int64)
-    return Graph(*names, triples, ones, torch.zeros(len(names[0]), dtype=torch.int64)), names[0]
+    return Graph(entities, relations, triples, ones, torch.zeros(len(entities), dtype=torch.int64))
 
 
 def of_pipeline(name: str) -> tuple[Graph, list[str]]:
@@ -53,6 +69,8 @@ def of_pipeline(name: str) -> tuple[Graph, list[str]]:
     graph = build_graph(entities, GRAPH_TRIPLES.read(graph=name), GRAPH_TRIPLES.path(graph=name))
     return graph, list(entities["phrase"])
 
+
+SOURCES = {"pykeen": of_package, "graphs": of_pipeline, "table": of_table}
 
 if __name__ == "__main__":
     insert_hidden()

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 import yaml
@@ -148,10 +149,32 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     for workers in (1, 2):
         paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
         hide_stage()
-        written.append(HIDDEN_ENTITIES.path(graph="nations").read_bytes())
+        written.append(HIDDEN_ENTITIES.path(study="nations").read_bytes())
     assert written[0] == written[1]
-    table = HIDDEN_ENTITIES.read(graph="nations")
+    table = HIDDEN_ENTITIES.read(study="nations")
     assert set(table["entities"]) == {1}
     assert set(table["seed"]) == {0, 1}
     seconds = json.loads(seconds_path("nations").read_text(encoding="utf-8"))
     assert {row["method"] for row in seconds} == {"known", *table["method"]} - {"nothing"}
+
+
+def test_a_shipped_table_of_triples_is_a_graph() -> None:
+    pytest.importorskip("pykeen")
+    from stages.insert_hidden import of_table
+
+    graph, names = of_table("codex_s")
+    assert (len(names), len(graph.relations), len(graph.triples)) == (2034, 42, 36543)
+    listed = pd.read_csv(ROOT / "data/raw/codex_s/triples.csv")
+    for place, slot, labels in ((0, "head", names), (1, "relation", graph.relations), (2, "tail", names)):
+        assert [labels[row] for row in graph.triples[:, place].tolist()] == listed[slot].tolist()
+
+
+@pytest.mark.parametrize("wrong", [{"model": "complexx"}, {"loss": "softplush"}, {"loss_options": {"bias": 1.0}}])
+def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
+    pytest.importorskip("pykeen")
+    from isi.analyses.hidden_in_pykeen import hidden_in
+
+    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
+    (place,) = wrong
+    with pytest.raises(InputError, match=rf"hidden\.ring\.training\.{place}: "):
+        hidden_in(points, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)

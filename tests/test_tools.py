@@ -217,3 +217,27 @@ def test_options_in_params_are_compared_first_and_once() -> None:
     settings = settings_of(["mean", "class_noise"], {"class_noise": {"fraction": 0.25}, "es": {"k": 8}})
     assert settings[:2] == [("mean", {}), ("class_noise", {"fraction": 0.25})]
     assert [options["fraction"] for _, options in settings[1:]] == [0.25, 0.1, 0.5, 1.0]
+
+
+def test_the_comparison_of_hidden_entities_by_hand() -> None:
+    """Differences of known ends .1, .2 and .3: mean .2, half width 4.303 · .1 / √3 = .248, so not significant."""
+    pytest.importorskip("pykeen")
+    from tools.hidden import by_seed, interval, loss, summary
+
+    rows = [("nothing", None, seed, "earlier", 0.5) for seed in range(3)]
+    for seed, (default, again) in enumerate(((0.4, 0.3), (0.6, 0.4), (0.8, 0.5))):
+        for told in (1, None):
+            rows += [
+                ("insert", told, seed, "known", default),
+                ("insert", told, seed, "earlier", 0.4 + 0.05 * (not told)),
+            ]
+        rows += [("retrained", None, seed, "known", again), ("retrained", None, seed, "earlier", 0.5)]
+    results = pd.DataFrame(rows, columns=["method", "told", "seed", "asked", "mrr"]).astype({"told": "Int64"})
+    mrr = by_seed(results)
+    mean, half = interval(mrr.loc["insert"]["all", "known"] - mrr.loc["retrained"]["all", "known"])
+    assert (mean, half) == pytest.approx((0.2, 0.2484), abs=1e-4)
+    assert loss(mrr, "insert", "1").tolist() == pytest.approx([0.1] * 3)
+    text = summary({"one": mrr, "another": mrr})
+    assert "in 0 of 2 studies" in text
+    assert "0.050" in text
+    assert "0.100 (one, facts: 1)" in text

@@ -178,7 +178,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: "),
         ("hidden", {"fewest": 1}, "fewest: "),
         ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
-        ("hidden", {"source": "graphs"}, " expected names among "),
+        ("hidden", {"source": "graphs"}, "graph: expected names among "),
         ("hidden", {"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
     ],
 )  # fmt: skip

@@ -1,9 +1,15 @@
-"""Write docs/benchmarks/hidden.md from the results of the stage `insert_hidden`: a table, and the best methods."""
+"""Write docs/benchmarks/hidden.md and hidden_methods.md from the results of the stage `insert_hidden`.
+
+The first table compares the default of ``isi.pykeen.insert`` with the best initializer and with training from scratch;
+the second has every method.
+"""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Mapping
 
 import pandas as pd
+from pykeen.models import model_resolver
+from scipy.stats import t
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.params import load, load_beyond
@@ -29,62 +35,110 @@ def label(method: str, settings: Hidden) -> str:
     }.get(method, f"{insert}: `{method}`")
 
 
-def means(results: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
-    """Means over seeds: a row for each method, columns (measure, ``asked``, maximum number of insert triples)."""
-    numbers = results["told"].map({number: str(number) for number in settings.max_insert_triples if number}).fillna(ALL)
+def by_seed(results: pd.DataFrame) -> pd.DataFrame:
+    """MRR by seed: rows (method, seed), columns (maximum number of insert triples, ``asked``)."""
+    numbers = results["told"].map(lambda number: ALL if pd.isna(number) else f"{number:.0f}")
     rows = results.assign(told=numbers).astype({"method": str, "asked": str})
-    mean = rows.groupby(["method", "asked", "told"])[["mrr", "hits_at_10"]].mean().unstack([1, 2])
-    return mean.loc[rows["method"].unique()]
+    table: pd.DataFrame = rows.pivot(index=["method", "seed"], columns=["told", "asked"], values="mrr")
+    return table
 
 
-def table_of(mean: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
-    """The rows of a graph: MRR and Hits@10 as text, and CPU seconds with all insert triples, by method."""
-    took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
-    columns = {f"{title}, {number or ALL}": mean["mrr", queries, str(number or ALL)]
+def interval(values: pd.Series) -> tuple[float, float]:
+    """Mean over seeds, and the half width of its 95 % interval (Student's t)."""
+    return values.mean(), t.ppf(0.975, len(values) - 1) * values.sem()
+
+
+def with_interval(values: pd.Series) -> str:
+    return "{:.3f} ± {:.3f}".format(*interval(values))
+
+
+def loss(mrr: pd.DataFrame, method: str, number: str) -> pd.Series:
+    """By seed: the MRR of earlier triples before the insertion, minus that after it."""
+    return mrr.loc["nothing"][ALL, "earlier"] - mrr.loc[method][number, "earlier"]
+
+
+def model_of(settings: Hidden) -> str:
+    return model_resolver.lookup(settings.training.model).__name__
+
+
+def compared(mrr: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
+    """A row for each number of insert triples: the default, the best initializer and training from scratch."""
+    rows = []
+    for number in (str(number or ALL) for number in settings.max_insert_triples):
+        ends = mrr[number, "known"].groupby("method").mean()
+        best, with_all = str(ends[settings.initializers].idxmax()), number == ALL
+        rows.append({
+            "facts": number,
+            "known ends: default": with_interval(mrr.loc["insert"][number, "known"]),
+            "best named": f"{ends[best]:.3f} ({best})",
+            "retrained": f"{ends['retrained']:.3f}" if with_all else "",
+            "hidden ones: default": with_interval(mrr.loc["insert"][number, "hidden"]),
+            "earlier": f"{mrr.loc['nothing'][ALL, 'earlier'].mean():.3f}",
+            "loss: default": with_interval(loss(mrr, "insert", number)),
+            "best named's": f"{loss(mrr, best, number).mean():.3f}",
+            "retraining's": f"{loss(mrr, 'retrained', number).mean():.3f}" if with_all else "",
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def summary(studies: Mapping[str, pd.DataFrame]) -> str:
+    """Sentences on the default; ``by_seed`` of each study by name."""
+    better, worse, losses = 0, 0, {}
+    for name, mrr in studies.items():
+        mean, half = interval(mrr.loc["insert"][ALL, "known"] - mrr.loc["retrained"][ALL, "known"])
+        better, worse = better + (mean > half), worse + (mean < -half)
+        numbers = mrr.columns.get_level_values("told").unique()
+        losses |= {(name, number): loss(mrr, "insert", number).mean() for number in numbers}
+    of_all, of_few = (
+        max((lost, name, number) for (name, number), lost in losses.items() if (number == ALL) == with_all)
+        for with_all in (True, False)
+    )
+    return (
+        "With all facts, the MRR of known ends is significantly higher with the default than after training from "
+        f"scratch in {better} of {len(studies)} studies, and significantly lower in {worse} (paired 95 % intervals "
+        f"over seeds). The default's largest loss of earlier triples is {of_all[0]:.3f} ({of_all[1]}). With fewer "
+        f"facts, the largest loss is {of_few[0]:.3f} ({of_few[1]}, facts: {of_few[2]})."
+    )
+
+
+def every_method(mrr: pd.DataFrame, results: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
+    """MRR and Hits@10 as text, and CPU seconds with all insert triples, by method."""
+    mean = mrr.groupby("method").mean().loc[results["method"].astype(str).unique()]
+    hits = results[results["told"].isna() & (results["asked"] == "known")].astype({"method": str})
+    columns = {f"{title}, {number or ALL}": mean[str(number or ALL), queries]
                for queries, title in QUERIES.items() for number in settings.max_insert_triples}  # fmt: skip
-    columns |= {"Hits@10": mean["hits_at_10", "known", ALL], "earlier": mean["mrr", "earlier", ALL]}
-    table = pd.DataFrame(columns).map(lambda value: "" if pd.isna(value) else f"{value:.3f}")
+    columns |= {"Hits@10": hits.groupby("method")["hits_at_10"].mean(), "earlier": mean[ALL, "earlier"]}
+    took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
+    table = pd.DataFrame(columns, mean.index).map(lambda value: "" if pd.isna(value) else f"{value:.3f}")
     table.insert(0, "", [label(method, settings) for method in mean.index])
     return table.assign(
         s=took.map(lambda value: "" if pd.isna(value) else f"{value:{'.3f' if value < 1 else '.1f'}}")
     ).reset_index(drop=True)
 
 
-def sentences_of(mean: pd.DataFrame, settings: Hidden) -> Iterator[str]:
-    """By number of insert triples: best method, best without training, rank of the default; then earlier triples."""
-    for number in settings.max_insert_triples:
-        ranked = mean["mrr", "known", str(number or ALL)].dropna().sort_values(ascending=False)
-        untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]
-        named = list(dict.fromkeys([ranked.index[0], untrained[0]]))
-        labels = [f"{label(method, settings)} ({ranked[method]:.3f})" for method in named]
-        triples = f"{number or ALL} insert triple{'s' if number != 1 else ''}"
-        sentence = f"With {triples}, best is " + ", and best without training ".join(labels)
-        if "insert" not in named:
-            place = list(ranked.index).index("insert") + 1
-            sentence += f"; the default has rank {place} of {len(ranked)} ({ranked['insert']:.3f})"
-        yield f"{sentence}."
-    before, inserted, again = (mean["mrr", "earlier", ALL][method] for method in ("nothing", "insert", "retrained"))
-    yield (
-        f"Earlier triples: MRR {before:.3f} before, {inserted:.3f} with the default, {again:.3f} after training from "
-        "scratch."
-    )
+def headed(table: pd.DataFrame, settings: Hidden, first: Mapping[str, str]) -> pd.DataFrame:
+    """The table behind columns of the embedding model and the graph, which its first row names."""
+    names = {"model": model_of(settings), "graph": settings.title, **first}
+    for place, (column, name) in enumerate(names.items()):
+        table.insert(place, column, [name, *[""] * (len(table) - 1)])
+    return table
 
 
 def main() -> None:
-    tables, lines = [], []
-    for name, settings in load_beyond(load()).hidden.items():
-        if not HIDDEN_ENTITIES.path(graph=name).exists():
+    comparison, methods, studies = [], [], {}
+    for study, settings in load_beyond(load()).hidden.items():
+        if not HIDDEN_ENTITIES.path(study=study).exists():
             continue
-        results = HIDDEN_ENTITIES.read(graph=name)
-        seconds = pd.DataFrame(json.loads(seconds_path(name).read_text(encoding="utf-8")))
-        mean, times = means(results, settings), results.drop_duplicates("seed")["entities"]
-        table = table_of(mean, seconds, settings)
-        table.insert(0, "graph", [settings.title, *[""] * (len(table) - 1)])
-        tables.append(table)
-        title = f"- **{settings.title}** ({len(times)} times {round(times.mean())} hidden)."
-        lines.append(" ".join([title, *sentences_of(mean, settings)]))
-    if tables:
-        write_table(BENCHMARKS / "hidden.md", pd.concat(tables).fillna(""), 2, "\n" + "\n".join(lines) + "\n")
+        results = HIDDEN_ENTITIES.read(study=study)
+        seconds = pd.DataFrame(json.loads(seconds_path(study).read_text(encoding="utf-8")))
+        hidden, mrr = results.drop_duplicates("seed")["entities"], by_seed(results)
+        times = {"hidden": f"{len(hidden)} × {round(hidden.mean())}"}
+        studies[f"{model_of(settings)}, {settings.title}"] = mrr
+        comparison.append(headed(compared(mrr, settings), settings, times))
+        methods.append(headed(every_method(mrr, results, seconds, settings), settings, {}))
+    if studies:
+        write_table(BENCHMARKS / "hidden.md", pd.concat(comparison), 3, f"\n{summary(studies)}\n")
+        write_table(BENCHMARKS / "hidden_methods.md", pd.concat(methods), 3)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from isi.tables.table import Table
 #: all). ``asked``: the answer is the ``known`` or the ``hidden`` end of a triple of a hidden entity, or (``earlier``)
 #: either end of a validation triple of known entities. All entities are candidates. ``entities``: number of hidden.
 HIDDEN_ENTITIES = Table(
-    "data/beyond/hidden/{graph}.parquet",
+    "data/beyond/hidden/{study}.parquet",
     {"method": NAME, "initializer": NAME.optional, "told": FROM_1.optional, "seed": FROM_0,
      "asked": one_of("known", "hidden", "earlier"), "entities": FROM_1, "queries": FROM_1, "mrr": SHARE,
      "hits_at_10": SHARE},
@@ -29,14 +29,17 @@ HIDDEN_ENTITIES = Table(
 )  # fmt: skip
 
 
-def seconds_path(graph: str) -> Path:
+def seconds_path(study: str) -> Path:
     """Path of a JSON file in the folder of ``HIDDEN_ENTITIES``: mean CPU seconds of each method by ``told``."""
-    return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
+    return HIDDEN_ENTITIES.path(study=study).with_suffix(".seconds.json")
 
 
 class HiddenTraining(Section):
     """``training`` in an entry of ``hidden``: the settings of PyKEEN's training."""
 
+    model: Name  #: PyKEEN's name of a model, in lower case
+    loss: Name  #: PyKEEN's name of a loss
+    loss_options: dict[str, float] = Field(default_factory=dict)
     dimension: Count
     batch_size: Count
     learning_rate: Positive
@@ -52,7 +55,10 @@ class Hidden(Section):
 
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
     title: str  #: in the table of the documentation
-    source: Literal["pykeen", "graphs"]  #: PyKEEN's dataset or the entry of ``graphs`` that has the entry's name
+    graph: Name
+    source: Literal[
+        "pykeen", "graphs", "table"
+    ]  #: PyKEEN's dataset, an entry of ``graphs``, or ``data/raw/GRAPH/triples.csv``
     words: Words | None  #: word vectors of the entities; None: the graph has none
     seeds: Count
     fraction: Fraction  #: share of the entities that is hidden

@@ -9,24 +9,27 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pandas as pd
 import torch
 from pykeen.evaluation import RankBasedEvaluator
-from pykeen.models import ComplEx, ERModel
+from pykeen.losses import loss_resolver
+from pykeen.models import ERModel, model_resolver
 from pykeen.stoppers import EarlyStopper
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import TriplesFactory
 from torch.optim import Adam
 
 from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
+from isi.errors import InputError, suggestion
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
 from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
 from isi.pykeen import enlarge, inserted, read_model, warm
+from isi.tables import paths
 
 Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]
@@ -43,6 +46,14 @@ def hidden_in(
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch; frozen objects are skipped
     graph, (seed,), training = points.graph, points.seeds, settings.training
+    for slot, resolver in (("model", model_resolver), ("loss", loss_resolver)):
+        if (name := getattr(training, slot)) not in (names := sorted(resolver.lookup_dict)):
+            expected = f"expected one of {', '.join(names)}, got {name!r}{suggestion(name, names)}"
+            raise InputError(paths.BEYOND_PARAMS, f"{key}.training.{slot}", expected)
+    try:
+        loss_resolver.make(training.loss, training.loss_options)
+    except TypeError as error:
+        raise InputError(paths.BEYOND_PARAMS, f"{key}.training.loss_options", str(error)) from error
     split = hide(graph.triples.numpy(), len(graph.entities), settings, key, root, seed)
     names = [graph.entities[row] for row in split.order]
     known = factory_of(split.triples, names[: split.known], graph.relations)
@@ -124,11 +135,14 @@ def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence
 
 def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
     torch.manual_seed(seed)
-    return ComplEx(triples_factory=factory, embedding_dim=settings.dimension, random_seed=seed, regularizer=None)
+    return cast(Model, model_resolver.make(
+        settings.model, triples_factory=factory, embedding_dim=settings.dimension, loss=settings.loss,
+        loss_kwargs=settings.loss_options, regularizer=None, random_seed=seed,
+    ))  # fmt: skip
 
 
 def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
-    """Train ComplEx, with early stopping on the MRR of the validation triples."""
+    """Train a model, with early stopping on the MRR of the validation triples."""
     model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(

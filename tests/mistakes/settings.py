@@ -71,8 +71,10 @@ PARAMS_CASES = [
           before=beyond(graphs=lambda section: {"ai2thor": next(iter(section.values()))})),
     Typed("a graph of an unknown reader", "", "beyond/params.yaml|graphs.behavior.source.reader",
           before=beyond(graphs=first(source={"reader": "whales"}))),
-    Typed("entities hidden in a graph that there is not", "", "beyond/params.yaml|hidden.nowhere",
-          before=beyond(hidden=lambda section: {"nowhere": {**next(iter(section.values())), "source": "graphs"}})),
+    Typed("entities hidden in a graph that there is not", "", "beyond/params.yaml|hidden.place.graph",
+          before=beyond(hidden=lambda section: {
+              "place": {**next(iter(section.values())), "source": "graphs", "graph": "nowhere"}
+          })),
 ]  # fmt: skip
 
 RECORD_CASES = [
