@@ -10,10 +10,10 @@ import torch
 if find_spec("pykeen") is None:
     sys.exit("insert_hidden: expected the package PyKEEN: pip install 'isi-kge[pykeen]'")
 
-from pykeen.datasets import get_dataset
+from pykeen.datasets import dataset_resolver, get_dataset
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, seconds_path
-from isi.analyses.hidden_in_pykeen import hidden_in
+from isi.analyses.hidden_in_pykeen import check_name, hidden_in
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
 from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, Graph, build_graph
@@ -25,6 +25,8 @@ from isi.tables import io, paths
 @stage
 def insert_hidden(context: StageContext, study: str) -> None:
     settings, params = context.beyond.hidden[study], context.params
+    if settings.source == "pykeen":
+        check_name(settings.graph, dataset_resolver.lookup_dict, f"hidden.{study}.graph")
     graph, phrases = SOURCES[settings.source](settings.graph)
     words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
     splits = np.zeros((1, len(graph.triples)), dtype=np.int8)

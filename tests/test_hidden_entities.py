@@ -178,3 +178,15 @@ def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]
     (place,) = wrong
     with pytest.raises(InputError, match=rf"hidden\.ring\.training\.{place}: "):
         hidden_in(points, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
+
+
+def test_a_dataset_that_pykeen_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pykeen")
+    from stages.insert_hidden import insert_hidden as hide_stage
+
+    monkeypatch.chdir(tmp_path)
+    copy_pipelines(tmp_path)
+    list_entries(hidden={"own": HIDDEN | {"graph": "nationss"}})
+    monkeypatch.setattr(sys, "argv", ["insert_hidden", "own"])
+    with pytest.raises(SystemExit, match=r"hidden\.own\.graph: .*'nations'"):
+        hide_stage()

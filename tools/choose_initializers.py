@@ -29,7 +29,7 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
-from isi.report.figures import STYLE, legend, panels, rendered
+from isi.report.figures import STYLE, panels, rendered
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 
@@ -180,14 +180,20 @@ def frontier(table: pd.DataFrame) -> Figure:
     """Gain about hidden entities against loss of earlier triples for every setting that loses at most three points."""
     canvas, (axes,) = panels(1, 1, 5.5)
     gain, _, loss = MEASURES
-    for name, rows in table.groupby("initializer", sort=False):
+    (least, most), lowest = (-0.1, 3), 50
+    for name, rows in table[table[loss].between(least, most) & (table[gain] >= lowest)].groupby(
+        "initializer", sort=False
+    ):
         registered = INITIALIZERS.get(str(name), str(name))
         axes.scatter(rows[loss], rows[gain], s=14, color=registered.colour, label=registered.label)
     axes.axvline(TOLERANCE, color="#999999", linewidth=0.8, linestyle="--")
     axes.set(
-        xlabel=f"{loss} triples, MRR* points", ylabel="MRR* about hidden entities", xlim=(-0.1, 3), ylim=(50, None)
+        xlabel=f"{loss} triples, MRR* points",
+        ylabel="MRR* about hidden entities",
+        xlim=(least, most),
+        ylim=(lowest, None),
     )
-    legend(canvas, [axes])
+    canvas.legend(loc="outside lower center", ncols=4)
     return canvas
 
 

@@ -56,9 +56,8 @@ class Hidden(Section):
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
     title: str  #: in the table of the documentation
     graph: Name
-    source: Literal[
-        "pykeen", "graphs", "table"
-    ]  #: PyKEEN's dataset, an entry of ``graphs``, or ``data/raw/GRAPH/triples.csv``
+    #: where ``graph`` is: PyKEEN's datasets, the entries of ``graphs``, or ``data/raw/GRAPH/triples.csv``
+    source: Literal["pykeen", "graphs", "table"]
     words: Words | None  #: word vectors of the entities; None: the graph has none
     seeds: Count
     fraction: Fraction  #: share of the entities that is hidden

@@ -4,7 +4,7 @@ import gc
 import logging
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -46,10 +46,8 @@ def hidden_in(
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch; frozen objects are skipped
     graph, (seed,), training = points.graph, points.seeds, settings.training
-    for slot, resolver in (("model", model_resolver), ("loss", loss_resolver)):
-        if (name := getattr(training, slot)) not in (names := sorted(resolver.lookup_dict)):
-            expected = f"expected one of {', '.join(names)}, got {name!r}{suggestion(name, names)}"
-            raise InputError(paths.BEYOND_PARAMS, f"{key}.training.{slot}", expected)
+    check_name(training.model, model_resolver.lookup_dict, f"{key}.training.model")
+    check_name(training.loss, loss_resolver.lookup_dict, f"{key}.training.loss")
     try:
         loss_resolver.make(training.loss, training.loss_options)
     except TypeError as error:
@@ -79,6 +77,13 @@ def hidden_in(
         seconds.append(row | {"seconds": time.process_time() - start})
         answers += [row | measures for measures in measured(model, split, pairs)]
     return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
+
+
+def check_name(name: str, known: Iterable[str], key: str) -> None:
+    """InputError at the key of ``beyond/params.yaml`` unless PyKEEN knows the name."""
+    if name not in (names := sorted(known)):
+        expected = f"expected one of {', '.join(names)}, got {name!r}{suggestion(name, names)}"
+        raise InputError(paths.BEYOND_PARAMS, key, expected)
 
 
 @dataclass(frozen=True)

@@ -206,7 +206,7 @@ class Inserted:
 
         A triple counts as an answer to a query about the new entity, (new, relation, ?) or (?, relation, known), that
         has a right answer; the probability is the share of right answers among answers of equal score. If the relation
-        may have no answer for the entity, it is too high. ``fit_curves`` says how it is fitted and how well it holds.
+        may have no answer for the entity, it is too high. docs/insert_reference.md says how well it holds.
 
         Args:
             triples: names or ids in any form that ``isi.insert`` accepts, each with a new entity; duplicates stay.
@@ -244,11 +244,10 @@ class Inserted:
         if not is_whole(old) or not 0 < old <= self.known:
             expected = f"expected a number of entities from 1 to {self.known}, got {short(original)}"
             raise InputError("argument 'original'", "", expected)
-        labels = self.labels
         if triples is None:
             queried = self.known_triples[(self.known_triples[:, [HEAD, TAIL]] < old).all(1)]
         else:
-            queried = triples_of(triples, "triples", self.names, labels)
+            queried = triples_of(triples, "triples", self.names, self.labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
             raise InputError("argument 'triples'", "", "expected triples of known entities, which give the queries")
         if len(queried) > most:
@@ -258,7 +257,7 @@ class Inserted:
         falls, changes = 1 / before - 1 / after, list[Change]()
         for place in torch.argsort(falls, descending=True, stable=True)[: min(show, int((falls > 0).sum()))].tolist():
             slot, (head, relation, tail) = (HEAD, TAIL)[place // len(queried)], queried[place % len(queried)].tolist()
-            query = [self.names.of(head), labels.of(relation), self.names.of(tail)]
+            query = [self.names.of(head), self.labels.of(relation), self.names.of(tail)]
             answer, query[slot] = query[slot], "?"
             ranks = before[place].item(), after[place].item()
             changes.append(Change(tuple(query), answer, *ranks, self.names.of(int(highest[place]))))
