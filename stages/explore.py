@@ -1,7 +1,6 @@
 """Run an experiment on another graph: mine, sample sessions, train, insert, and fine-tune until convergence."""
 
 import pandas as pd
-import pyarrow as pa
 
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, GraphExperiment, changed, results
 from isi.errors import InputError, at
@@ -18,7 +17,7 @@ from isi.graph.graph import (
 )
 from isi.graph.sessions import session_tables
 from isi.graph.words import load_vectors, look_up
-from isi.sources import OBSERVATIONS, Source
+from isi.sources import Source
 from isi.stage import StageContext, stage
 from isi.tables import paths
 
@@ -40,11 +39,10 @@ def explore(context: StageContext, graph: str) -> None:
 def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
     """Mine the observations and entities of the source."""
     source = Source(settings.source, key, root)
-    parts = pa.concat_tables([OBSERVATIONS.schema.empty_table(), *source.tables()]).unify_dictionaries()
-    frame: pd.DataFrame = parts.to_pandas()
+    observations = pd.concat(source.frames())
     for step, instances in source.counts.items():
         print(f"{instances:,} {step}")
-    return MinedSource(graph, frame, source.kinds)
+    return MinedSource(graph, observations, source.kinds)
 
 
 def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: GraphExperiment, key: str) -> Store:

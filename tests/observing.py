@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import pyarrow as pa
 
 from isi.errors import InputError
 from isi.sources import READERS, NameEntities, Observation, Reader, Source
@@ -38,7 +37,7 @@ class Observations:
 def observations_of(section: object) -> Observations:
     """Mine the source of a section of params."""
     source = Source(section, "sources.mine", 0)
-    return Observations(pa.concat_tables(source.tables()).to_pandas(), source.kinds, source.counts)
+    return Observations(pd.concat(source.frames(), ignore_index=True), source.kinds, source.counts)
 
 
 def observe(reader: str, path: Path, **settings: object) -> Observations:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
 import pytest
 
 from isi.config import read as read_params
@@ -215,8 +214,7 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
 
     observations = ai2thor.mine(scenes(), ai2thor.reported_materials, Path("recording.json"), Counter())
-    table = next(source_of(observations).tables())
-    assert table.num_rows == CHUNK
+    assert len(next(source_of(observations).frames())) == CHUNK
 
 
 # The real recording
@@ -230,7 +228,7 @@ def real() -> list[Scene]:
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
     source = source_of(ai2thor.mine(real, ai2thor.reported_materials, Path("recording"), Counter()))
-    observations = pa.concat_tables(source.tables()).to_pandas()
+    observations = pd.concat(source.frames())
     made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     entities, triples = made.entities, made.triples
     assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)

@@ -2,15 +2,23 @@
 
 import gzip
 import json
+import subprocess
+import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from isi.__main__ import main
-from isi.cli.graph import describe, guess, read, together
+from isi.cli.graph import describe
 from isi.config import read as read_params
-from isi.graph.graph import ENTITIES, TRIPLES, build_graph, build_tables
+from isi.graph.files import guess, read_graph, write_graph
+from isi.graph.graph import MinedSource, build_tables
+from isi.sources.names import name_fault
 from isi.tables import paths
+from tests.observing import TRIPLE
 
 ROOT = Path(__file__).parent.parent
 LOG = """head,relation,tail,count,room
@@ -42,9 +50,9 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 def test_it_describes_the_graph_of_a_table(folder: Path) -> None:
-    (name, _, seen) = read(folder / "log.csv", None, {"household": True}, 0)
-    assert name == "table"
-    assert describe(build_tables(seen), read_params(paths.PARAMS)) == {
+    graph, read = read_graph([folder / "log.csv"], settings={"household": True})
+    assert read == {str(folder / "log.csv"): {"reader": "table"}}
+    assert describe(graph, read_params(paths.PARAMS)) == {
         "entities": 7, "unique_triples": 6, "observations": 10,
         "entities_by_kind": {"object": 3, "room": 2, "affordance": 1, "material": 1},
         "relations": [
@@ -57,17 +65,51 @@ def test_it_describes_the_graph_of_a_table(folder: Path) -> None:
     }  # fmt: skip
 
 
-def test_it_writes_the_tables_of_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said(capsys, "log.csv", "--out", "made/graph")
-    entities = ENTITIES.read_file(folder / "made/graph/entities.parquet")
-    triples = TRIPLES.read_file(folder / "made/graph/triples.parquet")
-    assert list(entities["entity"]) == ["bedroom", "ceramic", "cup", "fill", "kitchen", "mug", "xqzzy"]
-    assert set(entities["kind"]) == {"entity"}
-    counts = {tuple(row[:3]): row[3] for row in triples.itertuples(index=False)}
-    assert counts["mug", "atLocation", "kitchen"] == 4
-    assert sum(counts.values()) == 10
-    assert build_graph(entities, triples).triples.shape == (6, 3)
-    assert {path.name for path in (folder / "made/graph").iterdir()} == {"entities.parquet", "triples.parquet"}
+def test_it_writes_a_folder_that_it_reads(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    described = said(capsys, "log.csv", "--set", "household=true", "--out", "made/graph")
+    assert (folder / "made/graph/triples.csv").read_text(encoding="utf-8").splitlines()[:3] == [
+        "head,relation,tail,count", "cup,atLocation,kitchen,1", "cup,hasAffordance,fill,1",
+    ]  # fmt: skip
+    assert {path.name for path in (folder / "made/graph").iterdir()} == {"entities.csv", "triples.csv"}
+    assert said(capsys, "made/graph").replace("made/graph:", "log.csv:") == described
+
+
+LETTERS = st.characters(categories=["L", "M", "N", "P", "S", "Zs"])
+NAMES = st.text(LETTERS, min_size=1, max_size=9).filter(lambda text: not name_fault(text))
+
+
+@given(st.dictionaries(st.tuples(NAMES, NAMES, NAMES), st.integers(1, 9), min_size=1), st.data())
+def test_a_graph_that_is_written_reads_as_itself(
+    tmp_path_factory: pytest.TempPathFactory, counts: dict[tuple[str, str, str], int], data: st.DataObject
+) -> None:
+    names = sorted({name for head, _, tail in counts for name in (head, tail)})
+    kinds, phrases = ({name: data.draw(NAMES) for name in names} for _ in range(2))
+    described = pd.DataFrame({"entity": names, "kind": kinds.values(), "phrase": phrases.values()})
+    rows = pd.DataFrame([(*triple, count) for triple, count in counts.items()], columns=[*TRIPLE, "count"])
+    tables, folder = build_tables(MinedSource("files", rows, described)), tmp_path_factory.getbasetemp() / "home"
+    write_graph(folder, tables)
+    again, _ = read_graph([folder])
+    pd.testing.assert_frame_equal(again.triples, tables.triples)
+    pd.testing.assert_frame_equal(again.entities, tables.entities)
+
+
+def test_files_are_read_anywhere_with_the_packages_of_the_core_alone(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(LOG, encoding="utf-8")
+    scene = [SCENE[0] | {"parentReceptacles": None, "salientMaterials": ["Ceramic"], "sliceable": True}]
+    (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
+    lacking = ("ai2thor", "dvc", "gensim", "matplotlib", "numba", "procthor", "pyarrow", "rdflib", "scipy")
+    code = f"""
+import sys
+sys.modules |= dict.fromkeys({lacking})
+from isi.__main__ import main
+main(["graph", "log.csv", "kitchen=scene.json", "--out", "out"])
+main(["graph", "out"])
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.count("observations: 13\n") == 2  # 10, and a mug's room, material and affordance
+    kinds = pd.read_csv(tmp_path / "out" / "entities.csv", index_col="entity")["kind"].to_dict()
+    assert (kinds["mug"], kinds["bedroom"]) == ("object", "entity")
 
 
 def test_several_files_make_one_graph_whose_rare_triples_can_be_left_out(
@@ -82,8 +124,7 @@ def test_several_files_make_one_graph_whose_rare_triples_can_be_left_out(
 def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
-    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0)[2]]))
-    described = describe(graph, read_params(paths.PARAMS))
+    described = describe(read_graph([folder / "dense.csv"])[0], read_params(paths.PARAMS))
     assert (described["triples_for_validation_and_test"], described["triples_that_can_leave_train"] >= 16) == (16, True)
     assert described["with_one_triple,_which_stays_in_train"] == "0"
     listed = "9 (thing0, thing1, thing2, thing3, thing4, thing5, thing6, thing7, and 1 more)"

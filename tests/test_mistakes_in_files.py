@@ -15,8 +15,9 @@ from tests.mistakes import LOG, Case, assert_names, files_of, listed, scenes
 
 ROOT = Path(__file__).parent.parent
 CASES = [
-    *scenes.SCENE_CASES, *scenes.RECORDING_CASES, *scenes.HOUSE_CASES, *listed.TABLE_CASES, *listed.RDF_CASES,
-    *listed.MP3D_CASES, *listed.SHIPPED_CASES, *listed.ID_CASES, *listed.BEHAVIOR_CASES, *listed.WORD_CASES,
+    *scenes.SCENE_CASES, *scenes.EVENT_CASES, *scenes.RECORDING_CASES, *scenes.HOUSE_CASES, *listed.TABLE_CASES,
+    *listed.RDF_CASES, *listed.MP3D_CASES, *listed.SHIPPED_CASES, *listed.ID_CASES, *listed.BEHAVIOR_CASES,
+    *listed.WORD_CASES,
 ]  # fmt: skip
 
 

@@ -252,5 +252,5 @@ def test_mining_all_scenes_that_were_recorded_over_the_wire_gives_the_bytes_of_t
 def mine(path: Path, source: str) -> bytes:
     """Mine a recording with AI2-THOR's settings in params; returns the bytes of the table."""
     given = {**RAW["sources"]["ai2thor"], "sha256": None, "from": source}
-    OBSERVATIONS.write_parts(path, Source(given, "sources.ai2thor", 0).tables(), "mine")
+    OBSERVATIONS.write_parts(path, Source(given, "sources.ai2thor", 0).frames(), "mine")
     return path.read_bytes()

@@ -37,7 +37,7 @@ def pretended(mining: Mining, fish: Count, name: str = "cod") -> Iterator[Observ
 def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("isi.sources.CHUNK", 2)
     source = Source({"reader": "pretended", "fish": 3}, "sources.mine", 0)
-    assert [table["head"].to_pylist() for table in source.tables()] == [["cod"] * 2, ["cod"]]
+    assert [list(frame["head"]) for frame in source.frames()] == [["cod"] * 2, ["cod"]]
     assert source.kinds.to_numpy().tolist() == [["cod", "animal", "cod"], ["crab", "animal", "crab"]]
     assert source.counts == {"fish": 3}
 
@@ -69,10 +69,10 @@ def test_a_source_must_give_each_entity_one_kind_and_before_its_observations_are
     kinds: list[str], name: str
 ) -> None:
     named = pd.DataFrame({"entity": kinds, "kind": "animal", "phrase": kinds})
-    tables = source_of(pretended(Mining(0), fish=2), lambda _triples, _rooms: named).tables()
-    assert next(tables).num_rows == 2
+    frames = source_of(pretended(Mining(0), fish=2), lambda _triples, _rooms: named).frames()
+    assert len(next(frames)) == 2
     with pytest.raises(InputError, match=f"entity '{name}'"):
-        next(tables)
+        next(frames)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
 ) -> None:
     source = source_of((None, None, None, head, "atLocation", "kitchen", count) for head, count in rows)
     with pytest.raises(InputError, match=f"^sources.given: {expected}"):
-        list(source.tables())
+        list(source.frames())
 
 
 # Files

@@ -63,11 +63,11 @@ def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_p
 
 def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("isi.sources.CHUNK", 500)
-    monkeypatch.setattr("isi.sources.readers.BLOCK", 2**10)
+    monkeypatch.setattr("isi.sources.readers.BATCH", 500)
     path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * 10_001 + "a,r\n")
-    parts = Source({"reader": "table", "path": str(path)}, "sources.mine", 0).tables()
-    assert next(parts).num_rows == 500
-    with pytest.raises(InputError, match=r"line 10003: .*Expected 3 columns, got 2"):
+    parts = Source({"reader": "table", "path": str(path)}, "sources.mine", 0).frames()
+    assert len(next(parts)) == 500
+    with pytest.raises(InputError, match=r"line 10003: .*expected 3 columns, got 2"):
         list(parts)
 
 

@@ -68,9 +68,8 @@ def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None
     assert plain(ENTITIES.read_file(tmp_path / "entities.parquet")) == [("mug", "object", "x", "mug")]
 
 
-def part(*entities: str) -> pa.Table:
-    kinds = pa.array(entities, KINDS.schema.field("kind").type)
-    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=KINDS.schema)
+def part(*entities: str) -> pd.DataFrame:
+    return pd.DataFrame(dict.fromkeys(KINDS.columns, entities))
 
 
 def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
@@ -78,7 +77,7 @@ def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path:
     assert KINDS.write_parts(tmp_path / "t.parquet", iter(parts), MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
-    KINDS.write_file(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), MADE)
+    KINDS.write_file(tmp_path / "whole.parquet", pd.concat(parts), MADE)
     whole = KINDS.read_file(tmp_path / "whole.parquet")
     pd.testing.assert_frame_equal(KINDS.read_file(tmp_path / "t.parquet"), whole)
     assert pq.read_schema(tmp_path / "t.parquet") == pq.read_schema(tmp_path / "whole.parquet")
@@ -165,14 +164,14 @@ def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Pat
 def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path: Path) -> None:
     before = novel(tmp_path / "t.parquet").read_bytes()
 
-    def parts(last: pa.Table | None) -> Iterator[pa.Table]:
+    def parts(last: pd.DataFrame | None) -> Iterator[pd.DataFrame]:
         yield part("mug")
         assert len(names(tmp_path)) == 2
         if last is None:
             raise InputError("recording.json", "FloorPlan9", "broken")
         yield last
 
-    for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), KeyError)):
+    for last, refused in ((None, InputError), (pd.DataFrame({"entity": ["mug"]}), KeyError)):
         with pytest.raises(refused):
             KINDS.write_parts(tmp_path / "t.parquet", parts(last), MADE)
         assert (tmp_path / "t.parquet").read_bytes() == before

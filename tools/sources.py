@@ -75,8 +75,7 @@ def run(name: str, settings: Any, seed: int) -> Measured:
     counts, seen = [], []
     start = time.perf_counter()
     source = Source(settings, f"sources.{name}", seed)
-    for table in source.tables():
-        frame = table.to_pandas()
+    for frame in source.frames():
         counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
         seen.append(frame[["scene", "instance", "count"]].drop_duplicates(["scene", "instance"]).astype(object))
     seconds = time.perf_counter() - start

@@ -10,18 +10,15 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
 from isi import config
-from isi.errors import InputError, extra, short
+from isi.errors import InputError, at, short
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, name_fault
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
 from isi.tables.table import Table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: One row per triple of an instance, or per tally; ``count`` is the number of observations.
 OBSERVATIONS = Table(
@@ -39,7 +36,8 @@ KINDS = Table(
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, "int64")}, key=["step"]
 )
-CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.tables`` yields.
+REPEATED = "observations dropped that an earlier event has, too"
+CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.frames`` yields.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
 #: Unique triples (columns head, relation, tail) and names of rooms → entities (``KINDS``).
@@ -63,7 +61,7 @@ class Reader:
     read: Read  #: called with a ``Mining`` and the settings as keywords; yields observations
     name_entities: NameEntities
     path: str | None = None  #: name of the setting that holds the path to read; null: shipped files
-    suffixes: Collection[str] = ()  #: suffixes of the files that it reads
+    suffixes: Collection[str] = ()  #: suffixes of the files that it reads, names of files in the folders that it reads
     reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON with this first value
     defaults: Mapping[str, Any] = field(default_factory=dict)  #: default settings in ``isi graph FILE``
 
@@ -80,11 +78,6 @@ def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Re
         return read
 
     return register
-
-
-def all_readers() -> dict[str, Reader]:
-    """All readers by name."""
-    return {name: READERS.get(name) for name in READERS.names()}
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
@@ -110,10 +103,20 @@ def observed(
             yield scene, room, instance, head, relation, tail, count
 
 
-class Source:
-    """A reader with its settings: ``tables`` yields the observations, and then ``kinds`` holds the entities."""
+def once(events: Iterable[Iterable[Observation]], counts: Counter[str]) -> Iterator[Observation]:
+    """Yield the observations of events in order, but drop and count those that an earlier event has, too."""
+    seen: set[Observation] = set()
+    for event in events:
+        rows = list(event)
+        yield from (row for row in rows if row not in seen)
+        counts.update(REPEATED for row in rows if row in seen)
+        seen.update(rows)
 
-    kinds: pd.DataFrame  #: entities (``KINDS``); set after the last table of ``tables``
+
+class Source:
+    """A reader with its settings: ``frames`` yields the observations, and then ``kinds`` holds the entities."""
+
+    kinds: pd.DataFrame  #: entities (``KINDS``); set after the last part of ``frames``
 
     def __init__(self, section: object, key: str, seed: int) -> None:
         """Check the section (``settings_of``) without reading a file; ``seed`` is the root of all random streams."""
@@ -122,11 +125,8 @@ class Source:
         self._mining = Mining(seed)
         self.counts = self._mining.counts
 
-    def tables(self) -> Iterator[pa.Table]:
+    def frames(self) -> Iterator[pd.DataFrame]:
         """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names, or not one kind per entity."""
-        with extra("pipeline"):
-            import pyarrow as pa
-
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()
@@ -140,11 +140,12 @@ class Source:
                 raise InputError(self._place, "", fault or f"expected at most {MOST_OBSERVED:,} observations in all")
             triples |= new
             rooms |= set(columns[1]) - {None}
-            yield pa.table([*map(pa.array, columns, OBSERVATIONS.schema.types)], schema=OBSERVATIONS.schema)
+            yield pd.DataFrame(rows, columns=list(OBSERVATIONS.columns), dtype=object).astype({"count": "int64"})
         if not triples:
             raise InputError(self._place, "", "expected observations, got none")
         name_entities = self._mining.name_entities or self._reader.name_entities
-        self.kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
+        with at(self._place):
+            self.kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
         missing = {name for head, _, tail in triples for name in (head, tail)} - set(self.kinds["entity"])
         if wrong := sorted(missing) or list(self.kinds.loc[self.kinds["entity"].duplicated(), "entity"]):
             raise InputError(f"entity {short(wrong[0])}", "", "expected exactly one kind from its source")

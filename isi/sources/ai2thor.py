@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain, compress
+from itertools import chain, compress, starmap
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from isi.config import Sha256
-from isi.errors import InputError, cut, short
+from isi.errors import InputError, at, cut, short
 from isi.random import stream
-from isi.sources import Mining, Observation, observed, reader
+from isi.sources import Mining, Observation, observed, once, reader
 from isi.sources.names import Name, household, name_fault
-from isi.sources.readers import read_json, read_table, refuse
+from isi.sources.readers import MOST, json_lines, parse_json, read_table, refuse
 from isi.sources.recordings import SIMULATORS, Scene, SceneObject, locate, read_recording, scene_objects
 from isi.tables import paths
 
@@ -59,28 +59,49 @@ def _register(simulator: str, **known: Any) -> None:
         return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
 
 
-def _is_scene(value: Any) -> bool:
-    is_mapping = isinstance(value, dict) and "rooms" not in value and not {"objects", "metadata"}.isdisjoint(value)
-    return isinstance(value, list) or is_mapping
+def _is_event(value: Any) -> bool:
+    others = {"rooms", "nodes"}
+    return isinstance(value, dict) and others.isdisjoint(value) and not {"objects", "metadata"}.isdisjoint(value)
 
 
 _register("ai2thor", reads_json=lambda value: isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value))
 _register("robothor")
 
 
-@reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
+@reader("ai2thor_scene", household, path="path", reads_json=lambda value: isinstance(value, list) or _is_event(value))
 def ai2thor_scene(
     mining: Mining, path: str, room: Name | None = None, broken: Broken = "error", circular: Circular = "keep"
 ) -> Iterator[Observation]:
-    """Observations of one scene, with the materials that the simulator reports.
+    """Observations of scenes, with the materials that the simulator reports.
 
-    ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a recording.
-    ``room`` is the scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
+    ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a recording; or a
+    list of these, or JSON Lines, where an observation that is in several events of a scene counts once. ``room`` is the
+    scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
-    content: Any = read_json(Any, file, "a scene")
-    if isinstance(content, dict):
-        content = content.get("metadata", content)
+
+    def observations(place: str, event: Any) -> list[Observation]:
+        with at(path, place):
+            scene = _scene(file, event, room)
+            mining.counts.update([ROOMLESS] * (0 if scene.room else len(scene.objects)))
+            return list(mine([scene], reported_materials, file, mining.counts, broken, circular))
+
+    return once(starmap(observations, _events(file)), mining.counts)
+
+
+def _events(path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield (place, event) for each event of a file."""
+    for number, content in json_lines(path, None, MOST, "a scene"):
+        place = f"line {number}" * (number > 1)
+        value = parse_json(Any, content, path, place)
+        if isinstance(value, list) and any(map(_is_event, value)):
+            yield from ((f"event {index}", event) for index, event in enumerate(value))
+        else:
+            yield place, value
+
+
+def _scene(path: Path, event: Any, room: str | None) -> Scene:
+    content = event.get("metadata", event) if isinstance(event, dict) else event
     fields = content if isinstance(content, dict) else {"objects": content}
     name, reported = fields.get("scene") or fields.get("sceneName") or "scene", fields.get("objects")
     if fault := name_fault(name):
@@ -89,10 +110,7 @@ def ai2thor_scene(
         raise InputError(path, "", "expected a non-empty list of objects, or a mapping with such a list as 'objects'")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
-    scene = Scene(name, 0, room or of_plan, scene_objects(file, name, reported))
-    if not scene.room:
-        mining.counts[ROOMLESS] = len(scene.objects)
-    yield from mine([scene], reported_materials, file, mining.counts, broken, circular)
+    return Scene(name, 0, room or of_plan, scene_objects(path, name, reported))
 
 
 def mine(

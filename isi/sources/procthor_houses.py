@@ -90,7 +90,7 @@ RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: Recorded objects by name
     "procthor_houses",
     household,
     path="path",
-    reads_json=lambda value: isinstance(value, dict) and "rooms" in value and "kitchens" not in value,
+    reads_json=lambda value: isinstance(value, dict) and {"rooms", "objects"} <= value.keys(),
     defaults={"sha256": None, "materials": "simulator"},
 )
 def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials: Materials) -> Iterator[Observation]:
@@ -174,7 +174,7 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
     """Yield (line, house, its objects) from a file; InputError for too many objects, or one of unknown type."""
     types, line = asset_types(), 0
-    for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
+    for line, content in json_lines(path, sha256, LONGEST, "a house as JSON"):
         house = parse_json(House, content, path, f"line {line}")
         objects = list(house_objects(house.objects or (), types))
         if len(objects) > MOST_OBJECTS:

@@ -1,9 +1,12 @@
 """Observations of a user's RDF graph, in N-Triples or Turtle."""
 
+from __future__ import annotations
+
 import logging
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 from typing import Literal as Choice
 from urllib.parse import unquote
 
@@ -13,12 +16,10 @@ from isi.sources.names import KindsByRelation, Naming, name_fault
 from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
 
-with extra("pipeline"):
-    from rdflib import OWL, RDF, RDFS, BNode, Graph, Literal
-    from rdflib.exceptions import ParserError
-    from rdflib.plugins.parsers.notation3 import BadSyntax
-    from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
+if TYPE_CHECKING:
     from rdflib.term import Node
+
+    Nodes = tuple[Node, Node, Node]
 
 #: Descriptions of counts: triples that give no observation.
 LITERALS = "triples dropped that end in a literal"
@@ -26,7 +27,6 @@ BLANK = "triples dropped with a blank node"
 STRUCTURE = "triples dropped with a predicate of RDF's own vocabulary"
 REPEATED = "triples dropped that repeat an earlier one"
 SUFFIXES = (".nt", ".ttl")
-Nodes = tuple[Node, Node, Node]
 
 
 @reader("rdf", Naming(), path="path", suffixes=SUFFIXES)
@@ -39,10 +39,13 @@ def rdf(
     The other settings are those of ``table``; the table ``entities`` overrides types and labels. ``names``: a name is
     the ``local`` part of an IRI, or the whole ``iri``. InputError for two entities or two relations of one name.
     """
+    with extra("rdf"):
+        from rdflib import OWL, RDF, RDFS, BNode, Literal
+
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
     mining.name_entities = named = naming(entities, kinds, household)
     iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
-    types = dict[str, list[tuple[str, Node]]]()  # by IRI: places and types
+    types: dict[str, list[tuple[str, Node]]] = {}  # by IRI: places and types
     labels = dict[str, tuple[str, str]]()  # by IRI: place and label
     seen = set[Triple]()
 
@@ -98,27 +101,31 @@ def local_name(iri: str) -> str:
     return unquote(parts[-1])
 
 
-class _Sink(list[Nodes], DummySink):
-    """Collects the triples of a line."""
-
-    def triple(self, s: Node, p: Node, o: Node) -> None:
-        self.append((s, p, o))
-
-
 def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
     """Yield (place, nodes) of each triple. Turtle is read as a whole: its triples are sorted, their places empty."""
+    from rdflib import Graph
+    from rdflib.exceptions import ParserError
+    from rdflib.plugins.parsers.notation3 import BadSyntax
+    from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
+
     if suffix_of(path) == ".nt":
-        parser = W3CNTriplesParser(sink := _Sink())
+        triples: list[Nodes] = []
+
+        class Sink(DummySink):
+            def triple(self, s: Node, p: Node, o: Node) -> None:
+                triples.append((s, p, o))
+
+        parser = W3CNTriplesParser(Sink())  # type: ignore[no-untyped-call]
         with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
             for number, line in enumerate(iter(lambda: file.readline(BLOCK), ""), 1):
                 parser.line = line.rstrip("\r\n")
-                sink.clear()
+                triples.clear()
                 try:
                     parser.parseline()
                 except (ParserError, ValueError, OverflowError) as error:
                     expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                     raise InputError(path, f"line {number}", expected) from error
-                yield from ((f"line {number}", triple) for triple in sink)
+                yield from ((f"line {number}", triple) for triple in triples)
     elif suffix_of(path) == ".ttl":
         text = read_text(path, "Turtle, which is read as a whole,")
         try:

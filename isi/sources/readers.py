@@ -1,19 +1,21 @@
-"""Functions that read JSON (pydantic), tables (pyarrow) and text for all sources; errors name file and place."""
+"""Functions that read JSON (pydantic), tables and text for all sources; errors name file and place."""
 
 from __future__ import annotations
 
 import codecs
 import csv
 import gzip
-import re
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
+from io import BufferedReader, TextIOWrapper
+from itertools import count, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO, TypeVar
+from typing import TextIO, TypeVar
 
 import pandas as pd
+from pydantic_core import from_json
 
 from isi import config
 from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
@@ -21,11 +23,7 @@ from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-#: Size of a batch: bytes of a text table, rows of a Parquet table. A line longer than ``BLOCK`` is refused.
-BLOCK, BATCH = 2**20, 65_536
+BLOCK, BATCH = 2**20, 65_536  #: Maximum number of bytes of a line of a table; number of rows in a batch.
 MOST, MOST_ROWS = 2**26, 1_000_000  #: Maximum size of a file that is read as a whole: characters, rows.
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
@@ -43,9 +41,7 @@ def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterato
     except Exception as error:
         if not isinstance(error, UNREADABLE) and not is_of_pyarrow(error):
             raise
-        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # pyarrow's wording
-        line, problem = (f"line {row[1]}", row[2]) if row else (place(), str(error))
-        raise InputError(path, line, f"expected {content} ({cut(problem, 120)})") from error
+        raise InputError(path, place(), f"expected {content} ({cut(str(error), 120)})") from error
 
 
 def packaged(package: str, path: str, content: str) -> Path:
@@ -61,11 +57,16 @@ def suffix_of(path: Path) -> str:
     return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
 
 
+def open_bytes(path: Path) -> gzip.GzipFile | BufferedReader:
+    """Open a file, which gzip may have compressed."""
+    with path.open("rb") as file:
+        is_compressed = file.read(len(GZIP)) == GZIP
+    return gzip.open(path) if is_compressed else path.open("rb")
+
+
 def open_text(path: Path) -> TextIO:
-    """Open a text file in UTF-8, compressed if its name ends in ``.gz``."""
-    if path.suffix == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
+    """Open a text file in UTF-8, which gzip may have compressed."""
+    return TextIOWrapper(open_bytes(path), encoding="utf-8-sig", newline="")
 
 
 def read_text(path: Path, content: str) -> str:
@@ -82,23 +83,32 @@ def read_json(form: type[T], path: Path, content: str) -> T:
     return parse_json(form, read_text(path, content), path)
 
 
-def json_lines(
-    path: Path, sha256: str | None, most: int, content: str, whole: bool = False
-) -> Iterator[tuple[int, bytes]]:
+def json_lines(path: Path, sha256: str | None, most: int, content: str) -> Iterator[tuple[int, bytes]]:
     """Yield (number from 1, line) for each non-blank line of a plain or gzip file; InputError over ``most`` bytes.
 
-    ``whole``: the file is one line. ``content`` describes it in errors. ``sha256``: expected hash; null: no check.
+    A file whose first line is not JSON by itself is yielded as one line: JSON over several lines. ``content``
+    describes the file in errors. ``sha256``: expected hash; null: no check.
     """
     check_sha256(path, sha256)
-    number = 0
-    with reading(path, content, lambda: f"line {number + 1}"), path.open("rb") as raw:
-        file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == GZIP else raw
-        while line := file.read(most + 1) if whole else file.readline(most + 1):
+    number, is_first = 0, True
+    with reading(path, content, lambda: f"line {number + 1}"), open_bytes(path) as file:
+        while line := file.readline(most + 1):
             number += 1
+            if is_first and line.strip() and file.peek(1) and not _is_json(line):  # the next lines belong to it
+                line += file.read(most)
+            is_first = is_first and not line.strip()
             if len(line) > most:
                 raise InputError(path, f"line {number}", f"expected at most {most:,} bytes")
             if line.strip():
                 yield number, line
+
+
+def _is_json(text: bytes) -> bool:
+    try:
+        from_json(text.removeprefix(codecs.BOM_UTF8))
+    except ValueError:
+        return False
+    return True
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
@@ -160,62 +170,56 @@ def read_batches(
     """Yield the rows of a file (``.csv``, ``.tsv``, either with ``.gz``, or ``.parquet``) in batches.
 
     Columns: ``required``, and ``optional`` if present; further columns are ignored if ``others``, else refused. Values:
-    text (null is empty); in ``COUNT``, integers of at least 1. Index: line numbers from 2 (blank lines do not count) or
-    rows of Parquet from 1; its name is ``line`` or ``row``.
+    text (null is empty); in ``COUNT``, integers of at least 1. Index: numbers of lines, or of rows of Parquet from 1;
+    its name is ``line`` or ``row``.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
         raise InputError(path, "", "expected a file name that ends in .csv, .csv.gz, .tsv, .tsv.gz or .parquet")
-    separator = SEPARATORS.get(form)
-    place, unit, content = (2, "line", "a table of UTF-8 text") if separator else (1, "row", "a Parquet table")
-    with reading(path, content):
-        header = _header(path, separator)
-        names = [name for name in (*required, *optional) if name in header]
-        known = [name for name in header if name in names] if others else header
-        if not set(required) <= set(known) <= set(names) or len(set(known)) < len(known):
-            expected = f"expected the columns {', '.join(required)}"
-            expected += f" and optionally {', '.join(optional)}" * bool(optional)
-            got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
-            raise InputError(path, "line 1" if separator else "columns", f"{expected}; got {got}")
-        for batch in _batches(path, separator, header, names):
-            frame = pd.DataFrame({name: batch[name].to_pylist() for name in names}, dtype=str)
-            frame.index = pd.RangeIndex(place, place := place + len(frame), name=unit)
-            if COUNT in frame:
-                number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
-                expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
-                refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
-                frame[COUNT] = number
-            yield frame
+    rows, unit = (_parquet_rows(path), "row") if form == ".parquet" else (_text_rows(path, SEPARATORS[form]), "line")
+    _, header = next(rows)
+    names = [name for name in header if name in (*required, *optional)]
+    if not set(required) <= set(names) or len(set(names)) < len(names) or not (others or names == header):
+        expected = f"expected the columns {', '.join(required)}"
+        expected += f" and optionally {', '.join(optional)}" * bool(optional)
+        got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
+        raise InputError(path, "line 1" if unit == "line" else "columns", f"{expected}; got {got}")
+    while batch := list(islice(rows, BATCH)):
+        places, values = zip(*batch, strict=True)
+        frame = pd.DataFrame(values, pd.Index(places, name=unit), list(header), dtype=str)[names]
+        if COUNT in frame:
+            number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
+            expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
+            refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
+            frame[COUNT] = number
+        yield frame
 
 
-def _header(path: Path, separator: str | None) -> list[str]:
-    if separator is None:
-        with extra("pipeline"):
-            import pyarrow.parquet as pq
+def _text_rows(path: Path, separator: str) -> Iterator[tuple[int, Sequence[str]]]:
+    """Yield (line, values) of the header and of each line that is not blank."""
+    line = 1
+    with reading(path, "a table of UTF-8 text", lambda: f"line {line}"), open_bytes(path) as file:
+        lines = (content.decode("utf-8-sig") for content in iter(lambda: file.readline(BLOCK), b""))
+        rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
+        yield line, (header := next(rows, []))
+        line = rows.line_num + 1
+        for row in rows:
+            if row and len(row) != len(header):
+                raise csv.Error(f"expected {len(header)} columns, got {len(row)}")
+            if row:
+                yield line, row
+            line = rows.line_num + 1
 
-        return list(pq.read_schema(path).names)
-    with open_text(path) as file:
-        return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
 
-
-def _batches(
-    path: Path, separator: str | None, header: Sequence[str], names: Sequence[str]
-) -> Iterator[dict[str, pa.Array]]:
-    """Yield the columns ``names`` as text, in batches; null becomes empty text."""
+def _parquet_rows(path: Path) -> Iterator[tuple[int, Sequence[str]]]:
+    """Yield (0, header), then (row, values as text) for each row; null is empty."""
     with extra("pipeline"):
         import pyarrow as pa
-        import pyarrow.compute as compute
-        import pyarrow.csv as pc
         import pyarrow.parquet as pq
 
-    if separator is None:
-        for batch in pq.ParquetFile(path).iter_batches(BATCH, columns=names):
-            yield {name: batch[name].cast(pa.string()).fill_null("") for name in names}
-    else:
-        for batch in pc.open_csv(
-            path,
-            pc.ReadOptions(use_threads=False, block_size=BLOCK, column_names=header, skip_rows=1),
-            pc.ParseOptions(delimiter=separator),
-            pc.ConvertOptions(column_types=dict.fromkeys(header, pa.string()), strings_can_be_null=False),
-        ):
-            yield {name: compute.utf8_ltrim_whitespace(batch[name]) for name in names}
+    with reading(path, "a Parquet table"):
+        file, rows = pq.ParquetFile(path), count(1)
+        yield 0, file.schema_arrow.names
+        for batch in file.iter_batches(BATCH):
+            columns = [column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns]
+            yield from ((next(rows), values) for values in zip(*columns, strict=True))

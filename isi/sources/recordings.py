@@ -116,7 +116,7 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] =
 
 
 def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
-    _, content = next(json_lines(path, None, MOST_BYTES_WHOLE, "JSON", whole=True), (1, b""))
+    _, content = next(json_lines(path, None, MOST_BYTES_WHOLE, "JSON"), (1, b""))
     recording = parse_json(dict[str, Any], content, path)
     for listed in plans:
         names = listed.packaged or listed.names

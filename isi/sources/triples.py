@@ -15,6 +15,7 @@ from isi.sources.readers import COUNT, SEPARATORS, check_names, read_batches, re
 from isi.tables import paths
 
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
+TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"  #: Files of a folder of triples (``isi graph --out``).
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: The kind of an entity by the suffix of its name, after the last dot.
 KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
@@ -22,21 +23,26 @@ SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
 
 
-@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet"))
+@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE))
 def table(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False,
 ) -> Iterator[Observation]:  # fmt: skip
     """Observations of a table (``.csv``, ``.tsv``, ``.parquet``): ``TRIPLE``, optionally ``count`` and ``PLACES``.
 
+    ``path`` may be a folder with such a table, ``triples.csv``, and perhaps ``entities.csv``, the table ``entities``.
     ``entities``: path of a table with the column ``entity`` and optionally ``kind`` and ``phrase``. ``kinds``: kinds of
     each relation's heads and tails, for entities without a kind in that table. ``household``: relations and kinds are
     ``HOUSEHOLD``; the names in the column ``room`` are rooms.
     """
+    file = Path(path)
+    if file.is_dir():
+        file, listed = file / TRIPLES_FILE, file / ENTITIES_FILE
+        entities = entities or (str(listed) if listed.exists() else None)
     mining.name_entities = naming(entities, kinds, household)
-    for batch in read_batches(Path(path), TRIPLE, [COUNT, *PLACES]):
+    for batch in read_batches(file, TRIPLE, [COUNT, *PLACES]):
         rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
-        check_names(rows[[*TRIPLE, *PLACES]], path, PLACES)
+        check_names(rows[[*TRIPLE, *PLACES]], file, PLACES)
         places = ([place or None for place in rows[name]] for name in PLACES)
         yield from zip(*places, *(rows[name] for name in TRIPLE), rows[COUNT], strict=True)
 
@@ -74,7 +80,7 @@ def published_phrases() -> pd.DataFrame:
     return read_table(paths.PUBLISHED_PHRASES, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"])
 
 
-@reader("triples_with_ids", Naming(), path="from_")
+@reader("triples_with_ids", Naming(), path="from_", suffixes=(ENTITIES,))
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
     """Observations from OpenKE's files of ids; the count of a triple is its number of lines.
 

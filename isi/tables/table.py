@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from isi.errors import InputError
 from isi.tables import io
 from isi.tables.rules import ColumnType, Rule, ascending, refuse, unique
 
@@ -101,12 +100,10 @@ class Table(DataFile):
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
         """Like ``write``, to any path."""
-        from isi.tables import parquet
-
         frame = frame.sort_values(list(self.key)) if self.ordered else frame
-        self.write_parts(path, [parquet.table_of(frame, self.schema)], stage)
+        self.write_parts(path, [frame], stage)
 
-    def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
+    def write_parts(self, path: Path, parts: Iterable[pd.DataFrame], stage: str) -> int:
         """Check each part by itself, and write it as a row group; return the number of rows of all parts."""
         from isi.tables import parquet
 
@@ -114,14 +111,11 @@ class Table(DataFile):
 
         def checked() -> Iterator[pa.Table]:
             nonlocal rows
-            try:
-                for part in parts:
-                    self.check(part.to_pandas(), path)
-                    rows += part.num_rows
-                    yield part
-            except OSError as error:  # from a source of the parts
-                why = f"cannot be read ({error.strerror or error})"
-                raise InputError(error.filename or "a source of the table", "", why) from error
+            for part in parts:
+                table = parquet.table_of(part, self.schema)
+                self.check(table.to_pandas(), path)
+                rows += table.num_rows
+                yield table
 
         parquet.write(path, checked(), self.schema, stage)
         return rows

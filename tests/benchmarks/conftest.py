@@ -5,7 +5,7 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import pytest
 import torch
 
@@ -38,7 +38,7 @@ def params() -> Params:
 def home() -> Graph:
     """The graph of the experiment ``ai2thor``."""
     source = Source(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor", 0)
-    observations = pa.concat_tables(source.tables()).to_pandas()
+    observations = pd.concat(source.frames())
     made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     return build_graph(made.entities, made.triples)
 

@@ -51,7 +51,7 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     made = (Scene(f"House{house}", house, scene.room, [renamed(thing, house) for thing in scene.objects])
             for house, scene in zip(range(houses), scenes, strict=False))  # fmt: skip
     source = source_of(mine(made, materials_of("suncg", 0), recording, Counter()))
-    rows = OBSERVATIONS.write_parts(Path(table), source.tables(), "houses")
+    rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "houses")
     return {"observations": rows, "seconds": round(time.perf_counter() - start, 1), "peak_mib": peak_mib()}
 
 
@@ -61,7 +61,7 @@ def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
 
     start = time.perf_counter()
     source = Source(settings, "sources.mined", 0)
-    rows = OBSERVATIONS.write_parts(Path(table), source.tables(), "mined")
+    rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "mined")
     seconds = round(time.perf_counter() - start, 1)
     return {"observations": rows, "counts": source.counts, "seconds": seconds, "peak_mib": peak_mib()}
 

@@ -18,7 +18,7 @@ TABLE_CASES = [
     Case("a name that tells no form", "table, CSV", {}, "log.txt", {"path": "log.txt", "entities": None}),
     log("a column that is missing", "head,tail\na,b\n", "line 1"),
     log("a field too many", LOG + "mug,atLocation,kitchen,\n", "line 3"),
-    log("text in another encoding", LOG + "caf\udce9,atLocation,kitchen\n", "UTF-8|position 45"),
+    log("text in another encoding", LOG + "caf\udce9,atLocation,kitchen\n", "line 3|UTF-8"),
     log("a quote without an end", LOG + '"mug,atLocation,kitchen\n', "line 3"),
     log("a blank name", LOG + ",atLocation,kitchen\n", "line 3"),
     log("a name of 10,000 characters", LOG + f"{LONG},atLocation,kitchen\n", "line 3"),

@@ -5,7 +5,7 @@ import json
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
-from tests.fuzz.formats import THINGS
+from tests.fuzz.formats import EVENTS, HOME, THINGS, small_scene_graph
 from tests.mistakes import FLOOR, LONG, MUG, SHELF, Case, house, mug, of_file, recording, scene, spawned
 
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
@@ -42,6 +42,50 @@ SCENE_CASES = [
          {"scene.json": scene({"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
                               {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]})},
          "scene.json|scene, object a", {"circular": "error"}),
+]  # fmt: skip
+
+of_lines, of_list = of_file("scenes, lines", "scenes.jsonl"), of_file("scenes, list", "scenes.json")
+of_rooms, of_states = of_file("rooms", "home.json"), of_file("rooms, lines", "home.jsonl")
+of_graph = of_file("scene graph", "dsg.json")
+
+
+def graph(*keys: str | int, value: object) -> str:
+    """A scene graph with another value at these keys, as JSON."""
+    changed = part = small_scene_graph()
+    for key in keys[:-1]:
+        part = part[key]  # type: ignore[index]
+    part[keys[-1]] = value  # type: ignore[index]
+    return json.dumps(changed)
+
+
+def hall(*objects: object) -> str:
+    return json.dumps({"rooms": [{"name": "hall", "objects": objects}]})
+
+
+EVENT_CASES = [
+    of_lines("a line that is no JSON", json.dumps(EVENTS[0]) + "\n{", "line 2"),
+    of_lines("an event without objects", json.dumps(EVENTS[0]) + '\n{"metadata": {}}', "line 2"),
+    of_lines("an object without an id", json.dumps(EVENTS[0]) + '\n[{"objectType": "Mug"}]',
+             "line 2, scene.0.objectId"),
+    of_list("an event that is none", json.dumps([*EVENTS, 3]), "event 3"),
+    of_list("a type that is no name", json.dumps([*EVENTS, {"objects": [MUG | {"objectType": "../Mug"}]}]),
+            "event 3, scene.0.objectType|'../Mug'"),
+    of_rooms("no rooms", "{}", "rooms"),
+    of_rooms("rooms that are no list", '{"rooms": {}}', "rooms"),
+    of_rooms("a room without a name", '{"rooms": [{"objects": ["mug"]}]}', "rooms.0.name"),
+    of_rooms("an object without a name", hall({"id": 3}), "rooms.0.objects.0.class"),
+    of_rooms("an object that is a number", hall("mug", 3), "rooms.0.objects.1"),
+    of_rooms("a receptacle that is no name", hall({"name": "a", "receptacle": {}}), "rooms.0.objects.0.receptacle"),
+    of_rooms("nothing in the rooms", hall()),
+    of_rooms("a room that is also an object", hall("hall"), "entity 'hall'"),
+    of_states("a line that is no JSON", json.dumps(HOME) + "\n[", "line 2"),
+    of_graph("no nodes", "{}", "nodes"),
+    of_graph("an edge to a node that is missing", graph("edges", 0, "target", value=5), "edges.0"),
+    of_graph("a layer that is text", graph("nodes", 1, "layer", value="ROOMS"), "nodes.1.layer"),
+    of_graph("a number of thousands of digits", graph("nodes", 0, "id", value=0).replace("0", "9" * 5000, 1)),
+    of_graph("a label that is no text", graph("metadata", "labelspaces", "_l2p0", 0, value=[5, 3]), "_l2p0.0"),
+    of_graph("a label that is no name", graph("metadata", "labelspaces", "_l2p0", 0, value=[5, "a\x1bb"]), "node "),
+    of_graph("no label", graph("metadata", value={}), "labels"),
 ]  # fmt: skip
 
 RECORDING_CASES = [
