@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from isi.bundle import folder
-from isi.bundle.folder import MODEL, Bundle, InsertionRequest, Manifest, WordSource
-from isi.bundle.insert import NewEntity
+from isi.bundle.folder import MODEL, Bundle, Manifest, WordSource
 from isi.bundle.query import OpenBundle
 from tests.small_graphs import random_embedding, random_graph
 
@@ -56,16 +55,20 @@ def opened(bundle: Bundle | None = None, **changed: Any) -> OpenBundle:
     return OpenBundle(**vars(bundle or small(**changed)))
 
 
-def new_entity(
-    name: str, triples: list[tuple[str, str, str]], vector: Any = None, kind: str = "", initializer: str | None = None,
-    options: dict[str, Any] | None = None,
-) -> NewEntity:  # fmt: skip
-    """A ``NewEntity`` with an insertion request."""
-    request = InsertionRequest(
-        entity=name, insert_triples=triples, definition=None, requested_initializer=initializer, options=options or {},
-        seed=0,
-    )  # fmt: skip
-    return NewEntity(request, kind, name, None if vector is None else np.array(vector, np.float32))
+def word_file(path: Path, vectors: Mapping[str, Sequence[float]]) -> Path:
+    """Write a file of word vectors by phrase; returns its path."""
+    rows = [" ".join([phrase.replace(" ", "_"), *map(repr, map(float, row))]) for phrase, row in vectors.items()]
+    path.write_text("\n".join([f"{len(rows)} {rows[0].count(' ')}", *rows, ""]), encoding="utf-8")
+    return path
+
+
+def worded(folder: Path, bundle: Bundle | None = None, **further: Sequence[float]) -> Bundle:
+    """A bundle (default: the small one) whose word vectors are from a file in a folder, which has further phrases."""
+    bundle = bundle or small()
+    assert bundle.words is not None
+    vectors = {phrase: row for phrase, row in zip(bundle.phrases, bundle.words.tolist(), strict=True) if any(row)}
+    source = WordSource(source=str(word_file(folder / "words.txt", vectors | further)), text="phrase", model=None)
+    return replace(bundle, manifest=bundle.manifest.model_copy(update={"words": source}))
 
 
 def written(path: Path, bundle: Bundle | None = None) -> Path:

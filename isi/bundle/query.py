@@ -1,13 +1,11 @@
 """Queries to a bundle: scores, known answers, candidates, nearest entities, and lookup of typed names."""
 
-import re
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -15,15 +13,18 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.bundle.folder import MANIFEST, VECTORS, Bundle, read
-from isi.errors import InputError, at
+from isi.bundle.names import find
+from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import checked_model, stack_of_one, table
+from isi.insertion.arguments import Names, checked_model, listed_triples, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
 ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
-SUGGESTED, LISTED = 3, 8  #: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
+
+
+Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 
 
 class Query(NamedTuple):
@@ -38,9 +39,13 @@ class Query(NamedTuple):
 class OpenBundle(Bundle):
     """A bundle with its scoring function."""
 
+    scoring: Model | None = None  #: null: the model that the manifest names
+
     @cached_property
     def model(self) -> Model:
-        return checked_model(self.manifest.model_name, self.manifest.model_options, self.entities.shape[1])
+        return self.scoring or checked_model(
+            self.manifest.model_name, self.manifest.model_options, self.entities.shape[1]
+        )
 
     @cached_property
     def embedding(self) -> Embedding:
@@ -57,13 +62,18 @@ class OpenBundle(Bundle):
         return {name: row for row, name in enumerate(self.relation_names)}
 
     @cached_property
-    def answers(self) -> dict[Query, set[int]]:
-        """The known answers of each query that has any."""
-        answers: dict[Query, set[int]] = defaultdict(set)
-        for head, relation, tail in self.triples.tolist():
-            answers[Query(head, relation, TAIL)].add(tail)
-            answers[Query(tail, relation, HEAD)].add(head)
-        return dict(answers)
+    def names(self) -> Names:
+        return Names("entity_names", len(self.entities), self.entity_names)
+
+    @cached_property
+    def labels(self) -> Names:
+        return Names("relation_names", len(self.relations), self.relation_names)
+
+    def answers(self, query: Query) -> set[int]:
+        """The known answers of a query."""
+        other = HEAD + TAIL - query.slot
+        of_query = (self.triples[:, other] == query.given) & (self.triples[:, RELATION] == query.relation)
+        return set(self.triples[of_query, query.slot].tolist())
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
         """Scores of all entities in the slot, (Q, E), for given entities, (Q,), and a relation."""
@@ -74,17 +84,25 @@ class OpenBundle(Bundle):
 
     def in_slot(self, relation: int, slot: int) -> list[int]:
         """The ids of the entities in a slot of the known triples of a relation, sorted."""
-        return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
+        return np.unique(self.triples[self.triples[:, RELATION] == relation, slot]).tolist()  # type: ignore[no-any-return]
+
+    @cached_property
+    def kind_ids(self) -> np.ndarray:
+        """A number for each entity's kind, (E,); -1 without a kind."""
+        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(filter(None, self.kinds)))}
+        return np.array([numbers.get(kind, -1) for kind in self.kinds])
 
     def candidates(self, relation: int, slot: int) -> Tensor:
         """Ids of entities without a kind, or of a kind in this slot of known triples; all if the slot has no kinds."""
-        kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
-        return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
+        kinds = np.unique(self.kind_ids[self.in_slot(relation, slot)])
+        kinds = kinds[kinds >= 0]
+        fits = (self.kind_ids < 0) | np.isin(self.kind_ids, kinds) if len(kinds) else np.full(len(self.kinds), True)
+        return torch.from_numpy(np.flatnonzero(fits))
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
         """The candidates, best first, and their scores. The given entity is excluded unless it is a known answer."""
         candidates = self.candidates(query.relation, query.slot)
-        if query.given not in self.answers.get(query, ()):
+        if query.given not in self.answers(query):
             candidates = candidates[candidates != query.given]
         scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
         best = scores.sort(descending=True, stable=True)
@@ -98,14 +116,64 @@ class OpenBundle(Bundle):
         shown = min(number, len(cosines) - 1)
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
-    def kind_notes(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
-        """Notes on insert triples whose known end has a kind new to the relation's slot; none if kinds are missing."""
-        for head, relation, tail in dict.fromkeys(insert_triples):
-            slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")
-            kind = self.kinds[self.entity_ids[end]]
-            usual = {self.kinds[row] for row in self.in_slot(self.relation_ids[relation], slot)}
-            if kind and usual and not {"", kind} & usual:
+    def kind_notes(self, facts: Iterable[Fact], new: str) -> Iterator[str]:
+        """Notes on facts of a new entity whose known end has a kind new to the relation's slot."""
+        for head, relation, tail in facts:
+            slot, end, role = (HEAD, head, "a head") if tail == new else (TAIL, tail, "a tail")
+            kind = self.kinds[self.entity_ids[end]] if end in self.entity_ids else ""
+            usual = self.kinds_in_slot(self.relation_ids[relation], slot)
+            if kind and usual and kind not in usual:
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
+
+    @cached_property
+    def kinds_in_slot(self) -> Callable[[int, int], Counter[str]]:
+        """The number of entities of each kind in a slot of the known triples of a relation."""
+
+        @cache
+        def count(relation: int, slot: int) -> Counter[str]:
+            return Counter(filter(None, (self.kinds[row] for row in self.in_slot(relation, slot))))
+
+        return count
+
+    def kind_of(self, new: str, facts: Iterable[Fact], similar: int | None) -> tuple[str, str]:
+        """The kind of a new entity and the reason; empty texts if unknown. ``similar``: id of a known one by words.
+
+        Each fact counts for the kinds of known entities in the same slot of its relation, by their shares.
+        """
+        votes, roles = Counter[str](), dict[str, None]()
+        for head, relation, _ in facts:
+            slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
+            kinds = self.kinds_in_slot(self.relation_ids[relation], slot)
+            votes.update({kind: number / kinds.total() for kind, number in kinds.items()})
+            roles |= {f"the {role} of {relation}": None} if kinds else {}
+        if votes:
+            kind = max(sorted(votes), key=votes.__getitem__)
+            return kind, f"{new} counts as {kind}, like {' and '.join(roles)}"
+        kind = "" if similar is None else self.kinds[similar]
+        return (
+            kind,
+            f"{new} counts as {kind}, like {self.entity_names[similar]}" if kind and similar is not None else "",
+        )
+
+    def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
+        """Facts in any form of ``listed_triples``, by name and once each; InputError for a name that is unknown."""
+        names, listed = {**self.entity_ids, **dict.fromkeys(new, -1)}, dict[Fact, None]()
+        for number, fact in enumerate(listed_triples(facts)):
+            whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
+            if not (whole and all(isinstance(part, str) for part in fact)):
+                raise InputError(f"fact {number}", "", f"expected head, relation and tail by name, got {short(fact)}")
+            place = " ".join(fact)[:80]
+            head, tail = (find(end, names, place, "an entity") for end in (fact[0], fact[2]))
+            listed[head, find(fact[1], self.relation_ids, place, "a relation"), tail] = None
+        return list(listed)
+
+    def unknown(self, facts: Iterable[Fact]) -> list[Fact]:
+        """Those of the facts that are no known triples."""
+        ids, labels = self.entity_ids, self.relation_ids
+        return [
+            (head, relation, tail) for head, relation, tail in facts
+            if not {head, tail} <= ids.keys() or ids[tail] not in self.answers(Query(ids[head], labels[relation], TAIL))
+        ]  # fmt: skip
 
     def named(self, query: Query) -> tuple[str, str, str]:
         """A query as names, with a question mark for the answer."""
@@ -144,40 +212,17 @@ def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float])
     Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If no query fits, all
     do. At most ``MOST_QUERIES`` are returned: those with own answers, then with most similar entities (or weight).
     """
-    kind, enough = opened.kinds[entity], 0.0
-    similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}
-    if not kind:
-        similar, enough = indicators, ENOUGH * sum(indicators.values())
-
-    def weight(query: Query) -> float:
-        if query in opened.answers:
-            return float("inf")
-        return sum(share for row, share in similar.items() if query._replace(given=row) in opened.answers)
-
-    queries = [Query(entity, relation, slot) for relation in range(len(opened.relations)) for slot in (TAIL, HEAD)]
-    weights = {query: weight(query) for query in queries}
-    fit = [query for query in queries if weights[query] > enough] or queries
-    best = sorted(fit, key=weights.__getitem__, reverse=True)[:MOST_QUERIES]
+    kind, weights, enough = opened.kind_ids[entity], np.zeros(len(opened.entities)), 0.0
+    weights[opened.kind_ids == kind] = 1.0
+    if kind < 0:
+        weights[:] = 0.0
+        weights[list(indicators)] = list(indicators.values())
+        enough = ENOUGH * weights.sum()
+    of_query = {}
+    for relation in range(len(opened.relations)):
+        for slot in (TAIL, HEAD):
+            similar = opened.in_slot(relation, HEAD + TAIL - slot)
+            of_query[Query(entity, relation, slot)] = float("inf") if entity in similar else weights[similar].sum()
+    fit = [query for query, weight in of_query.items() if weight > enough] or list(of_query)
+    best = sorted(fit, key=of_query.__getitem__, reverse=True)[:MOST_QUERIES]
     return [query for query in fit if query in best]
-
-
-def plain(name: str) -> str:
-    """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
-    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", name).split()).casefold()
-
-
-def same_name(first: str, second: str) -> bool:
-    """Whether two names are equal up to case, spaces, hyphens and underscores."""
-    return plain(first).replace(" ", "") == plain(second).replace(" ", "")
-
-
-def find(text: str, names: Collection[str], place: str, expected: str) -> str:
-    """The name that equals a text, or else the only ``same_name``; an ``InputError`` suggests similar names."""
-    same = [text] if text in names else [name for name in names if same_name(name, text)]
-    if len(same) == 1:
-        return same[0]
-    wanted, by_plain = plain(text), {plain(name): name for name in names}
-    near = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
-    close = same[:LISTED] or [by_plain[name] for name in near[:SUGGESTED]] or list(names) * (len(names) <= LISTED)
-    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
-    raise InputError(place, "", f"expected {expected} of this embedding, got {text!r:.80}{hint}")

@@ -19,10 +19,17 @@ DEFAULT = paths.final_model("ai2thor")  #: The embedding that the pipeline train
 MOST = 200  #: Longest message about the command line, in characters.
 #: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
-    "insert": ("entity:insert", "Insert a new entity by its triples and words, and report predictions about it."),
-    "ask": ("entity:ask", "Rank the answers to (ENTITY, RELATION, ?) or (?, RELATION, TAIL)."),
+    "train": ("train:train", "Train an embedding of your own triples or scenes."),
+    "insert": ("entity:insert", "Insert new entities by their facts and words, and report predictions about them."),
+    "observe": ("entity:observe", "Add facts of known or inserted entities."),
+    "remove": ("entity:remove", "Take inserted entities or added facts back."),
+    "undo": ("entity:undo", "Take the last change back."),
+    "history": ("entity:history", "List all changes since training."),
+    "ask": ("entity:ask", "Rank the answers to (HEAD, RELATION, ?), (?, RELATION, TAIL) or (HEAD, ?, TAIL)."),
     "nearest": ("entity:nearest", "List the entities with the most similar vectors, by cosine."),
-    "explain": ("entity:explain", "Explain an inserted entity: repeat the insertion without each part of its input."),
+    "explain": ("entity:explain", "Explain an insertion: repeat it without each part of its input."),
+    "interference": ("entity:interference", "Measure how far inserted entities push known answers down."),
+    "live": ("live:live", "Read facts and questions as JSON lines, and answer them at once."),
     "import": ("import_:import_", "Convert an embedding that another tool has trained into a bundle."),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
     "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),

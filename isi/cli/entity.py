@@ -1,4 +1,4 @@
-"""Commands about entities of a bundle: ``isi insert``, ``isi ask``, ``isi nearest``, ``isi explain``.
+"""Commands about entities of a bundle, one for each verb of ``LiveEmbedding``: insert, observe, remove, undo, ask, ...
 
 A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An ``InputError`` refuses a
 broken bundle or an unknown name.
@@ -6,168 +6,132 @@ broken bundle or an unknown name.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
-from isi.config import check
+from isi.config import check, read, value_of
 from isi.errors import InputError
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.bundle.query import OpenBundle
-    from isi.insertion.result import Inserted
+    from isi.bundle.answers import Answer
+    from isi.bundle.explain import Explanation, Report
+    from isi.bundle.journal import Effect
+    from isi.bundle.live import LiveEmbedding
+    from isi.insertion.interference import Interference
 
-EXAMINED = 20  #: Best answers per query that are searched for unexpected ones.
-Pair = tuple[str, str]
+FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
+Fact = Annotated[
+    tuple[tuple[str, str, str], ...], Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat")
+]
+Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
+DryRun = Annotated[bool, Parameter(help="print the effect and write nothing")]
 
 
 def insert(
-    name: str, *,
-    fact: Annotated[tuple[Pair, ...], Parameter(help="RELATION ENTITY: insert triple (NAME, RELATION, ENTITY)")] = (),
+    name: str | None = None, *,
+    fact: Annotated[tuple[tuple[str, str], ...], Parameter(help="RELATION ENTITY: a fact about NAME")] = (),
     inverse_fact: Annotated[
-        tuple[Pair, ...], Parameter(help="ENTITY RELATION: insert triple (ENTITY, RELATION, NAME)")
+        tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
+    ] = (),
+    from_: Annotated[
+        tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: insert what is new, count what is known")
     ] = (),
     definition: Annotated[str | None, Parameter(help="definition in a sentence, for the word vector")] = None,
-    kind: Annotated[str | None, Parameter(help="one of the bundle's kinds; for queries and initializers")] = None,
+    kind: Annotated[str | None, Parameter(help="default: the kind that the facts, else the words suggest")] = None,
+    new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False,
     initializer: Annotated[str | None, Parameter(help="default: the best for hidden known entities")] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
     vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
-    calibrate: Annotated[bool, Parameter(help="compare initializers on hidden known entities")] = True,
-    tolerance: Annotated[float, Parameter(help="largest loss of the MRR of earlier triples in the comparison")] = 0.02,
-    budget: Annotated[float, Parameter(help="seconds for the comparison, by an estimate of its work")] = 3,
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of hidden entities and random initializers")] = 0,
-    out: Out = None, embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
+    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")] = 0,
+    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, top: Top = 5, verbose: Verbose = False,
+    json: Json = False,
 ) -> None:  # fmt: skip
-    """Insert an entity and report what the bundle predicts about it."""
-    import warnings
-
-    from pydantic import Field
-
-    from isi.bundle.folder import InsertionRequest, Text, write
-    from isi.bundle.insert import NewEntity, insert_entity, phrase_vector, with_vectors
-    from isi.bundle.query import find, plain, same_name
-
-    opened = open_folder(embedding)
-    check(name, Annotated[Text, Field(max_length=200, pattern=r"\S")], "", "NAME")  # type: ignore[arg-type]
-    check(definition, Text | None, "", "--definition")  # type: ignore[arg-type]
-    check(str(vectors), Text, "", "--vectors")
-    if same := [entity for entity in opened.entity_names if same_name(entity, name)]:
-        raise InputError("NAME", "", f"expected a new name: {same[0]!r:.80} is known (see isi ask, isi nearest)")
-
-    def known(option: str, relation: str, entity: str) -> tuple[str, str]:
-        label = find(relation, opened.relation_ids, option, "a relation")
-        return label, find(entity, opened.entity_ids, option, "an entity")
-
-    triples = [(name, *known("--fact", relation, entity)) for relation, entity in fact]
-    for entity, relation in inverse_fact:
-        label, head = known("--inverse-fact", relation, entity)
-        triples.append((head, label, name))
+    """Insert an entity, or what is new in files, and report what the embedding predicts about it."""
+    if (name is None) == (not from_) or (from_ and (fact or inverse_fact or definition or kind)):
+        raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
-    if kind is not None:
-        kind = find(kind, dict.fromkeys(filter(None, opened.kinds)), "--kind", "a kind")
-    if vectors is None:
-        vector, note = phrase_vector(opened, plain(name), definition)
-    else:
-        opened, vector, note = with_vectors(opened, plain(name), vectors)
-    if not triples and vector is None and initializer is None:
-        expected = f"expected a --fact, an --inverse-fact or a word vector; no word vector: {note}"
-        raise InputError(repr(name), "", expected)
-    request = InsertionRequest(
-        entity=name, insert_triples=triples, definition=definition, requested_initializer=initializer,
-        options=settings(set), seed=seed,
-    )  # fmt: skip
-    named = {name: f"--{name}" for name in ("initializer", "tolerance", "budget")}
-    with flags(**named, entities="--embedding"), warnings.catch_warnings(action="ignore", category=UserWarning):
-        larger, result = insert_entity(
-            opened, NewEntity(request, kind or "", plain(name), vector), calibrate=calibrate, tolerance=tolerance,
-            budget=budget,
-        )  # fmt: skip
-    notes = [*opened.kind_notes(triples), *(result.choice.warnings if result.choice else ())]
-    answer = insertion(larger, result, note, notes, top)
-    if out:
-        write(out, larger)
-    show(answer, json)
-    if out and not json:
-        print(f"written: {out}")
+    options = _options_in_params(initializer) | settings(set)
+    request = {"initializer": initializer, "options": options, "seed": seed, "new": new}
+    with changing(embedding, out, dry_run, vectors, json) as live, flags(initializer="--initializer", options="--set"):
+        if name is None:
+            names, facts, kinds = _from_files(live, from_)
+            effect = live.insert(names, facts, kind=kinds, **request) if names else live.observe(facts)  # type: ignore[arg-type]
+            summary(live, effect, json)
+        else:
+            about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+            live.insert(name, about, definition=definition, kind=kind, **request)  # type: ignore[arg-type]
+            report = live.report(name, top)
+            show(asdict(report), True) if json else print(*in_words(report, verbose), sep="\n")
 
 
-def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str], top: int) -> dict[str, Any]:
-    """Answer of ``isi insert``: report of the last entity. ``words``: source of its word vector, or why it has none."""
-    from tqdm import tqdm
+def observe(
+    fact: Fact = (), *, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False
+) -> None:
+    """Add facts of known or inserted entities; these get a new vector from all their facts."""
+    with changing(embedding, out, dry_run, json=json) as live:
+        summary(live, live.observe(list(fact)), json)
 
-    from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
-    from isi.bundle.insert import indicators
-    from isi.bundle.query import MOST_QUERIES, queries_of
-    from isi.graph.graph import HEAD, TAIL
 
-    (report,), inserted, known = result.report(top), opened.manifest.inserted, len(result.known_triples) > 0
-    record, later_end = inserted[-1], result.known_triples[:, [HEAD, TAIL]].max(1)
-    old = {number: len(opened.entities) - number for number in (1, len(inserted))}  # before this; before the first
-    harm = {number: result.interference(original=old[number], show=top)
-            for number in old if (later_end < old[number]).any()}  # fmt: skip
-    shown = indicators(opened, result)
-    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    calibration, queries = HeldOutCalibration(opened, result), queries_of(opened, report.id, weights)
-    answers = {
-        opened.named(query): answer(opened, query, max(top, EXAMINED), calibration, weights if known else None)
-        for query in tqdm(queries, "queries", leave=False, disable=None)
-    }
-    unexpected = [
-        {"triple": tuple(best.entity if part == "?" else part for part in query), "probability": best.probability}
-        for query, ranked in answers.items() for best in ranked[:EXAMINED] if best.unexpected
-    ]  # fmt: skip
-    has_words = opened.words is not None and bool(opened.words[report.id].any())
-    return {
-        "entity": record.entity, "id": report.id, "initializer": record.initializer, "why": record.why,
-        "fallback": record.fallback, "options": dict(result.options),
-        "expected": result.choice and result.choice.expected, "insert_triples": record.insert_triples,
-        "words": words if has_words else None, "no_words": None if has_words else words, "notes": notes,
-        "indicators": list(map(asdict, shown)),
-        "answers": [
-            {"query": query, "answers": [asdict(best) | {"unexpected": best.unexpected} for best in ranked[:top]]}
-            for query, ranked in answers.items()
-        ],
-        "all_queries": len(queries) < MOST_QUERIES,
-        "calibration": calibrated_on([best for ranked in answers.values() for best in ranked], inserted=True),
-        "unexpected": sorted(unexpected, key=lambda triple: -(triple["probability"] or 0)) if known else None,
-        "nearest": [{"entity": name, "cosine": cosine} for name, cosine in report.nearest],
-        "distance": report.distance, "farther_than": report.farther_than,
-        "interference": [
-            {"insertions": number, "queries": of.queries, "h_old": of.h_old, "h_cur": of.h_cur,
-             "rank_old": of.rank_old, "rank_cur": of.rank_cur}
-            for number, of in harm.items()
-        ] if known else None,
-        "changes": list(map(asdict, harm[1].changes)) if known else None,
-    }  # fmt: skip
+def remove(
+    entity: tuple[str, ...] = (), *, fact: Fact = (), out: Out = None, dry_run: DryRun = False,
+    embedding: Embedding = DEFAULT, json: Json = False,
+) -> None:  # fmt: skip
+    """Take inserted entities back with all their facts, or single facts that were added."""
+    with changing(embedding, out, dry_run, json=json) as live:
+        summary(live, live.remove(list(entity), list(fact)), json)
+
+
+def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False) -> None:
+    """Take the last change back; the next time, the one before."""
+    with changing(embedding, out, dry_run, json=json) as live:
+        summary(live, live.undo(), json)
+
+
+def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
+    """List all changes since training, those that were undone included."""
+    changes = [
+        {"change": change.do, "entities": list(change.entities), "facts": change.facts}
+        for change in open_folder(embedding).history
+    ]
+    show({"changes": changes}, json)
+
+
+def interference(
+    entity: Annotated[tuple[str, ...], Parameter(help="inserted entities; default: all")] = (), *,
+    embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
+) -> None:  # fmt: skip
+    """Measure how far inserted entities push known answers down."""
+    live = open_folder(embedding)
+    measured = live.interference(entity, show=top)
+    if measured is None:
+        raise InputError(embedding, "", "expected inserted entities and known triples")
+    show(asdict(measured), json)
 
 
 def ask(
-    head: Annotated[str | None, Parameter(help="head of the query; the answers are tails")] = None,
-    relation: Annotated[str | None, Parameter(help="relation of the query")] = None, *,
-    tail: Annotated[str | None, Parameter(help="tail of the query; the answers are heads")] = None,
+    head: Annotated[str | None, Parameter(help="head of the query")] = None,
+    relation: Annotated[str | None, Parameter(help="relation of the query")] = None,
+    tail: Annotated[str | None, Parameter(help="tail of the query")] = None, *,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
-    """Rank the answers of one query."""
-    from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
-    from isi.bundle.insert import before, insert_entity
-    from isi.bundle.query import Query, find
-    from isi.graph.graph import HEAD, TAIL
-
-    if relation is None or (head is None) == (tail is None):
-        raise InputError("", "", "expected ENTITY RELATION, or --relation RELATION --tail ENTITY")
-    opened, place, slot = open_folder(embedding), "ENTITY" if tail is None else "--tail", TAIL if tail is None else HEAD
-    name = find(head or tail or "", opened.entity_ids, place, "an entity")
-    label = find(relation, opened.relation_ids, "RELATION", "a relation")
-    query, record = Query(opened.entity_ids[name], opened.relation_ids[label], slot), opened.insertions().get(name)
-    calibration = HeldOutCalibration(*insert_entity(*before(opened, record))) if record else None
-    answers = answer(opened, query, top, calibration)
-    calibrated = calibrated_on(answers, inserted=record is not None)
-    show({"query": opened.named(query), "answers": list(map(asdict, answers)), "calibration": calibrated}, json)
+    """Rank the answers of a query with one part missing: tail, head (--tail) or relation (HEAD --tail TAIL)."""
+    live = open_folder(embedding)
+    with flags(ask="", entity="ENTITY", relation="RELATION"):
+        answers = live.ask(head, relation, tail, top)
+    if json:
+        show(asdict(answers) | {"sure": answers.sure}, True)
+    else:
+        print(" ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses"))
+        print(*(f"  {line}" for line in map(_with_mark, answers.answers)), sep="\n")
 
 
 def nearest(
@@ -175,57 +139,144 @@ def nearest(
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
     """List the other entities by the cosine of their vectors with the entity's."""
-    from isi.bundle.query import find
-
-    opened = open_folder(embedding)
-    name, names, kinds = find(entity, opened.entity_ids, "ENTITY", "an entity"), opened.entity_names, opened.kinds
-    neighbours = [
-        {"entity": names[row], "kind": kinds[row] or None, "cosine": cosine}
-        for row, cosine in opened.nearest(opened.entity_ids[name], top)
-    ]
-    show({"entity": name, "nearest": neighbours}, json)
+    live = open_folder(embedding)
+    with flags(entity="ENTITY"):
+        neighbours = live.nearest(entity, top)
+    kinds = dict(zip(live.now.entity_names, live.now.kinds, strict=True))
+    rows = [{"entity": name, "kind": kinds[name] or None, "cosine": cosine} for name, cosine in neighbours]
+    show({"entity": entity, "nearest": rows}, json)
 
 
 def explain(
-    entity: Annotated[str, Parameter(help="an entity that isi insert --out has added to the bundle")], *,
-    embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
+    entity: Annotated[str, Parameter(help="an inserted entity")], *,
+    embedding: Embedding = DEFAULT, top: Top = 5, verbose: Verbose = False, json: Json = False,
 ) -> None:  # fmt: skip
-    """Repeat an insertion, then repeat it without each insert triple, without the words, without each indicator."""
-    import numpy as np
-    from tqdm import tqdm
-
-    from isi.bundle.folder import MANIFEST
-    from isi.bundle.insert import ablations, before, indicators, insert_entity
-    from isi.bundle.query import find, queries_of
-
-    opened = open_folder(embedding)
-    name, records = find(entity, opened.entity_ids, "ENTITY", "an entity"), opened.insertions()
-    if name not in records:
-        there = ", ".join(records) or "none"
-        raise InputError(embedding, "", f"expected an entity that was inserted ({there}), got {name!r:.80}")
-    record, row = records[name], opened.entity_ids[name]
-    with flags(initializer=f"{embedding / MANIFEST}: inserted: {name}"):
-        larger, result = insert_entity(*before(opened, record))
-        shown = indicators(larger, result)
-        queries = queries_of(opened, row, {indicator.id: indicator.weight or 1.0 for indicator in shown})
-        weighted = [indicator for indicator in shown if indicator.weight is not None]
-        each = ablations(opened, record, weighted, queries, top)
-        number = len(record.insert_triples) + len(weighted) + 1
-        without = [asdict(ablation) for ablation in tqdm(each, "left out", number, leave=False, disable=None)]
-    same = bool(np.allclose(result.entities[-1], opened.entities[row], rtol=1e-3, atol=1e-6))
-    answer = {"indicators": list(map(asdict, shown)), "without": without, "reproduced": same}
-    show(record.model_dump() | answer, json)
+    """Explain an insertion: its indicators, and the effect of each fact, of the words and of each indicator."""
+    live = open_folder(embedding)
+    with flags(entity="ENTITY"):
+        explanation = live.explain(entity, top)
+    show(asdict(explanation), True) if json else print(*why_in_words(explanation, verbose), sep="\n")
 
 
-def open_folder(path: Path) -> OpenBundle:
+def in_words(report: Report, verbose: bool) -> Iterator[str]:
+    """The report of an insertion as sentences, the most important first."""
+    most = None if verbose else FEW
+    kind = f" as {report.kind}" if report.kind else ""
+    yield f"{report.entity} is inserted{kind}; most like {_joined([each.entity for each in report.indicators[:3]])}"
+    for answers in [each for each in report.answers if verbose or each.sure or each.query[0] == report.entity][:most]:
+        best = ", ".join(map(_with_mark, answers.answers if answers.sure else answers.answers[:1]))
+        yield f"  {' '.join(answers.query)}: {best if answers.sure else f'I do not know; the best guess is {best}'}"
+    if report.unsupported:
+        listed = (f"{' '.join(triple)} ({_percent(likely)})" for triple, likely in report.unsupported[:most])
+        yield f"predicted without support of a similar entity: {'; '.join(listed)}"
+    yield from mrr_in_words(report.interference_of_all)
+    yield from report.notes[:most]
+    if verbose:
+        options = ", ".join(f"{key} {value}" for key, value in report.options.items())
+        yield f"by {report.initializer} ({options}): {report.why}; word vector: {report.words}"
+
+
+def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
+    """An explanation as sentences."""
+    most = None if verbose else FEW
+    kind = explanation.kind or "of no known kind"
+    yield f"{explanation.entity}: {kind}, inserted by {explanation.initializer} ({explanation.why})"
+    yield "facts: " + ("; ".join(map(" ".join, explanation.facts)) or "none")
+    yield "most like " + _joined([each.entity for each in explanation.indicators[:most]])
+    for piece in [each for each in explanation.without if verbose or each.changes or each.moved is None][:most]:
+        if piece.moved is None:
+            yield f"without the {piece.left_out} {piece.what}: nothing is left to insert it from"
+            continue
+        yield f"without the {piece.left_out} {piece.what}: the vector moves by {piece.moved:.0%} of its length"
+        for query, lost, added in piece.changes[: most and 2]:
+            yield f"  {' '.join(query)}: {_joined(added)} instead of {_joined(lost)}"
+    yield from explanation.notes[:most]
+
+
+def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
+    """Print what a change did, and the interference of all insertions."""
+    measured = live.interference()
+    if json:
+        show(asdict(effect) | {"interference_of_all": measured and asdict(measured)}, True)
+        return
+    lines = [f"{change}: {', '.join(names)}" for change in ("inserted", "updated", "removed")
+             if (names := getattr(effect, change))]  # fmt: skip
+    if effect.facts:
+        lines.append(f"facts {'added' if effect.facts > 0 else 'removed'}: {abs(effect.facts):,}")
+    lines = lines or ["nothing has changed"]
+    if effect.known:
+        lines.append(f"facts that were known already: {effect.known:,}")
+    print(*lines, *mrr_in_words(measured), *effect.notes, sep="\n")
+
+
+def mrr_in_words(of_all: Interference | None) -> Iterator[str]:
+    if of_all:
+        yield f"MRR of known triples: {of_all.h_old:.3f} before all insertions, {of_all.h_cur:.3f} now"
+
+
+def _options_in_params(initializer: str | None) -> dict[str, Any]:
+    """The options of an initializer under ``initializers`` in ``params.yaml``; empty outside a project's folder."""
+    values = read(paths.PARAMS) if initializer and paths.PARAMS.exists() else {}
+    return check(value_of(values, f"initializers.{initializer}") or {}, dict[str, Any], f"initializers.{initializer}")
+
+
+def _with_mark(best: Answer) -> str:
+    mark = "given" if best.given else "known" if best.known else _percent(best.probability)
+    return f"{best.entity} ({mark}{', inserted' * best.inserted})"
+
+
+def _percent(probability: float | None) -> str:
+    return "no probability" if probability is None else f"{probability:.0%}"
+
+
+def _joined(names: Sequence[str]) -> str:
+    return ", ".join(names) or "nothing"
+
+
+def _from_files(live: LiveEmbedding, files: Sequence[Path]) -> tuple[list[str], list[list[str]], dict[str, str]]:
+    """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
+    from isi.bundle.names import same_name
+    from isi.graph.files import read_graph
+
+    tables, _ = read_graph(files)
+    kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
+    facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
+    names = [name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)]
+    return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
+
+
+@contextmanager
+def changing(
+    path: Path, out: Path | None, dry_run: bool, vectors: Path | None = None, json: bool = False
+) -> Iterator[LiveEmbedding]:
+    """Open a bundle for a change; then write it to ``out``, or to its own folder unless the pipeline wrote this."""
+    pipeline = paths.FINAL_MODELS.resolve()
+    if out and out.resolve().is_relative_to(pipeline):
+        raise InputError("--out", "", f"expected a folder outside of {paths.FINAL_MODELS}, which the pipeline writes")
+    in_place = not (dry_run or path.resolve().is_relative_to(pipeline) or (out and out.resolve() != path.resolve()))
+    if vectors and in_place:
+        raise InputError("--vectors", "", "expected --out FOLDER: the vectors of all entities' names change")
+    printed = StringIO()  # a command that cannot write prints no result
+    with open_folder(path, vectors, journal=in_place) as live, redirect_stdout(printed):
+        yield live
+        if out and not in_place and not dry_run:
+            live.save(out)
+    print(printed.getvalue(), end="")
+    if not json:
+        written = path if in_place else out
+        hint = "" if dry_run else ": --out FOLDER writes it"
+        print(f"written: {written}" if written and not dry_run else f"nothing is written{hint}")
+
+
+def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) -> LiveEmbedding:
     """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
     import torch
 
-    from isi.bundle.query import open_bundle
+    from isi.bundle.live import open_live
 
     if path == DEFAULT and not path.exists():
         here = "not trained yet: run `dvc repro train_final`"
         away = f"no such folder in {Path.cwd()}: run this in the folder of the project"
         raise InputError(path, "", f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR")
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_bundle(path)
+    return open_live(path, vectors=vectors, journal=journal)

@@ -23,7 +23,7 @@ from isi import config
 from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
 from isi.config import check, value_of
-from isi.errors import InputError, extra, suggestion, unwritable
+from isi.errors import InputError, extra, suggestion
 from isi.experiment.agreement import has_shape
 from isi.experiment.store import JOINT, Store
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
@@ -75,13 +75,10 @@ def export(
     exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment), predictions, seed)
     files = FORMATS[format](exported, out, labels)
     for path, content in files.items():
-        try:
-            if content is None:
-                path.unlink(missing_ok=True)
-            else:
-                atomically(path, partial(Path.write_bytes, data=content.encode()))
-        except OSError as error:
-            raise unwritable(path, error) from error
+        if content is None:
+            path.unlink(missing_ok=True)
+        else:
+            atomically(path, partial(Path.write_bytes, data=content.encode()))
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
     written = ", ".join(str(path) for path, content in files.items() if content is not None)
     print(f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}")
@@ -119,7 +116,7 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
     """The known triples of a bundle, each with count 1, and ``most`` predictions per head and relation."""
-    opened, name = open_folder(folder), folder.resolve().name
+    opened, name = open_folder(folder).now, folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])

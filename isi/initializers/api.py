@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from isi.config import Plugins, keywords
 from isi.errors import InputError
 from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, check_finite
 from isi.random import stream
 from isi.tables import paths
 
@@ -140,9 +140,22 @@ class Registered:
             raise InputError(paths.PARAMS, f"initializers.{self.name}", message)
 
     def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
-        """The vectors of the novel entities (equation 8)."""
+        """The vectors of the novel entities (equation 8); ``InputError`` if the result is not as in ``InitResult``."""
         self.check(context.theta0.model)
-        return self.function(context, **options)
+        result: Any = self.function(context, **options)
+        name, (models, new) = f"initializer {self.name!r}", context.novel.shape
+        if not isinstance(result, InitResult):
+            raise InputError(name, "", f"expected an InitResult, got {type(result).__name__}")
+        width, entities = context.theta0.entity.shape[-1], context.known.shape[-1]
+        shapes = {"vectors": (models, new, width), "fallback": (models, new), "weights": (models, new, entities)}
+        for part, shape in shapes.items():
+            tensor = getattr(result, part)
+            got = tuple(tensor.shape) if isinstance(tensor, Tensor) else type(tensor).__name__
+            if got != shape and not (part == "weights" and tensor is None):
+                raise InputError(name, "", f"expected {part} of shape {shape}, got {got}")
+        vectors = result.vectors.to(context.theta0.relation)
+        check_finite((vectors,), f"the vectors of {name}", torch.finfo(vectors.dtype).max)
+        return replace(result, vectors=vectors, fallback=result.fallback.long())
 
 
 INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")

@@ -123,10 +123,7 @@ def insert(
         None if kind_ids is None else kind_ids[:known], seed,
     )  # fmt: skip
     if calibrate and initializer is None and not options and len(given.known_triples) and len(new_ids):
-        # on hidden known entities, means of a few known vectors seem to harm less than they do (docs/insert.md)
-        others = [each for each in fitting(theta0, has_triples, words_for_all) if not too_large(each, known)]
-        compared = [each for each in others if each.cost == "newton" or each.role == "own" or each.name in BEST]
-        listed = [chosen, *(each for each in compared if each.name != chosen.name)]
+        listed = [chosen, *compared(theta0, has_triples, words_for_all, known, chosen.name)]
         choice = calibrated(listed, *hidden_from, tolerance, budget)
     if choice is not None:
         candidate = choice.chosen
@@ -150,8 +147,7 @@ def insert(
     except NoRelationMap as error:
         raise refusal(has_triple & ~has_words, f"expected word vectors, also of known entities, for {name}") from error
     except NotFinite as error:
-        expected = f"expected known vectors that differ: {name} needs their covariance"
-        raise InputError("argument 'entities'", "", expected) from error
+        raise InputError("argument 'entities'", "", f"expected other known vectors: {error.message}") from error
     with np.errstate(over="ignore"):
         rows[known:] = theta0.entity[0, known:].numpy()
         given.relations[old_relations:] = theta0.relation[0, old_relations:].numpy()
@@ -245,6 +241,15 @@ def fitting(theta0: Embedding, triples: bool, words: bool) -> list[Registered]:
     every = [INITIALIZERS.get(name, name) for name in INITIALIZERS.names()]
     fit = (each for each in every if not lacking & set(each.needs) and not each.misses(theta0.model))
     return [adapted(each, theta0.model) for each in fit]
+
+
+def compared(theta0: Embedding, triples: bool, words: bool, known: int, first: str) -> list[Registered]:
+    """The initializers that the choice compares, without the ``first``: ``BEST``, optima of an objective, own ones.
+
+    On hidden known entities, means of a few known vectors seem to harm less than they do (docs/insert.md).
+    """
+    fit = (each for each in fitting(theta0, triples, words) if not too_large(each, known) and each.name != first)
+    return [each for each in fit if each.cost == "newton" or each.role == "own" or each.name in BEST]
 
 
 def one_score(model: Model) -> Model:

@@ -251,10 +251,9 @@ class HiddenDraws:
         """The checked options, and the vectors of the hidden entities, (M, n, d); null if not all are finite."""
         try:
             options = options_of(initializer.name, given, "initializer")
-            vectors = initializer.initialize(self.context, options).vectors.to(self.context.theta0.entity)
+            return options, initializer.initialize(self.context, options).vectors
         except (InputError, NoRelationMap):
             return None
-        return (options, vectors) if vectors.isfinite().all() else None
 
     def theta(self, vectors: Tensor) -> Embedding:
         """The embedding with vectors of the hidden entities, (M, n, d)."""

@@ -62,5 +62,5 @@ def insert_rows(
             with argument("initializer"):
                 results.append(chosen.initialize(context, used))
     except NotFinite as error:
-        raise InputError("argument 'entities'", "", f"expected known vectors that differ ({error.message})") from error
+        raise InputError("argument 'entities'", "", f"expected other known vectors: {error.message}") from error
     return in_order_of_ids(results, torch.cat(parts)).vectors[0].numpy()

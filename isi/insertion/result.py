@@ -14,18 +14,17 @@ from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check
 from isi.errors import InputError, cut, short
-from isi.evaluation.ranking import compare
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import INITIALIZERS
-from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, trained_session, triples_of
+from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, triples_of
 from isi.insertion.choice import Choice, HiddenDraws
+from isi.insertion.interference import Interference, measure
 from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
 from isi.models.model import Model
 from isi.models.stack import Embedding, without_denormals
-from isi.random import stream
 
-BUDGET = 2**24  #: Maximum number of cosines or scores in one table.
+BUDGET = 2**24  #: Maximum number of cosines in one table.
 TINY = 1e-12  #: Minimum length of a vector in a cosine.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
 CLOUD = 2**16  #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
@@ -45,37 +44,6 @@ class Entity:
     #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is typical
     distance: float
     farther_than: float  #: share of known vectors with a smaller distance
-
-
-@dataclass(frozen=True)
-class Change:
-    """A query whose known answer now ranks below a new entity. Ranks are filtered, as in ``Interference``."""
-
-    query: tuple[str | int, ...]  #: head, relation and tail, with ``?`` in place of the answer
-    answer: str | int
-    rank_old: float  #: among old candidates
-    rank_cur: float  #: among all candidates
-    new: str | int  #: the new entity with the highest score among those above the answer
-
-
-@dataclass(frozen=True)
-class Interference:
-    """Effect of new entities on the ranks of known answers. Each queried triple gives a head and a tail query.
-
-    Old candidates are the entities before the insertion; all candidates include the new ones. Candidates that make
-    another true triple are left out (filtered ranks), and a tie counts ½. ``h_old`` and ``h_cur`` are H_old and H_cur
-    of MEOR (Ren, Gao and Jiang 2026), which calls their difference D.
-    """
-
-    queries: int
-    #: for each new entity, the share of queries in which it scores above the known answer; queries that it answers
-    #: itself by a true triple count 0
-    above: list[float]
-    h_old: float  #: mean reciprocal rank of known answers among old candidates
-    h_cur: float  #: among all candidates
-    rank_old: float  #: mean rank of known answers among old candidates
-    rank_cur: float  #: among all candidates: ``rank_old`` + the sum of ``above``
-    changes: list[Change]  #: queries whose reciprocal rank falls most, the largest fall first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -250,49 +218,5 @@ class Inserted:
             queried = triples_of(triples, "triples", self.names, self.labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
             raise InputError("argument 'triples'", "", "expected triples of known entities, which give the queries")
-        if len(queried) > most:
-            queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
-        true = np.concatenate([queried, self.insert_triples, self.known_triples])
-        before, after, highest, above = ranks_of(self.embedding, true, len(queried), old)
-        falls, changes = 1 / before - 1 / after, list[Change]()
-        for place in torch.argsort(falls, descending=True, stable=True)[: min(show, int((falls > 0).sum()))].tolist():
-            slot, (head, relation, tail) = (HEAD, TAIL)[place // len(queried)], queried[place % len(queried)].tolist()
-            query = [self.names.of(head), self.labels.of(relation), self.names.of(tail)]
-            answer, query[slot] = query[slot], "?"
-            ranks = before[place].item(), after[place].item()
-            changes.append(Change(tuple(query), answer, *ranks, self.names.of(int(highest[place]))))
-        return Interference(
-            len(before), (above / len(before)).tolist(), (1 / before).mean().item(), (1 / after).mean().item(),
-            before.mean().item(), after.mean().item(), changes,
-        )  # fmt: skip
-
-
-def ranks_of(embedding: Embedding, true: np.ndarray, queried: int, old: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Filtered ranks of the answers to the head queries, then the tail queries, of the first triples of ``true``.
-
-    Args:
-        true: triples of the filter, (T, 3), of which the first ``queried`` are queried.
-        old: number of old entities, the first rows.
-
-    Returns:
-        ranks among old and among all entities, and the id of the new entity with the highest score above the answer,
-        (2 · queried,) each; for each new entity, the number of answers that it is above, (E - old,).
-    """
-    graph, rows = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
-    above = torch.zeros(len(graph.entities) - old, dtype=torch.float64)
-    for slot in (HEAD, TAIL):
-        for part in torch.split(torch.arange(queried), max(1, BUDGET // len(graph.entities))):
-            head, relation, tail = graph.triples[part].T[:, None]
-            scores = embedding.score_heads(relation, tail) if slot == HEAD else embedding.score_tails(head, relation)
-            answer, alike = graph.triples[part, slot], graph.same_but(slot, part)
-            answers = torch.where(alike < 0, answer[:, None], graph.triples[alike, slot])
-            right, new = scores[0].gather(-1, answer[:, None]), scores[0, :, old:]
-            # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
-            ahead = compare(scores[0, :, :old], answer), compare(torch.cat([right, new], -1), answer * 0)[:, 1:]
-            before, added = torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
-            ahead_of = torch.cat([torch.full_like(right, -torch.inf), new.masked_fill(added == 0, -torch.inf)], -1)
-            rank, highest = 1 + before.sum(-1), ahead_of.argmax(-1) - 1 + old
-            rows.append((rank, rank + added.sum(-1), highest))
-            above += added.sum(0)
-    ranks, all_ranks, highest = map(torch.cat, zip(*rows, strict=True))
-    return ranks, all_ranks, highest, above
+        true = self.insert_triples, self.known_triples
+        return measure(self.embedding, self.names, self.labels, queried, true, old, most, seed, show)

@@ -165,3 +165,8 @@ def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
     """The model registered under a name, with options; ``InputError`` at the key if name or options do not fit."""
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))
+
+
+def name_of(model: Model) -> str | None:
+    """The name under which a model's class is registered; null if it is not."""
+    return next((name for name in MODELS.names() if type(model) is MODELS.get(name)), None)

@@ -1,4 +1,4 @@
-"""Mistakes in command lines about embeddings (``isi insert``, ``ask``, ``nearest``, ``explain``)."""
+"""Mistakes in command lines about embeddings (``isi insert``, ``observe``, ``remove``, ``undo``, ``ask``, ...)."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save
 
+import isi
 from tests.mistakes.calls import Typed, put
 from tests.small_bundle import NAMES, edit, small, tamper, written
 
@@ -43,50 +44,92 @@ def inserted_elsewhere() -> None:
     inserted("as asked", "other", "wash")()
 
 
+def changed() -> None:
+    """Insert an entity, and give a fact of a known one."""
+    live = isi.open("home")
+    live.insert("hob", [("hob", "atLocation", "kitchen")])
+    live.observe([("kettle", "atLocation", "bedroom")])
+    live.save()
+
+
+def journal(line: str) -> Callable[[], object]:
+    """A function that writes a line into the journal."""
+    return lambda: Path("home/journal.jsonl").write_text(f"{line}\n", encoding="utf-8")
+
+
 #: Texts of the message, and the arguments between ``isi insert`` and ``--embedding home``.
 INSERT = [
-    ("'stove'", "stove"),
-    ("NAME", "Kettle --fact atLocation kitchen"),
-    ("NAME", f"{'x' * 201} --fact atLocation bed"),
-    ("NAME", "'a\tb'"),
-    ("NAME", "' '"),
-    ("--definition", "x --definition 'a\nb'"),
-    ("--fact", "x --fact atLocation kitchn"),
-    ("--fact", "x --fact hasColour bed"),
-    ("--inverse-fact", "x --inverse-fact atLocation bed"),
-    ("--kind", "x --kind rom"),
+    ("'qxz'", "qxz"),
+    ("'Kettle'", "Kettle --fact atLocation kitchen"),
+    ("'Kettles'|--new", "Kettles --fact atLocation kitchen"),
+    ("name", f"{'x' * 201} --fact atLocation bed"),
+    ("name", "'a\tb'"),
+    ("name", "' '"),
+    ("definition", "x --definition 'a\nb'"),
+    ("kitchn|'kitchen'", "x --fact atLocation kitchn"),
+    ("hasColour", "x --fact hasColour bed"),
+    ("'atLocation'|'bed'", "x --inverse-fact atLocation bed"),
+    ("kind|'rom'|'room'", "x --kind rom"),
     ("--initializer", f"{FACT} --initializer e"),
     ("--set", f"{FACT} --set k=3"),
     ("--initializer|kk", f"{FACT} --initializer rs --set kk=3"),
     ("--initializer: k", f"{FACT} --initializer rs --set k=0"),
-    ("none.txt", "x --vectors none.txt"),
+    ("none.txt", "x --vectors none.txt --out out"),
+    ("--vectors|--out", f"{FACT} --vectors words.txt"),
+    ("NAME|--from", ""),
+    ("NAME|--from", f"{FACT} --from log.csv"),
+    ("NAME|--from", "--kind room --from log.csv"),
+    ("none.csv", "--from none.csv"),
+    ("--initializer", "--from log.csv --initializer e"),
     ("xxx...xxx", f"{FACT} --out {LARGEST}"),
     ("log.csv", f"{FACT} --out log.csv"),
     ("log.csv/x", f"{FACT} --out log.csv/x"),
+    ("--out|data/final_models", f"{FACT} --out data/final_models/mine"),
+]
+#: Texts of the message, and another command, on an embedding into which ``hob`` was inserted.
+CHANGES = [
+    ("'keetle'|'kettle'", "observe --fact keetle atLocation kitchen"),
+    ("'isAt'", "observe --fact kettle isAt kitchen"),
+    ("'bed'|inserted|hob", "remove bed"),
+    ("'hobb'|'hob'", "remove hobb"),
+    ("kettle atLocation kitchen|added", "remove --fact kettle atLocation kitchen"),
+    ("hob hasAffordance turn on|added", "remove --fact hob hasAffordance 'turn on'"),
+    ("'bed'|inserted|hob", "interference bed"),
+    ("'bed'|inserted|hob", "explain bed"),
+    ("'hob'", "insert Hob --fact atLocation bedroom"),
 ]
 COMMAND_CASES = [
     Typed("no command", "", "COMMAND", status=2),
-    *(Typed(typed[:60], f"insert {typed} --embedding home", names) for names, typed in INSERT),
+    *(Typed(typed[:60] or "nothing to insert", f"insert {typed} --embedding home", names) for names, typed in INSERT),
     *(Typed(typed, f"insert {typed} --embedding home", names, status=2) for names, typed in (
         ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
         ("--set", f"{FACT} --initializer rs --set k=3 --set k=4"),
     )),
-    Typed("a name that is written in several ways", "insert x --fact atLocation 'TURN ON' --embedding home", "--fact",
+    *(Typed(typed, f"{typed} --embedding home", names, before=changed) for names, typed in CHANGES),
+    Typed("half a fact", "observe --fact bed atLocation --embedding home", "--fact", status=2),
+    Typed("a fact of an unknown folder", "observe --fact bed atLocation kitchen --embedding nowhere", "nowhere"),
+    Typed("nothing to undo", "undo --embedding home", "undo"),
+    Typed("no insertion that interferes", "interference --embedding home", "home"),
+    *(Typed(f"a journal with {line}", command, "home/journal.jsonl|line 1", before=journal(line)) for line, command in (
+        ("{", "nearest bed --embedding home"), ('{"do": "forget"}', "undo --embedding home"),
+        ('{"do": "observe", "facts": [["bed"]]}', "history --embedding home"),
+    )),
+    Typed("a name that is written in several ways", "insert x --fact atLocation 'TURN ON' --embedding home", "TURN ON",
           before=twins),
     Typed("an initializer that the model does not serve", f"insert {FACT} --initializer ridge --embedding home",
           "--initializer|ridge", before=distances),
-    Typed("word vectors of other words", "insert x --vectors words.txt --embedding home", "words.txt",
+    Typed("word vectors of other words", "insert x --vectors words.txt --embedding home --out out", "words.txt",
           before=put(words__txt="mug 1 2\ncup 2 1\n")),
-    Typed("a number with an underscore", "insert x --vectors words.txt --embedding home", "words.txt|line 1",
+    Typed("a number with an underscore", "insert x --vectors words.txt --embedding home --out out", "words.txt|line 1",
           before=put(words__txt="mug 1_0 2\n")),
-    Typed("a folder with something else in it", f"insert {FACT} --embedding home --out home", "home|thesis.tex",
-          before=lambda: Path("home/thesis.tex").write_text("all of it", encoding="utf-8")),
+    Typed("a folder with something else in it", f"insert {FACT} --embedding home --out other", "other|thesis.tex",
+          before=lambda: (Path("other").mkdir(), Path("other/thesis.tex").write_text("all of it", encoding="utf-8"))),
     Typed("a folder into which others were inserted", f"insert {FACT} --embedding home --out other", "other",
           before=inserted_elsewhere),
     Typed("vectors that are too large to be inserted among", f"insert {FACT} --embedding home --out out",
           "home/vectors.safetensors|entities", before=large),
-    Typed("half a question", "ask kettle --embedding home", "--relation"),
-    Typed("both ends", "ask kettle atLocation --tail bed --embedding home", "--relation"),
+    Typed("half a question", "ask kettle --embedding home", "relation"),
+    Typed("both ends", "ask kettle atLocation --tail bed --embedding home", "relation"),
     Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head", status=2),
     Typed("a misspelt entity", "ask ketle atLocation --embedding home", "ENTITY"),
     Typed("an unknown relation", "ask kettle located --embedding home", "RELATION"),
@@ -95,7 +138,7 @@ COMMAND_CASES = [
     Typed("no such folder", "nearest bed --embedding nowhere", "nowhere"),
     Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}", "xxx...xxx"),
     Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/final_models/ai2thor"),
-    Typed("an entity that was not inserted", "explain bed --embedding home", "home"),
+    Typed("an entity that was not inserted", "explain bed --embedding home", "'bed'|inserted"),
     Typed("what moves a terminal's cursor, in what the folder says of it", "explain 'lie on' --embedding home",
           "home/embedding.json|inserted.0.why", before=inserted("\x1b[2J")),
 ]  # fmt: skip

@@ -1,0 +1,208 @@
+"""Why an inserted entity is where it is: its indicators, and insertions without one piece of its input (ablations)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import torch
+from torch.nn.functional import cosine_similarity
+
+from isi.bundle.answers import Answers, completed
+from isi.bundle.inserter import InsertedEntity, Inserter
+from isi.bundle.journal import Additions, NewEntity
+from isi.bundle.query import Fact, OpenBundle, Query, queries_of
+from isi.errors import InputError
+from isi.initializers import similarity
+from isi.insertion.api import init_context_of
+from isi.insertion.interference import Interference
+from isi.insertion.result import Inserted
+
+if TYPE_CHECKING:
+    from isi.bundle.live import LiveEmbedding
+
+EXAMINED = 20  #: Best answers per query that are searched for those without support.
+SHOWN, LEAST = 8, 0.01  #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """A known entity that determined the vector of a new one."""
+
+    id: int
+    entity: str
+    #: in the vector (MAP: in the mean of the prior); null if none or all equal: then similarity alone decides
+    weight: float | None
+    words: float | None  #: cosine of the word vectors; null if one is missing
+    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); null if none
+
+
+class Lost(NamedTuple):
+    """A query whose best answers change."""
+
+    query: Fact
+    lost: list[str]
+    added: list[str]
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Effect on an inserted entity of leaving out one piece of its input."""
+
+    left_out: str  #: fact, words, indicator
+    what: str  #: the fact as text, the name, or the indicator
+    cosine: float | None = None  #: between this vector and the real one; null if no input is left
+    moved: float | None = None  #: their distance, divided by the length of the real one
+    changes: Sequence[Lost] = ()  #: of each query whose best answers change
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What determined the vector of an inserted entity."""
+
+    entity: str
+    kind: str
+    facts: list[Fact]
+    initializer: str
+    why: str  #: the reason for this initializer
+    notes: list[str]
+    indicators: list[Indicator]  #: the most important first
+    without: list[Ablation]  #: the largest change first
+
+
+@dataclass(frozen=True)
+class Report:
+    """What is known and predicted about an inserted entity."""
+
+    entity: str
+    id: int
+    kind: str | None
+    facts: list[Fact]
+    initializer: str
+    options: Mapping[str, object]
+    why: str  #: the reason for this initializer
+    fallback: str | None  #: the rule that replaced it for lack of data
+    words: str  #: where its word vector is from, or why it has none
+    notes: list[str]  #: sentences
+    indicators: list[Indicator]
+    answers: list[Answers]  #: to the queries that fit the entity
+    unsupported: list[tuple[Fact, float | None]]  #: probable triples that no indicator supports, and probabilities
+    nearest: list[tuple[str, float]]  #: entities with the highest cosines
+    interference: Interference | None  #: of this entity alone; null without known triples
+    interference_of_all: Interference | None  #: of all inserted entities
+
+
+def report(live: LiveEmbedding, name: str, top: int) -> Report:
+    """Report on an inserted entity, with the ``top`` best answers to each query."""
+    row, now = live.inserted[name], live.now
+    shown, record = indicators_of(live, name), row.record
+    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
+    queries = queries_of(now, now.entity_ids[name], weights)
+    ranked = [(query, live.ask_query(query, max(top, EXAMINED), weights)) for query in queries]
+    unsupported = [(completed(now, query, now.entity_ids[best.entity]), best.probability)
+                   for query, answers in ranked for best in answers.answers if best.unsupported]  # fmt: skip
+    return Report(
+        name, now.entity_ids[name], row.kind or None, record.insert_triples, record.initializer, record.options,
+        record.why, record.fallback, row.words.note, list(row.notes), shown,
+        [replace(answers, answers=answers.answers[:top]) for _, answers in ranked],
+        sorted(unsupported, key=lambda triple: -(triple[1] or 0)), live.nearest(name, top),
+        live.interference([name], show=top), live.interference(show=top),
+    )  # fmt: skip
+
+
+def explain(live: LiveEmbedding, name: str, top: int) -> Explanation:
+    """Explain an inserted entity; ablations compare the ``top`` best answers to the queries that fit it."""
+    row = live.inserted[name]
+    shown, record = indicators_of(live, name), row.record
+    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
+    queries = queries_of(live.now, live.now.entity_ids[name], weights)
+    facts, base = record.insert_triples, live.base
+    pieces = [("fact", " ".join(fact), live.inserter, [other for other in facts if other != fact]) for fact in facts]
+    if row.words.vector is not None:
+        without_words = Inserter(replace(base, words=None), None, live.inserter.chosen)
+        pieces.append(("words", name, without_words, facts))
+    for indicator in shown:
+        if indicator.weight is not None:
+            fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
+            rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
+            pieces.append(("indicator", indicator.entity, replace(live.inserter, base=fewer, _curves={}), rest))
+    without = [_ablation(live, row, *piece, queries, top) for piece in pieces]
+    without.sort(key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf")))
+    return Explanation(name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without)
+
+
+def _ablation(
+    live: LiveEmbedding, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
+    queries: Sequence[Query], top: int,
+) -> Ablation:  # fmt: skip
+    """Insert an entity again by the same initializer, alone, with the given facts; compare its best answers."""
+    record, now = row.record, live.now
+    same = NewEntity(
+        definition=record.definition, kind=row.kind or None, initializer=record.initializer, options=record.options,
+        seed=record.seed,
+    )  # fmt: skip
+    known = {fact: None for fact in facts if {fact[0], fact[2]} <= inserter.base.entity_ids.keys() | {record.entity}}
+    try:
+        if not known and (row.words.vector is None or left_out == "words") and record.requested_initializer is None:
+            raise InputError("", "", "no input is left")
+        changed = inserter.rows(Additions({record.entity: same}, known), [record.entity])[record.entity]
+    except InputError:  # nor does an initializer of words alone serve every model
+        return Ablation(left_out, piece)
+    place = now.entity_ids[record.entity]
+    entities = now.entities.copy()
+    entities[place] = changed.vector
+    vector, stored = torch.from_numpy(changed.vector).double(), torch.from_numpy(row.vector).double()
+    other, changes = replace(now, entities=entities), list[Lost]()
+    for query in queries:
+        old, new = (
+            [now.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()] for bundle in (now, other)
+        )
+        if set(old) != set(new):
+            lost, added = ([name for name in best if name not in rest] for best, rest in ((old, new), (new, old)))
+            changes.append(Lost(now.named(query), lost, added))
+    moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
+    return Ablation(left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes)
+
+
+def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
+    """The indicators of an inserted entity, by falling weight; without weights, the most similar known entities."""
+    row = live.inserted[name]
+    known = live.base.entity_ids.keys() | {name}
+    facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
+    key = (0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
+    words = {name: row.words}
+    result = live.inserter.insert(key, [name], facts, words, {name: (row.kind, "")})
+    return indicators(live.base, result, live.inserter.word_rows([name], words))
+
+
+def indicators(base: OpenBundle, result: Inserted, vectors: np.ndarray | None) -> list[Indicator]:
+    """``indicators_of`` the only new entity of a result; ``vectors``: word vectors of all entities, (E + 1, v)."""
+    seen = init_context_of(
+        result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples, vectors,
+        None, 0,
+    )  # fmt: skip
+    words, triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
+    named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
+    similar = similarity.word_similarity(seen)[0, 0]
+    likeness = similar * named * words + related * triples
+    weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
+    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # equal weights say nothing
+        weight = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
+        rank = weight + 1e-6 * likeness
+    best = rank.sort(descending=True, stable=True).indices
+    best = best[torch.isfinite(rank[best])]
+    if weight is None:
+        best = best[:SHOWN]
+    elif result.indicators is not None:  # the vector is their centroid
+        best = best[weight[best] > 0]
+    else:
+        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
+    return [
+        Indicator(
+            row, base.entity_names[row], None if weight is None else float(weight[row]),
+            float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
+        )
+        for row in best.tolist()
+    ]  # fmt: skip

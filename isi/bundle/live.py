@@ -1,0 +1,349 @@
+"""A live embedding: a bundle to which entities and facts are added, from which they are removed, and that answers.
+
+The rows of known entities never change. The vector of an inserted entity is a function of its facts: it is computed
+again from all of them whenever one comes or goes, in whatever order they came. Inserted entities are no indicators of
+each other. Those that share a fact are inserted together (``isi.insertion.rounds``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import torch
+
+from isi.bundle import folder as folders
+from isi.bundle import journal as journals
+from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
+from isi.bundle.folder import Bundle
+from isi.bundle.inserter import InsertedEntity, Inserter
+from isi.bundle.journal import (
+    Additions,
+    Change,
+    Chosen,
+    Effect,
+    Journal,
+    NewEntity,
+    additions_of,
+    from_records,
+    in_force,
+)
+from isi.bundle.names import check_new, find, plain
+from isi.bundle.phrases import SAME, phrase_vectors
+from isi.bundle.query import OpenBundle, Query, open_bundle
+from isi.errors import InputError, at
+from isi.graph.graph import HEAD, TAIL
+from isi.insertion.arguments import TripleForms
+from isi.insertion.interference import Interference, measure
+
+if TYPE_CHECKING:
+    from isi.bundle.explain import Explanation, Report
+
+
+class LiveEmbedding:
+    """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and ``isi.of`` make one.
+
+    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores of known names are
+    ignored. An ``InputError`` refuses an unknown name, and changes nothing.
+
+    Example:
+        home = isi.open("home")
+        home.insert("espresso machine", {"atLocation": "kitchen", "hasAffordance": ["turn on"]})
+        home.observe([("espresso machine", "atLocation", "counter top")])
+        print(home.ask("espresso machine", "hasAffordance"))
+        home.undo()
+        home.save()
+    """
+
+    def __init__(
+        self, bundle: Bundle, lines: Sequence[Change | Chosen] | None = None, folder: Path | None = None,
+        vectors: Path | None = None, journal: Journal | None = None,
+    ) -> None:  # fmt: skip
+        """Use ``isi.open``. ``lines``: those of the journal; null: the bundle's own records of insertions."""
+        opened = bundle if isinstance(bundle, OpenBundle) else OpenBundle(**vars(bundle))
+        records = opened.manifest.inserted
+        listed = list(from_records(opened)) if lines is None else list(lines)
+        self.folder, self.changes = folder, [line for line in listed if isinstance(line, Change)]
+        known = opened.part(np.arange(len(opened.entities) - len(records)))
+        added = {fact for change in self.changes for fact in change.facts}
+        trained = np.array([fact not in added for fact in known.named_triples()], dtype=bool)
+        known = replace(known, triples=known.triples[trained])
+        phrases = phrase_vectors(known, vectors)
+        self._words = known.words  #: as ``save`` writes them
+        if phrases and vectors:
+            known, self._words = (
+                replace(known, manifest=known.manifest.model_copy(update={"words": phrases.origin})),
+                phrases.known,
+            )
+        #: the known entities, with the triples that the embedding was trained on
+        self.base: OpenBundle = known if phrases is None else replace(known, words=phrases.known)
+        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
+        self._listed = len(chosen)  # choices that are in the journal, or pending
+        self.inserter, self._known_curves = Inserter(self.base, phrases, chosen), dict[tuple[int, int], Curve | None]()
+        self.additions, self._rows = Additions(), dict[str, InsertedEntity]()
+        additions = additions_of(self.changes)
+        stored = {} if vectors else self.inserter.stored(opened, additions)
+        self._accept(additions, stored | self.inserter.rows(additions, additions.entities.keys() - stored.keys()))
+        self._journal, self._pending = journal, list[Change | Chosen]()
+        self._append(self.changes if lines is None else [])
+
+    # -- changes -------------------------------------------------------------------------------------------------------
+
+    def insert(
+        self, entities: str | Sequence[str], facts: Any = (), *, definition: str | Mapping[str, str] | None = None,
+        kind: str | Mapping[str, str] | None = None, initializer: str | None = None,
+        options: Mapping[str, Any] | None = None, seed: int = 0, new: bool = False,
+    ) -> Effect:  # fmt: skip
+        """Insert one or more new entities with their facts.
+
+        Args:
+            entities: a name, or several.
+            facts: triples; for one entity also its tails by relation, ``{"atLocation": "kitchen"}``.
+            definition: a sentence for the word vector; by name for several entities. So is ``kind``; without it, the
+                kind follows from the facts, or else from the most similar words.
+            initializer: null: the best for hidden known entities with as many facts. ``options`` replace its defaults.
+            seed: of a random initializer.
+            new: insert a name that looks like a known one ("Forks" beside "fork").
+        """
+        names = [entities] if isinstance(entities, str) else list(entities)
+        if isinstance(facts, Mapping) and not any(isinstance(tails, Mapping) for tails in facts.values()):
+            facts = dict.fromkeys(names, facts)
+        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), {}
+        for name in names:
+            words = self.inserter.words(name, NewEntity())
+            same = words.nearest is not None and (words.cosine or 0.0) > SAME
+            check_new(name, self.now.entity_names, self.base.entity_names[words.nearest or 0] if same else None, new)
+            text, named = (each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind))
+            of_kind = named and find(named, kinds, "kind", "a kind")
+            with at(repr(name)[:80]):
+                about[name] = NewEntity(
+                    definition=text, kind=of_kind, initializer=initializer, options=dict(options or {}), seed=seed
+                )
+        listed = self.now.facts(facts, names)
+        added = self.now.unknown(listed)
+        return self._change(Change(do="insert", entities=about, facts=added), len(listed) - len(added))
+
+    def observe(self, facts: TripleForms) -> Effect:
+        """Add facts between known or inserted entities. Inserted ones get a new vector from all their facts."""
+        listed = self.now.facts(facts)
+        added = self.now.unknown(listed)
+        return self._change(Change(do="observe", facts=added), len(listed) - len(added))
+
+    def remove(self, entities: str | Sequence[str] = (), facts: TripleForms = ()) -> Effect:
+        """Take inserted entities back with all their facts, or single facts that were added."""
+        names = [self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)]
+        listed = self.now.facts(facts)
+        for fact in listed:
+            if fact not in self.additions.facts:
+                expected = "expected a fact that was added: those that the embedding was trained on stay"
+                raise InputError("", " ".join(fact), expected)
+        return self._change(Change(do="remove", entities=dict.fromkeys(names, NewEntity()), facts=listed))
+
+    def undo(self) -> Effect:
+        """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
+        if not in_force(self.changes):
+            raise InputError("undo", "", "there is no change to take back")
+        return self._change(Change(do="undo"))
+
+    @property
+    def history(self) -> list[Change]:
+        """All changes since training, those that were undone included."""
+        return list(self.changes)
+
+    # -- answers -------------------------------------------------------------------------------------------------------
+
+    def ask(
+        self, head: str | None = None, relation: str | None = None, tail: str | None = None, top: int = 10
+    ) -> Answers:
+        """The best answers to a query with one missing part: tail, head or relation. Facts stand first.
+
+        An answer has a calibrated probability where known entities allow it; ``Answers.sure`` is false where the best
+        one is below ``LIKELY``.
+        """
+        if (head is None) + (relation is None) + (tail is None) != 1:
+            raise InputError("ask", "", "expected two of head, relation and tail: the third one is the answer")
+        now, given = self.now, self.additions.facts
+        first, last = (None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail))
+        if relation is None:
+            ends = first or 0, last or 0
+            curve_of = partial(self._curve, max(ends), slot=TAIL)  # of an inserted entity if there is one
+            return answer_relation(now, *ends, top, curve_of, given)
+        label = now.relation_ids[find(relation, now.relation_ids, "relation", "a relation")]
+        query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
+        return self.ask_query(query, top)
+
+    def ask_query(self, query: Query, top: int, indicators: Collection[int] | None = None) -> Answers:
+        """The answers to a query by ids; with ``Answer.shared_by`` if ``indicators`` are given."""
+        return answer(self.now, query, top, self._curve(*query), self.additions.facts, indicators)
+
+    def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
+        """The ``number`` other entities with the highest cosine to an entity, and these cosines."""
+        row = self.now.entity_ids[self._entity(entity)]
+        return [(self.now.entity_names[other], cosine) for other, cosine in self.now.nearest(row, number)]
+
+    def explain(self, entity: str, top: int = 5) -> Explanation:
+        """Why an inserted entity is where it is: its indicators, and the effect of each part of its input."""
+        from isi.bundle.explain import explain
+
+        return explain(self, self._inserted(entity), top)
+
+    def report(self, entity: str, top: int = 5) -> Report:
+        """What is known and predicted about an inserted entity, with the ``top`` best answers to each query."""
+        from isi.bundle.explain import report
+
+        return report(self, self._inserted(entity), top)
+
+    def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
+        """How far inserted entities push known answers down: all of them, or those named; null without known triples.
+
+        ``isi.insertion.interference`` defines the measures. The queries are of triples of training.
+        """
+        now, known = self.now, len(self.base.entities)
+        if not len(self.base.triples) or not self._rows:
+            return None
+        chosen = [now.entity_ids[self._inserted(name)] for name in entities]
+        part = now.part(np.array([*range(known), *chosen])) if chosen else now
+        return measure(part.embedding, part.names, part.labels, self.base.triples, [part.triples], known, most, 0, show)
+
+    # -- state ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def inserted(self) -> dict[str, InsertedEntity]:
+        """The inserted entities by name, in order."""
+        return dict(self._rows)
+
+    @cached_property
+    def now(self) -> OpenBundle:
+        """The bundle with all inserted entities in its last rows, and all facts."""
+        base, rows = self.base, list(self._rows.values())
+        names, words = [row.record.entity for row in rows], base.words
+        if words is not None:
+            none = np.zeros(words.shape[1], words.dtype)
+            words = np.stack([*words, *(none if row.words.vector is None else row.words.vector for row in rows)])
+        larger = replace(
+            base, manifest=base.manifest.model_copy(update={"inserted": [row.record for row in rows]}),
+            entities=np.concatenate([base.entities, *(row.vector[None] for row in rows)]),
+            entity_names=base.entity_names + names, kinds=base.kinds + [row.kind for row in rows],
+            phrases=base.phrases + [plain(name) for name in names],
+            words=words,
+        )  # fmt: skip
+        ids, labels = larger.entity_ids, larger.relation_ids
+        facts = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in self.additions.facts]
+        return replace(larger, triples=np.concatenate([base.triples, np.array(facts, np.int64).reshape(-1, 3)]))
+
+    def save(self, folder: str | Path | None = None) -> None:
+        """Append the changes to the journal of the folder that was opened, or write all into another folder."""
+        path = Path(folder) if folder is not None else self.folder
+        if path is None:
+            raise InputError("save", "", "expected a folder: this embedding was not opened from one")
+        if self.base.scoring is not None:
+            expected = "expected a model that isi has: DistMult, ComplEx, TransE or RotatE without inverse triples"
+            raise InputError("save", "", expected)
+        if self.folder is None or path.resolve() != self.folder.resolve():
+            words = self._words  # inserted entities have none: their names give them again
+            words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
+            folders.write(path, replace(self.now, words=words), journals.text_of(self._lines()))
+        elif self._pending:
+            journal = Journal(path)
+            try:
+                journal.append(self._pending)
+            finally:
+                journal.close()
+            self._pending = []
+
+    def close(self) -> None:
+        """Let other processes change the folder."""
+        if self._journal:
+            self._journal.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        sizes = self.base.sizes()
+        return (
+            f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities, {len(self._rows):,} inserted,"
+            f" {len(self.additions.facts):,} facts added to {sizes['triples']:,}, {self.base.manifest.model_name})"
+        )
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _change(self, change: Change, known: int = 0) -> Effect:
+        """Compute what a change alters, write it to an open journal, and only then accept it."""
+        if not (change.entities or change.facts or change.do == "undo"):
+            return Effect(known=known)
+        after = additions_of([*self.changes, change]) if change.do == "undo" else self.additions.after(change)
+        before = self.additions
+        touched = {end for fact in before.facts.keys() ^ after.facts.keys() for end in (fact[0], fact[2])}
+        touched |= {name for name, about in after.entities.items() if before.entities.get(name) != about}
+        computed = self.inserter.rows(after, touched & after.entities.keys())
+        self._append([change])
+        old, rows = self._rows, {name: computed.get(name) or self._rows[name] for name in after.entities}
+        self.changes.append(change)
+        self._accept(after, rows)
+        notes = [note for name in rows if name in computed for note in rows[name].notes]
+        return Effect(
+            [name for name in rows if name not in old], [name for name in computed if name in old],
+            [name for name in old if name not in rows], len(after.facts) - len(before.facts), known,
+            list(dict.fromkeys(notes)),
+        )  # fmt: skip
+
+    def _accept(self, additions: Additions, rows: Mapping[str, InsertedEntity]) -> None:
+        self.additions, self._rows = additions, {name: rows[name] for name in additions.entities}
+        self.__dict__.pop("now", None)
+
+    def _lines(self) -> list[Change | Chosen]:
+        """The lines of a journal that leads here."""
+        return [*self.inserter.chosen.values(), *self.changes]
+
+    def _append(self, changes: Sequence[Change]) -> None:
+        """List choices that are new, and changes, in the journal if it is open."""
+        choices = list(self.inserter.chosen.values())
+        lines: list[Change | Chosen] = [*choices[self._listed :], *changes]
+        if self._journal and lines:
+            self._journal.append(lines)
+        elif not self._journal:
+            self._pending += lines
+        self._listed = len(choices)
+
+    def _entity(self, name: str) -> str:
+        return find(name, self.now.entity_ids, "entity", "an entity")
+
+    def _inserted(self, name: str) -> str:
+        """The name of an inserted entity; InputError for another one."""
+        known = self._entity(name)
+        if known not in self._rows:
+            there = ", ".join(self._rows)[:120] or "none"
+            raise InputError(repr(known)[:80], "", f"expected an entity that was inserted ({there}): known ones stay")
+        return known
+
+    def _curve(self, entity: int, relation: int, slot: int) -> Curve | None:
+        """What turns scores of answers to a query about an entity into probabilities."""
+        if entity < len(self.base.entities):
+            if (relation, slot) not in self._known_curves:
+                self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
+            return self._known_curves[relation, slot]
+        curves = self.inserter.curves(self._rows[self.now.entity_names[entity]])
+        return None if curves is None else lambda scores: curves(scores, torch.full(scores.shape, relation))
+
+
+def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal: bool = False) -> LiveEmbedding:
+    """Open the folder of a bundle, as ``isi train``, ``isi import`` or the pipeline writes it.
+
+    Args:
+        vectors: a word2vec or GloVe file, whose word vectors replace those of the bundle.
+        journal: write each change to the folder's journal before it counts, and refuse other processes meanwhile.
+
+    Raises:
+        InputError: the folder or its journal is missing or broken, or open in another process.
+    """
+    path, opened = Path(folder), open_bundle(Path(folder))
+    lock = Journal(path) if journal else None  # then the journal is complete
+    return LiveEmbedding(opened, journals.read(path), path, Path(vectors) if vectors else None, lock)

@@ -1,0 +1,268 @@
+"""Training of a bundle from a graph: settings are chosen on validation triples, then all triples are trained on.
+
+Loss, negatives and optimizer are the pipeline's, except that weight decay is ``DECAY`` / E (an entity has a share of
+about 1 / E in the mean gradient of a batch; the paper's 0.001 holds rare entities near zero), and that tables start in
+±``INIT_RANGE`` (in ±0.01 the gradients of product models almost vanish).
+"""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from isi.analyses.joint_models import train_final
+from isi.bundle.folder import Bundle, Manifest
+from isi.bundle.live import LiveEmbedding
+from isi.bundle.phrases import OF_MODEL, by_model, has_model
+from isi.config import Count, Option, Positive, Seed, check
+from isi.errors import InputError
+from isi.evaluation.ranking import padded_ids
+from isi.experiment.grid import GridPoints
+from isi.experiment.train import TrainConfig, train_stack
+from isi.graph.files import read_graph
+from isi.graph.graph import HEAD, RELATION, TAIL, Graph, GraphTables, MinedSource, build_graph, build_tables
+from isi.graph.sessions import TEST, TRAIN, VALID, split
+from isi.insertion.arguments import SLOTS, TripleForms, argument, checked_model, listed_triples
+from isi.insertion.choice import Queried, ahead, queries_of
+from isi.models.stack import Embedding, NotFinite, select, without_denormals
+from isi.sources.names import ENTITY, Naming
+from isi.sources.readers import COUNT, check_names
+from isi.sources.triples import naming
+from isi.tables.rules import MOST_OBSERVED
+from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
+from isi.training.trainer import Training
+
+COMPARED, RATES = ("transe", "complex", "analogy"), (0.1, 0.3)  #: Models and learning rates.
+OPTIONS: dict[str, dict[str, Option]] = {
+    "transe": {"margin": 2.0, "squared": True}, "rotate": {"margin": 4.0, "squared": True}, "transe_l1": {"margin": 8.0}
+}  # fmt: skip
+DECAY, INIT_RANGE = 0.01, 0.3
+DRAWS = 4  #: Random choices of validation triples; each setting trains a model for each of them.
+LEAST, MOST = 20, 200  #: Epochs of a setting.
+FEWEST = 50  #: Test triples, unless they are over a fifth of all; of a large graph a tenth.
+MOST_HELD_OUT, MOST_SCORES = 1000, 2**25  #: Maximum number of test triples, and this number times E.
+#: On a large graph (not ``is_dense``): maximum number of observations in a batch; negatives of each kind.
+LARGEST_BATCH, SAMPLED = 1024, 3
+#: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds for each update: they
+#: turn a budget of seconds into one of work, so that the result depends on the arguments alone.
+DENSE_RATE, LIST_RATE, OVERHEAD = 1.4e10, 1e8, 5e-4
+CLEARLY = 2.0  #: Standard errors by which the reciprocal ranks of a model that has learned exceed others.
+
+
+@dataclass(frozen=True)
+class TrainingSummary:
+    """How a bundle was trained, and filtered MRRs of test triples, which a model with its settings was not trained on.
+
+    The bundle itself is trained on all triples. MRRs are null if no triple can leave training.
+    """
+
+    entities: int
+    relations: int
+    triples: int
+    observations: int
+    model: str
+    learning_rate: float
+    dimension: int
+    epochs: int
+    batch_size: int
+    test_triples: int  #: head and tail of each are queried
+    mrr: float | None
+    frequency: float | None  #: of candidates ranked by their number of training triples in the slot of the relation
+    chance: float | None  #: expectation of random ranks
+    warning: str | None  #: a sentence
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,} entities and"
+            f" {self.relations:,} relations; model {self.model}, learning rate {self.learning_rate:g}, {self.epochs}"
+            f" epochs in batches of {self.batch_size:,}, chosen on validation triples."
+        )
+        if self.mrr is not None:
+            text += f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; of answers by frequency"
+            text += f" {self.frequency:.3f}, at random {self.chance:.3f}. In the end, all triples were trained on."
+        return text + f"\nWarning: {self.warning}." * bool(self.warning)
+
+
+def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> GraphTables:
+    """The graph of triples of names (forms: ``listed_triples``; a DataFrame may have a column ``count``).
+
+    ``kinds``: kinds by entity, for any entities. InputError for a wrong triple, name or count.
+    """
+    with argument("triples"):
+        rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in listed_triples(triples)]
+        for row, triple in enumerate(rows):
+            if len(triple) != len(SLOTS):
+                raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
+        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(SLOTS), dtype=object)
+        check_names(frame, "")
+        counts = triples[COUNT].tolist() if isinstance(triples, pd.DataFrame) and COUNT in triples else [1] * len(rows)
+        frame[COUNT] = check(counts, list[Count], COUNT, "")
+        if not 0 < sum(counts) <= MOST_OBSERVED:
+            raise InputError("", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}")
+        return build_tables(MinedSource("triples", frame, Naming(kind_of=dict(kinds or {}))(frame, ())))
+
+
+def described(tables: GraphTables, path: Path) -> GraphTables:
+    """The graph with the kinds and phrases of a table (``naming``) for the entities that it lists."""
+    listed, named = tables.entities, naming(str(path), None, household=False)
+    if named.kind_of.keys().isdisjoint(listed["entity"]) and named.phrase_of.keys().isdisjoint(listed["entity"]):
+        raise InputError(path, "", "expected the kind or the phrase of an entity of the graph, got none")
+    old = ((listed["kind"], named.kind_of), (listed["phrase"], named.phrase_of))
+    kinds, phrases = ([of.get(*pair) for pair in zip(listed["entity"], column, strict=True)] for column, of in old)
+    return replace(tables, entities=listed.assign(kind=kinds, phrase=phrases))
+
+
+def train(
+    triples: TripleForms | str | Path, *, kinds: Mapping[str, str] | None = None, model: str | None = None,
+    learning_rate: float | None = None, dimension: int = 100, budget: float = 60, seed: int = 0,
+) -> LiveEmbedding:  # fmt: skip
+    """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file that ``isi train`` reads.
+
+    The other arguments are those of ``train_bundle`` and ``tables_of``. ``base.manifest.made`` of the result has its
+    measures. Warns if the model has learned nothing.
+    """
+    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples, kinds)
+    options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget, "seed": seed}
+    bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
+    if summary.warning:
+        warnings.warn(summary.warning, stacklevel=2)
+    return LiveEmbedding(bundle)
+
+
+@without_denormals()
+def train_bundle(
+    tables: GraphTables, *, model: str | None = None, learning_rate: float | None = None, dimension: int = 100,
+    budget: float = 60, seed: int = 0,
+) -> tuple[Bundle, TrainingSummary]:  # fmt: skip
+    """Train an embedding of a graph. Equal arguments give equal bytes (with an equal number of PyTorch's threads).
+
+    Args:
+        tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
+        model: a registered model; null: the best of ``COMPARED`` for validation triples.
+        learning_rate: of Adagrad; null: the best of ``RATES``.
+        dimension: d, the length of an entity's vector.
+        budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
+        seed: root seed of splits, initial vectors, batches and negatives.
+
+    Raises:
+        InputError: names the wrong argument, or says that training diverged.
+    """
+    values = {"learning_rate": (learning_rate, Positive | None), "budget": (budget, Positive), "seed": (seed, Seed)}
+    for name, (value, kind) in (values | {"dimension": (dimension, Count)}).items():
+        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
+    graph = build_graph(tables.entities, tables.triples)
+    entities, relations, observed = len(graph.entities), len(graph.relations), int(graph.counts.sum())
+    dense, cells = is_dense(graph), relations * entities**2
+    batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
+    mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
+    updates = observed / batch_size
+    listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
+    seconds = updates * OVERHEAD + dimension * (updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE)
+    negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
+    configs = {
+        TrainConfig(
+            seed, checked_model(name, OPTIONS.get(name), dimension), dimension, INIT_RANGE, negatives,
+            Training(batch_size=batch_size, learning_rate=rate, weight_decay=DECAY / entities, max_epochs=LEAST,
+                     evaluate_every=5, patience=4),
+        ): name
+        for rate in (RATES if learning_rate is None else (learning_rate,)) for name in ([model] if model else COMPARED)
+    }  # fmt: skip
+    splits = held_out(graph, seed, max(1, min(DRAWS, DENSE_LIMIT // cells)))
+    config, epochs = compare(points_of(graph, splits), list(configs), int(budget / seconds / len(splits)))
+    tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
+    final = train_final(points_of(graph, np.concatenate([tested, np.zeros_like(tested)])), config, epochs)
+    measures = test_measures(graph, torch.from_numpy(tested), select(final, torch.tensor([0])))
+    name, rate = configs[config], config.training.learning_rate
+    chosen = entities, relations, len(graph.triples), observed, name, rate, dimension, epochs, batch_size
+    summary = TrainingSummary(*chosen, **measures)
+    made = {"seed": seed, "weight_decay": DECAY / entities, "init_range": INIT_RANGE, "ratio": ratio, **asdict(summary)}
+    kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
+    phrases, triples = list(tables.entities["phrase"].astype(str)), graph.triples.numpy()
+    # without the sentence model, a live embedding takes the words of its vocabulary
+    words, source = (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
+    manifest = Manifest(model_name=name, model_options=OPTIONS.get(name, {}), words=source, made=made, inserted=[])
+    vectors = final.entity[1].numpy(), final.relation[1].numpy()
+    return Bundle(manifest, *vectors, graph.entities, kinds, phrases, graph.relations, triples, words), summary
+
+
+def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:
+    """A stack of models that know all entities, one for each row of splits, (M, T)."""
+    return GridPoints.without_insertion("train", graph, list(range(len(splits))), splits)
+
+
+def held_out(graph: Graph, seed: int, draws: int) -> np.ndarray:
+    """Splits, (draws, T), with the same test triples and different validation triples; every name is in train."""
+    number, most = len(graph.triples), MOST_SCORES // len(graph.entities)
+    tests = min(max(number // 10, min(FEWEST, number // 5)), most, MOST_HELD_OUT)
+    first = split(graph, seed, 0, 0.0, tests / number)
+    rest, splits = np.flatnonzero(first == TRAIN), np.tile(first, (draws, 1))
+    for draw, row in enumerate(splits, 1):
+        row[rest] = split(graph.part(rest), seed, draw, min(0.1, tests / number), 0.0)
+    return splits
+
+
+def compare(points: GridPoints, configs: Sequence[TrainConfig], affordable: int) -> tuple[TrainConfig, int]:
+    """The best configuration by MRR* of the ends of validation triples, and its epochs; the first without such triples.
+
+    ``affordable``: number of epochs in all; limits the configurations that are compared, and their epochs.
+    """
+    if not (points.splits == VALID).any():
+        return configs[0], LEAST
+    compared, failed, tried = configs[: max(1, affordable // LEAST)], None, list[tuple[float, TrainConfig, int]]()
+    epochs = min(MOST, max(LEAST, affordable // len(compared)))
+    for config in tqdm(compared, "settings", leave=False, disable=None):
+        training = config.training.model_copy(update={"max_epochs": epochs})
+        try:
+            log = train_stack(points, replace(config, training=training)).log
+            by_draw = log.pivot(index="epoch", columns="seed", values="mrr_star_entity")
+            curve = by_draw.ffill().mean(axis=1)  # some draws stop earlier
+            tried.append((curve.max(), config, int(curve.index.to_numpy()[curve.to_numpy().argmax()])))
+        except NotFinite as error:
+            failed = error
+    if failed and not tried:
+        raise InputError("argument 'learning_rate'", "", failed.message) from failed
+    return max(tried, key=itemgetter(0))[1:]
+
+
+def test_measures(graph: Graph, splits: Tensor, theta: Embedding) -> dict[str, Any]:
+    """The last fields of a ``TrainingSummary``, for an embedding trained on splits, (1, T)."""
+    names, number = ("mrr", "frequency", "chance"), int((splits == TEST).sum())
+    if not number:
+        nothing = "no triple can leave training, since each entity and relation needs one: quality is unknown"
+        return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
+    queries = queries_of(graph, padded_ids(splits == TEST))
+    learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
+    others = reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)), random_ranks(queries)
+    measures = dict(zip(names, (ranks.mean().item() for ranks in (learned, *others)), strict=True))
+    gains = torch.stack([learned - other for other in others])
+    clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / gains.shape[1] ** 0.5).all())
+    nothing = "the model has learned nothing that shows: it ranks answers about as their frequency or chance does"
+    return {"test_triples": number, **measures, "warning": None if clear else nothing}
+
+
+def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
+    """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E); one number for each query."""
+    answers = scores.gather(-1, queries.answers[..., None])[..., 0]
+    return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
+
+
+def random_ranks(queries: Queried) -> Tensor:
+    """Expectation of ``reciprocal_ranks`` for random scores of C candidates: (1 + 1/2 + … + 1/C) / C."""
+    number = (~queries.right).sum(-1)[:, queries.counted].double().flatten() + 1
+    return (torch.digamma(number + 1) + np.euler_gamma) / number
+
+
+def frequencies(graph: Graph, trained: Tensor, queries: Queried) -> Tensor:
+    """Each entity's number of triples in a mask, (T,), in the slot and relation of each query; shape (2, M, Q, E)."""
+    numbers = torch.zeros(2, len(graph.relations), len(graph.entities))
+    for number, slot in zip(numbers, (HEAD, TAIL), strict=True):
+        number.index_put_(tuple(graph.triples[trained][:, [RELATION, slot]].T), torch.ones(()), accumulate=True)
+    return numbers[:, queries.triples[..., RELATION]]

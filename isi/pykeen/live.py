@@ -1,0 +1,53 @@
+"""``isi.of``: a live embedding of a PyKEEN model."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pykeen.pipeline import PipelineResult
+from pykeen.triples import TriplesFactory
+
+from isi.bundle.folder import Manifest
+from isi.bundle.live import LiveEmbedding
+from isi.bundle.names import plain
+from isi.bundle.query import OpenBundle
+from isi.errors import InputError
+from isi.insertion.inverses import joined
+from isi.models.model import name_of
+from isi.pykeen.insertion import checked_labels, of_result
+from isi.pykeen.reading import PykeenModel, read_model
+
+
+def of(
+    model: PykeenModel | PipelineResult, factory: TriplesFactory | None = None, *,
+    kinds: Mapping[str, str] | None = None,
+    margin: float | None = None,
+) -> LiveEmbedding:  # fmt: skip
+    """A live embedding of a trained model of PyKEEN, or of the result of its pipeline. The model is not changed.
+
+    DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder. Constraints that PyKEEN
+    applies to its vectors while it trains are not applied to new ones (``isi.pykeen.insert`` does).
+
+    Args:
+        factory: the triples factory with labels that the model was trained on; not with a result of the pipeline.
+        kinds: kinds of entities by label, which leave unfitting answers out.
+        margin: of a distance model; null: estimated (``isi.pykeen.insert``).
+
+    Raises:
+        InputError: the model has no tables of entities, or the factory no labels.
+    """
+    model, known, _ = of_result(model, factory, ())
+    entities, relations = checked_labels(model, known)
+    if entities is None or relations is None:
+        raise InputError("argument 'factory'", "", "expected a triples factory with labels")
+    read = read_model(model, known.mapped_triples, margin)
+    read = joined(read) if model.use_inverse_triples else read
+    name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None  # as a folder can hold it
+    options: dict[str, Any] = vars(read.model) if name else {}
+    manifest = Manifest(model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[])
+    triples = np.unique(known.mapped_triples.numpy(), axis=0)
+    return LiveEmbedding(OpenBundle(
+        manifest, read.entity[0].numpy(), read.relation[0].numpy(), entities,
+        [(kinds or {}).get(label, "") for label in entities], list(map(plain, entities)), relations, triples, None,
+        None if name else read.model,
+    ))  # fmt: skip

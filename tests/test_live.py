@@ -1,0 +1,249 @@
+"""Random sequences of changes: known rows stay, and vectors and answers follow from the set of facts alone."""
+
+import json
+import resource
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+import isi
+from isi.bundle.folder import write
+from isi.bundle.inserter import PREPARED
+from isi.bundle.live import LiveEmbedding
+from tests.small_live import KINDS, KNOWN, assert_same, chosen, live_of, seen
+
+NEW = [f"new {number}" for number in "abcdef"]
+Fact = tuple[str, str, str]
+KNOWN_NAME, LABEL = st.sampled_from(KNOWN.entity_names[:8]), st.sampled_from(["in", "on"])
+ABOUT = st.fixed_dictionaries(
+    {}, optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(["map", "rs"]), "new": st.just(True)}
+)
+
+
+class LiveMachine(RuleBasedStateMachine):
+    """Changes a live embedding, and computes what follows from them in a second way, from sets."""
+
+    inserted = Bundle("inserted")
+
+    @initialize(journal=st.booleans())
+    def start(self, journal: bool) -> None:
+        self.home = tempfile.TemporaryDirectory()
+        self.folder, self.journal, self.saved = Path(self.home.name) / "home", journal, 0
+        write(self.folder, KNOWN)
+        self.live = isi.open(self.folder, journal=True) if journal else live_of()
+        #: about each inserted entity, and the facts; after each change that is in force
+        self.states: list[tuple[dict[str, dict[str, Any]], set[Fact]]] = [({}, set())]
+
+    def teardown(self) -> None:
+        if hasattr(self, "home"):
+            self.live.close()
+            self.home.cleanup()
+
+    @property
+    def about(self) -> dict[str, dict[str, Any]]:
+        return self.states[-1][0]
+
+    @property
+    def facts(self) -> set[Fact]:
+        return self.states[-1][1]
+
+    @contextmanager
+    def refused_without_a_change(self) -> Iterator[list[bool]]:
+        """Whether what is inside was refused; if it was, nothing has changed."""
+        before, number, refused = seen(self.live), len(self.live.history), [False]
+        try:
+            yield refused
+        except isi.InputError:
+            refused[0] = True
+            assert len(self.live.history) == number
+            assert_same(seen(self.live), before)
+
+    def name(self, data: st.DataObject) -> str:
+        return data.draw(st.sampled_from([*KNOWN.entity_names[:8], *self.about]))
+
+    @rule(data=st.data(), name=st.sampled_from(NEW), size=st.integers(0, 9), about=ABOUT)
+    def insert(self, data: st.DataObject, name: str, size: int, about: dict[str, Any]) -> None:
+        if name in self.about:
+            with pytest.raises(isi.InputError):
+                self.live.insert(name, [(name, "in", "e0")])
+            return
+        facts = set()
+        for _ in range(size):
+            ends = [name, self.name(data)][:: data.draw(st.sampled_from([1, -1]))]
+            facts.add((ends[0], data.draw(LABEL), ends[1]))
+        with self.refused_without_a_change() as refused:
+            effect = self.live.insert(name, sorted(facts), **about)
+            assert effect.inserted == [name]
+        if not refused[0]:
+            self.states.append(({**self.about, name: about}, self.facts | facts))
+        else:
+            assert not facts or "initializer" in {key for each in [*self.about.values(), about] for key in each}
+
+    @rule(data=st.data(), names=st.lists(st.sampled_from(NEW), min_size=2, max_size=3, unique=True))
+    def insert_together(self, data: st.DataObject, names: list[str]) -> None:
+        names = [name for name in names if name not in self.about]
+        facts = {(name, data.draw(LABEL), data.draw(KNOWN_NAME)) for name in names}
+        facts |= {(one, "on", other) for one, other in pairwise(names)}
+        if names:
+            self.live.insert(names, sorted(facts))
+            self.states.append((self.about | {name: {} for name in names}, self.facts | facts))
+
+    @rule(data=st.data(), number=st.integers(1, 3))
+    def observe(self, data: st.DataObject, number: int) -> None:
+        facts = {(self.name(data), data.draw(LABEL), self.name(data)) for _ in range(number)}
+        trained = set(self.live.base.named_triples())
+        added = facts - self.facts - trained
+        with self.refused_without_a_change() as refused:
+            effect = self.live.observe(sorted(facts))
+            assert effect.known == len(facts) - len(added)
+            touched = {end for fact in added for end in (fact[0], fact[2])} & self.about.keys()
+            assert touched <= set(effect.updated) <= self.about.keys()
+        if not refused[0] and added:
+            self.states.append((self.about, self.facts | added))
+
+    @precondition(lambda self: self.about)
+    @rule(data=st.data())
+    def remove(self, data: st.DataObject) -> None:
+        name = data.draw(st.sampled_from(list(self.about)))
+        with self.refused_without_a_change() as refused:
+            assert self.live.remove(name).removed == [name]
+        if not refused[0]:
+            about = {other: each for other, each in self.about.items() if other != name}
+            self.states.append((about, {fact for fact in self.facts if name not in (fact[0], fact[2])}))
+
+    @precondition(lambda self: self.facts)
+    @rule(data=st.data())
+    def remove_a_fact(self, data: st.DataObject) -> None:
+        fact = data.draw(st.sampled_from(sorted(self.facts)))
+        with self.refused_without_a_change() as refused:
+            self.live.remove(facts=[fact])
+        if not refused[0]:
+            self.states.append((self.about, self.facts - {fact}))
+
+    @precondition(lambda self: "for a moment" not in self.about)
+    @rule(data=st.data())
+    def insert_and_remove(self, data: st.DataObject) -> None:
+        before, fact = seen(self.live), ("for a moment", data.draw(LABEL), data.draw(KNOWN_NAME))
+        self.live.insert(fact[0], [fact])
+        self.live.remove(fact[0])
+        assert_same(seen(self.live), before)
+        self.states += [(self.about | {fact[0]: {}}, self.facts | {fact}), self.states[-1]]
+
+    @rule()
+    def undo(self) -> None:
+        if len(self.states) == 1:
+            with pytest.raises(isi.InputError):
+                self.live.undo()
+        else:
+            self.live.undo()
+            self.states.pop()
+
+    @rule()
+    def save_and_open(self) -> None:
+        if self.journal:
+            self.live.close()
+            self.live = isi.open(self.folder, journal=True)
+        else:
+            self.saved += 1
+            folder = self.folder.with_name(f"saved {self.saved}")
+            self.live.save(folder)
+            assert_same(seen(isi.open(folder)), seen(self.live))
+            self.live = isi.open(folder)
+
+    @invariant()
+    def known_entities_stay(self) -> None:
+        if hasattr(self, "live"):
+            now, known = self.live.now, len(KNOWN.entities)
+            assert now.entities[:known].tobytes() == KNOWN.entities.tobytes()
+            assert now.relations.tobytes() == KNOWN.relations.tobytes()
+            assert now.entity_names[:known] == KNOWN.entity_names
+            assert now.triples[: len(KNOWN.triples)].tolist() == KNOWN.triples.tolist()
+
+    @invariant()
+    def all_follows_from_the_set_of_facts(self) -> None:
+        if hasattr(self, "live"):
+            assert self.live.inserted.keys() == self.about.keys()
+            assert self.live.additions.facts.keys() == self.facts
+            assert_same(seen(self.live), seen(self.at_once()))
+
+    def at_once(self) -> LiveEmbedding:
+        """Another object, to which the same facts are given at once, in another order."""
+        fresh = live_of()
+        for initializer in (None, "map", "rs"):
+            names = [name for name, each in self.about.items() if each.get("initializer") == initializer][::-1]
+            of_these = {fact for fact in self.facts if {fact[0], fact[2]} & set(names)}
+            others = self.about.keys() - set(names) - fresh.inserted.keys()
+            of_these = {fact for fact in of_these if not {fact[0], fact[2]} & others}
+            if names:
+                kinds = {name: self.about[name]["kind"] for name in names if "kind" in self.about[name]}
+                fresh.insert(names, sorted(of_these, reverse=True), kind=kinds, initializer=initializer, new=True)
+        fresh.observe(sorted(self.facts, reverse=True))
+        return fresh
+
+
+LiveMachine.TestCase.settings = settings(max_examples=20, stateful_step_count=10, deadline=None)
+TestLive = LiveMachine.TestCase
+
+
+def test_a_journal_that_is_opened_first_lists_the_insertions_of_the_bundle(tmp_path: Path) -> None:
+    """A bundle that was written without a journal records its insertions in ``embedding.json`` alone."""
+    made = live_of()
+    made.insert("new a", [("new a", "in", "e1")])
+    made.save(tmp_path / "home")
+    (tmp_path / "home" / "journal.jsonl").unlink()
+    for _ in range(2):
+        with isi.open(tmp_path / "home", journal=True) as live:
+            assert_same(seen(live), seen(made))
+            assert len(live.history) == 1
+
+
+def test_a_change_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_line(tmp_path: Path) -> None:
+    write(tmp_path / "home", KNOWN)
+    journal = tmp_path / "home" / "journal.jsonl"
+    largest, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    with isi.open(tmp_path / "home", journal=True) as live:
+        live.insert("new a", [("new a", "in", "e1")])
+        before, content = seen(live), journal.read_bytes()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(content) + 20, largest[1]))
+        try:
+            for fact in ([("new a", "on", "e2")], [("new a", "on", "e3")]):
+                with pytest.raises(isi.InputError):
+                    live.observe(fact)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, largest)
+            signal.signal(signal.SIGXFSZ, handler)
+        assert_same(seen(live), before)
+        assert journal.read_bytes() == content
+        live.observe([("new a", "on", "e4")])
+        after = seen(live)
+    with isi.open(tmp_path / "home") as again:
+        assert_same(seen(again), after)
+        assert len(again.history) == 2
+
+
+def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path: Path) -> None:
+    write(tmp_path / "home", KNOWN)
+    with isi.open(tmp_path / "home", journal=True) as live:
+        for _ in live.inserter.prepare():
+            pass
+        live.insert("new a", [("new a", "in", "e1")])
+    lines = [
+        json.loads(line) for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+    ]
+    assert [line["do"] for line in lines] == ["choose"] * len(PREPARED) + ["insert"]
+    assert list(isi.open(tmp_path / "home").inserter.chosen.values()) == chosen()
+
+
+@pytest.mark.parametrize("fact", [5, None, "e1 in e2", ("e1", "in"), {"e1": 1, "in": 2, "e2": 3}, ("e1", "in", 5)])
+def test_what_is_no_fact_is_refused(fact: Any) -> None:
+    with pytest.raises(isi.InputError):
+        live_of().observe([fact])
