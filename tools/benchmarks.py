@@ -80,6 +80,15 @@ def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
     }  # fmt: skip
 
 
+def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """Median wall time of a change of a live embedding or a query to it; ratios are of ``isi.insert`` alone."""
+    (alone,) = rows["median"][rows["what"] == "isi.insert"]
+    return {
+        "": rows["what"], "ms": _figures(1000 * rows["median"]), "per second": _count(1 / rows["median"]),
+        "of isi.insert": _figures(rows["median"] / alone),
+    }  # fmt: skip
+
+
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """MRR of each model, trained by isi and by PyKEEN."""
     measured = {f"{name}: MRR": rows[name.lower()].map("{:.3f}".format) for name in ("isi", "PyKEEN")}
@@ -103,7 +112,7 @@ def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 TABLES = {
     "training": training, "ranking": ranking, "growth": growth, "insert": insert, "mining": mining, "umls": umls,
-    "thor_u": thor_u,
+    "thor_u": thor_u, "live": live,
 }  # fmt: skip
 
 

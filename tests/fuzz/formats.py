@@ -17,7 +17,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.cli.graph import read
+from isi.bundle.stream import answer
+from isi.errors import InputError
+from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
@@ -30,6 +32,7 @@ from isi.tables import paths
 from isi.tables.table import as_text
 from tests import procthor
 from tests.fuzz.mutations import Files
+from tests.small_live import assert_same, live_of, seen
 
 ROOT = Path(__file__).parent.parent.parent
 OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))
@@ -49,6 +52,16 @@ ROWS = [
     ("mug", "hasMaterial", "ceramic", 1, "s1", "", "Mug|1"),
     ("bowl", "atLocation", "mug", 2, "s2", "bedroom", ""), ("bowl", "hasAffordance", "fill", 40, "", "", ""),
 ]  # fmt: skip
+EVENTS = [{"metadata": {"sceneName": f"FloorPlan{plan}", "objects": THINGS[: plan + 3]}} for plan in (1, 2, 1)]
+HOME = {"rooms": [
+    {"id": "r1", "name": "Living_Room", "objects": ["mug", {"id": 7, "class": "wall shelf", "material": None}]},
+    {"id": "bedroom", "objects": [
+        {"name": "mug_3", "class": "mug", "receptacle": "7", "materials": ["ceramic"], "affordance": ["fill", "put"]},
+    ]},
+]}  # fmt: skip
+TRIPLES_CSV = (
+    b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\nbowl,hasAffordance,fill,2\n"
+)
 COLUMNS = ["head", "relation", "tail", "count", "scene", "room", "instance"]
 ENTITIES = (
     "entity,kind,phrase\nmug,object,cup\nbowl,object,\nkitchen,room,kitchen\nceramic,material,\nfill,affordance,\n"
@@ -121,7 +134,7 @@ def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does, and check that its tables are valid; returns a hash of them and the counts."""
     shipped_names.cache_clear()
     source = Source(section, "sources.fuzz", 0)
-    OBSERVATIONS.write_parts(OUT[0], source.tables(), MADE)
+    OBSERVATIONS.write_parts(OUT[0], source.frames(), MADE)
     KINDS.write_file(OUT[1], source.kinds, MADE)
     seen = OBSERVATIONS.read_file(OUT[0]), KINDS.read_file(OUT[1])
     return _lawful(*seen) + repr(sorted(source.counts.items()))
@@ -143,9 +156,8 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 
 def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which detects the reader from the content."""
-    name, _, seen = read(Path(file), None, {}, 0)
-    graph = build_tables(seen)
-    return f"{name} {graph.triples.to_csv()} {graph.entities.to_csv()}"
+    graph, read = read_graph([file])
+    return f"{read} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 
 
 def houses() -> str:
@@ -182,6 +194,35 @@ def pipeline_tensors() -> str:
     return repr(tables.read_tensors(Path("vectors.safetensors"), ["vectors"])["vectors"].shape)
 
 
+REQUESTS: list[dict[str, Any]] = [
+    {"insert": "mug", "facts": [["mug", "in", "e1"], ["e2", "on", "mug"]], "kind": "place", "id": 1},
+    {"insert": {"fork": {"in": ["e1", "e3"], "on": "mug"}, "bowl": {"on": "e4"}}, "new": True},
+    {"observe": [["mug", "on", "e5"], ["e1", "on", "e1"]], "id": "a"}, {"ask": ["mug", "in", None], "top": 2},
+    {"ask": ["mug", None, "e1"]}, {"nearest": "fork"}, {"interference": True}, {"history": True}, {"undo": True},
+    {"remove": True, "facts": [["fork", "on", "mug"]]}, {"remove": "fork"}, {"interference": ["mug"]},
+    {"insert": "cup", "facts": [["cup", "in", "mug"]], "initializer": "map", "options": {"strength": 2.0}, "seed": 1},
+    {"ask": [None, "in", "mug"]},
+]  # fmt: skip
+
+
+def stream() -> str:
+    """Answer each line as ``isi live`` does; refused if all lines are. The history must lead to the same answers."""
+    live, replies = live_of(), list[dict[str, Any]]()
+    for line in Path("requests.jsonl").read_bytes().split(b"\n"):
+        whole = answer(live, line)
+        assert whole.endswith(b"\n")
+        assert whole.count(b"\n") == 1
+        replies.append(json.loads(whole))
+    errors = [reply["error"] for reply in replies if "error" in reply]
+    for error in errors:
+        assert error.isprintable()
+        assert len(error) < 300
+    assert_same(seen(live), seen(live_of(live.history)))
+    if len(errors) == len(replies):
+        raise InputError("requests.jsonl", "", errors[0])
+    return repr(replies)
+
+
 def package() -> bytes:
     """A recording in the format of the package ``procthor``: lists of scenes, of which most are empty."""
     scenes = {plans.key: [THINGS, *([[]] * (len(plans.names) - 1))] for plans in ITHOR}
@@ -195,6 +236,15 @@ def recorder() -> bytes:
         for plan, spawn in (("FloorPlan1", None), ("FloorPlan301", 4))
     ]
     return b"".join(gzip.compress(json.dumps(line).encode() + b"\n", mtime=0) for line in (FORMAT | HEADER, *scenes))
+
+
+def small_scene_graph() -> dict[str, Any]:
+    """The scene graph of the tests, with only the attributes that mining reads and two more."""
+    graph: dict[str, Any] = json.loads((ROOT / "tests" / "scene_graph.json").read_text(encoding="utf-8"))
+    for node in graph["nodes"]:
+        names = ("type", "name", "semantic_label", "position", "metadata")
+        node["attributes"] = {name: node["attributes"][name] for name in names if name in node["attributes"]}
+    return graph
 
 
 def parquet() -> bytes:
@@ -248,6 +298,21 @@ def _formats() -> dict[str, Format]:
             {"scene.json": json.dumps({"metadata": {"sceneName": "FloorPlan1", "objects": THINGS}}).encode()},
             reader="ai2thor_scene", path="scene.json",
         ),
+        "scenes, lines": _source(
+            {"scenes.jsonl": b"\n".join(json.dumps(event).encode() for event in EVENTS)}, reader="ai2thor_scene",
+            path="scenes.jsonl", room="kitchen",
+        ),
+        "scenes, list": _source({"scenes.json": json.dumps(EVENTS).encode()}, reader="ai2thor_scene",
+                                path="scenes.json"),
+        "rooms": _source({"home.json": json.dumps(HOME).encode()}, reader="rooms", path="home.json"),
+        "rooms, lines": _source({"home.jsonl": json.dumps(HOME).encode() + b"\n" + json.dumps(HOME).encode()},
+                                reader="rooms", path="home.jsonl"),
+        "scene graph": _source(
+            {"dsg.json": json.dumps(small_scene_graph()).encode()}, reader="spark_dsg", path="dsg.json",
+            rooms={"R(1)": "bedroom"},
+        ),
+        "folder of triples": _source({"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
+                                     reader="table", path="home"),
         "file of any kind": Format({"any.json": json.dumps({"scene": "FloorPlan1", "objects": THINGS}).encode()},
                                    partial(guessed, "any.json")),
         "houses of ProcTHOR": Format({"houses.jsonl": _house_lines()}, houses, OUT, PROCTHOR),
@@ -275,6 +340,9 @@ def _formats() -> dict[str, Format]:
         "BEHAVIOR": _source(
             BEHAVIOR, reader="behavior", from_="behavior", structure=["wall.n.01"], names={},
             affordances={"openable": ["open", "close"], "heatSource": ["heat"]},
+        ),
+        "requests of a stream": Format(
+            {"requests.jsonl": "\n".join(map(json.dumps, REQUESTS)).encode()}, stream
         ),
         "words": Format({"words.txt": b"3 3\n" + GLOVE}, partial(words, "words.txt")),
         "words, GloVe": Format({"glove.txt": GLOVE}, partial(words, "glove.txt")),

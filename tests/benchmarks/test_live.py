@@ -1,0 +1,94 @@
+"""A live embedding of the size of AI2-THOR's: changes and queries in process and by the pipe of ``isi live``.
+
+The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the vector itself.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import isi
+from isi.bundle.folder import Bundle, Manifest, write
+from isi.bundle.live import LiveEmbedding
+
+ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
+RELATIONS = ["at", "of", "for"]
+WAYS = ["isi.insert", "insert", "observe", "ask", "observe, pipe", "ask, pipe"]
+
+
+@pytest.fixture
+def bundle() -> Bundle:
+    rng = np.random.default_rng(0)
+    entities, relations = (rng.standard_normal((rows, DIMENSION), np.float32) * 0.3 for rows in (ENTITIES, 3))
+    triples = np.unique(np.stack([rng.integers(0, most, 2 * TRIPLES) for most in (ENTITIES, 3, ENTITIES)], 1), axis=0)
+    names = [f"e{number}" for number in range(ENTITIES)]
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    known = rng.permutation(triples)[:TRIPLES]
+    return Bundle(manifest, entities, relations, names, [""] * ENTITIES, names, RELATIONS, known)
+
+
+def fact(number: int) -> tuple[str, str, str]:
+    """A fact about one of the inserted objects; another one for each number."""
+    place = number // OBJECTS
+    return f"object {number % OBJECTS}", RELATIONS[place % 3], f"e{place // 3 % ENTITIES}"
+
+
+def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
+    live, numbers = LiveEmbedding(bundle), count()
+    for number in range(OBJECTS):
+        live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
+    if way == "isi.insert":
+        ids = [[ENTITIES, 0, 144], [ENTITIES, 1, 5]]
+        return lambda: isi.insert(bundle.entities, bundle.relations, ids, new=1, model="analogy",
+                                  known_triples=bundle.triples, initializer="map")  # fmt: skip
+    if way == "insert":
+        names = (f"new {number}" for number in count())
+        return lambda: live.insert(name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map")
+    return (lambda: live.observe([fact(next(numbers))])) if way == "observe" else lambda: live.ask("object 0", "at")
+
+
+@pytest.fixture
+def pipe(bundle: Bundle, tmp_path: Path) -> Iterator[Callable[[Any], Any]]:
+    write(tmp_path / "home", bundle)
+    command = [sys.executable, "-m", "isi", "live", str(tmp_path / "home")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin
+        assert process.stdout
+        requests, answers = process.stdin, process.stdout
+
+        def send(request: Any) -> Any:
+            requests.write(json.dumps(request).encode() + b"\n")
+            requests.flush()
+            return json.loads(answers.readline())
+
+        for number in range(OBJECTS):
+            name = f"object {number}"
+            assert "error" not in send({"insert": {name: {"at": "e144"}}, "initializer": "map"})
+        yield send
+        requests.close()
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if "pipe" not in way])
+def test_in_process(benchmark: Any, bundle: Bundle, way: str) -> None:
+    benchmark.group, work = "live", of_object(bundle, way)
+    benchmark.extra_info.update(what=way)
+    benchmark.pedantic(work, rounds=200, warmup_rounds=5)
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if "pipe" in way])
+def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
+    """A request and its answer, after the process has had the time to prepare."""
+    benchmark.group, numbers = "live", count()
+    benchmark.extra_info.update(what=way)
+    ask = way.startswith("ask")
+    benchmark.pedantic(
+        lambda: pipe({"ask": ["object 0", "at", None]} if ask else {"observe": [fact(next(numbers))]}),
+        rounds=200, warmup_rounds=40,
+    )  # fmt: skip

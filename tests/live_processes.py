@@ -1,0 +1,50 @@
+"""Processes of ``isi live``, and clients of their sockets."""
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+COMMAND = [sys.executable, "-m", "isi", "live"]
+
+
+def lines(*requests: Any) -> bytes:
+    return b"".join(json.dumps(request).encode() + b"\n" for request in requests)
+
+
+class Client:
+    """A process that is asked by its pipes, or a connection to a socket."""
+
+    def __init__(self, reader: IO[bytes], writer: IO[bytes]) -> None:
+        self.reader, self.writer = reader, writer
+
+    def __call__(self, request: Any) -> dict[str, Any]:
+        self.writer.write(lines(request))
+        self.writer.flush()
+        result: dict[str, Any] = json.loads(self.reader.readline())
+        return result
+
+
+@contextmanager
+def socket_of(folder: Path, path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen([*COMMAND, str(folder), "--socket", str(path)], stderr=subprocess.PIPE) as process:
+        while not path.is_socket() and process.poll() is None:
+            time.sleep(0.05)
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def connect(path: Path) -> Client:
+    connection = socket.socket(socket.AF_UNIX)
+    connection.settimeout(30)
+    while connection.connect_ex(str(path)):  # it does not listen yet
+        time.sleep(0.05)
+    both = connection.makefile("rwb")
+    return Client(both, both)  # type: ignore[arg-type]
