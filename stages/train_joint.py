@@ -5,7 +5,7 @@ import pandas as pd
 from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import JOINT, TRAINING_LOG, Store, write_runs
-from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_config, train_stack
+from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_config, train_stack, warn_of_batch
 from isi.stage import StageContext, stage
 
 
@@ -13,6 +13,7 @@ from isi.stage import StageContext, stage
 def train_joint(context: StageContext, experiment: str) -> None:
     store, config, compute = Store(experiment), train_config(context.params), context.params.compute
     grid = store.grid(stack_height(compute))
+    warn_of_batch(grid[0], config)
     tasks = joint_tasks(grid, config)
     trained = run(train_stack, tasks, compute, f"{experiment}, joint")
     results = [(points, session, result) for (points, _, session), result in zip(tasks, trained, strict=True)]

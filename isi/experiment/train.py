@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -57,6 +58,14 @@ def train_config(params: Params, model: Model | None = None, training: Training 
     model, training, embedding = model or model_of(params), training or params.training, params.embedding
     trainer.compile_ahead(model, training.batch_size)
     return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
+
+
+def warn_of_batch(points: GridPoints, config: TrainConfig) -> None:
+    """Print a line if a batch would hold all observations of the graph, so that an epoch is a single update."""
+    size, observed = config.training.batch_size, int(points.graph.counts.sum())
+    if size >= observed:
+        advice = f"the {observed:,} observations of {points.experiment}: an epoch is one update; try a tenth of them"
+        print(f"warning: training.batch_size {size:,} is not below {advice}", file=sys.stderr)
 
 
 def training_start(points: GridPoints, config: TrainConfig, number: int = 0) -> tuple[Embedding, TrainingData]:

@@ -1,0 +1,233 @@
+"""``isi train``: the choice of a model, its measures beside simple ones, and the bundle that the command writes."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from isi.bundle import folder
+from isi.bundle.train import described, frequencies, held_out, random_ranks, reciprocal_ranks, tables_of, train_bundle
+from isi.cli import main
+from isi.errors import InputError
+from isi.experiment.train import TrainConfig, warn_of_batch
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.insertion.choice import queries_of
+from isi.models.bilinear import DistMult
+from isi.training.batches import Negatives
+from isi.training.trainer import Training
+from tests.documented import DOCS
+from tests.small_graphs import graph_of, points_of, random_graph
+
+EXAMPLES = DOCS.parent / "examples"
+BLOCKED = "numba", "gensim", "pyarrow", "dvc", "rdflib", "pykeen", "procthor", "ai2thor", "matplotlib"
+
+
+def home() -> pd.DataFrame:
+    return pd.read_csv(EXAMPLES / "home.csv")
+
+
+def named(heads: int, seed: int, random: bool) -> list[tuple[str, str, str]]:
+    """Triples of two kinds of things, which have each place and use of their kind; or as many at random."""
+    rng, triples = np.random.default_rng(seed), list[tuple[str, str, str]]()
+    for head in range(heads):
+        for relation in ("in", "for"):
+            tails = [2 * number + head % 2 for number in range(4)]
+            if random:
+                tails = rng.choice(8, 4, replace=False).tolist()
+            triples += [(f"thing {head}", relation, f"{relation} {tail}") for tail in tails]
+    return triples
+
+
+def test_a_tiny_graph_has_the_ranks_that_a_hand_computes() -> None:
+    graph = graph_of({(0, 0, 1): 1, (0, 0, 2): 1, (3, 0, 1): 1}, 4, 1)
+    queries = queries_of(graph, torch.tensor([[2]]))
+    # (?, 0, 1): answer 3 has no triple in train, as 1 and 2; (3, 0, ?): answer 1 has one, as 2; 0 and 3 have none
+    ranks = reciprocal_ranks(queries, frequencies(graph, torch.tensor([True, True, False]), queries))
+    assert ranks.tolist() == pytest.approx([1 / 2, 1 / 1.5])
+    assert random_ranks(queries).tolist() == pytest.approx([(1 + 1 / 2 + 1 / 3) / 3, (1 + 1 / 2 + 1 / 3 + 1 / 4) / 4])
+
+
+def test_measures_agree_with_brute_force() -> None:
+    graph, trained = random_graph(12, 3, 60), torch.arange(60) % 4 != 0
+    known, ids = set(map(tuple, graph.triples.tolist())), (~trained).nonzero()[:, 0]
+    queries, rng = queries_of(graph, ids[None]), np.random.default_rng(0)
+    numbers: Counter[tuple[int, int, int]] = Counter()
+    for head, relation, tail in graph.triples[trained].tolist():
+        numbers.update([(0, relation, head), (2, relation, tail)])
+    by_frequency, at_random = [], []
+    for slot in (0, 2):
+        for triple in graph.triples[ids].tolist():
+            others = [[*triple[:slot], entity, *triple[slot + 1 :]] for entity in range(12)]
+            wrong = [other for other in others if tuple(other) not in known]
+            own = numbers[slot, triple[1], triple[slot]]
+            counts = [numbers[slot, triple[1], other[slot]] for other in wrong]
+            by_frequency.append(1 / (1 + sum(count > own for count in counts) + counts.count(own) / 2))
+            at_random.append(np.mean(1 / (1 + rng.integers(0, len(wrong) + 1, 20_000))))
+    ranks = reciprocal_ranks(queries, frequencies(graph, trained, queries))
+    assert ranks.tolist() == pytest.approx(by_frequency)
+    assert random_ranks(queries).tolist() == pytest.approx(at_random, abs=0.02)
+
+
+def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
+    graph = random_graph(30, 3, 200)
+    splits = held_out(graph, 0, 3)
+    tests = [np.flatnonzero(row == TEST).tolist() for row in splits]
+    valids = {tuple(np.flatnonzero(row == VALID)) for row in splits}
+    assert tests[0] == tests[1] == tests[2]
+    assert len(tests[0]) == 40
+    assert len(valids) == 3
+    for row in splits:
+        left = graph.triples[torch.from_numpy(row) == TRAIN]
+        assert len(left[:, [0, 2]].unique()) == 30
+        assert len(left[:, 1].unique()) == 3
+
+
+def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) -> None:
+    tables = tables_of(home())
+    for name in "ab":
+        bundle, summary = train_bundle(tables, model="analogy", learning_rate=0.1, dimension=32, budget=1)
+        folder.write(tmp_path / name, bundle)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()} == {
+        path.name: path.read_bytes() for path in (tmp_path / "b").iterdir()
+    }
+    assert (summary.entities, summary.relations, summary.triples, summary.observations) == (85, 3, 401, 480)
+    assert summary.mrr is not None and summary.frequency is not None and summary.chance is not None  # noqa: PT018
+    assert summary.mrr > summary.frequency + 0.1 > summary.frequency > summary.chance
+    assert summary.batch_size == 48
+    assert summary.warning is None
+    other, _ = train_bundle(tables, model="analogy", learning_rate=0.1, dimension=32, budget=1, seed=1)
+    assert not np.array_equal(other.entities, bundle.entities)
+
+
+def test_what_can_be_learned_is_and_what_is_random_warns() -> None:
+    for random in (False, True):
+        _, summary = train_bundle(tables_of(named(24, 0, random)), dimension=16, budget=2)
+        assert summary.mrr is not None
+        assert summary.frequency is not None
+        assert (summary.warning is not None) == random
+        assert (summary.mrr > 1.5 * summary.frequency) != random
+
+
+def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measured() -> None:
+    bundle, summary = train_bundle(tables_of([("cup", "in", "kitchen"), ("bed", "in", "bedroom")]), dimension=8)
+    assert bundle.entities.shape == (4, 8)
+    assert summary.test_triples == 0
+    assert summary.mrr is None
+    assert summary.warning
+
+
+def test_forms_of_triples_give_the_same_graph() -> None:
+    rows = [("cup", "in", "kitchen"), ("bed", "in", "bedroom"), ("cup", "in", "kitchen")]
+    frame = pd.DataFrame({"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"})
+    mapping = {"cup": {"in": "kitchen"}, "bed": {"in": ["bedroom"]}}
+    listed = tables_of(rows, {"cup": "object"})
+    for form in (np.array(rows), frame):
+        pd.testing.assert_frame_equal(tables_of(form).triples, listed.triples)
+    assert tables_of(mapping).triples["count"].tolist() == [1, 1]
+    assert dict(zip(listed.entities["entity"], listed.entities["kind"], strict=True))["cup"] == "object"
+
+
+@pytest.mark.parametrize(
+    ("triples", "place"),
+    [
+        ([("cup", "in")], "triple 0"),
+        ([("cup", "in", "kitchen"), ("cup", "in", "")], "triple 1"),
+        ([("cup", "in", 5)], "triple 0"),
+        ([], ""),
+        (pd.DataFrame({"head": ["cup"], "relation": ["in"], "tail": ["kitchen"], "count": [0]}), "count"),
+    ],
+)
+def test_wrong_triples_are_named(triples: object, place: str) -> None:
+    with pytest.raises(InputError) as error:
+        tables_of(triples)  # type: ignore[arg-type]
+    assert "triples" in error.value.file
+    assert place in error.value.place
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"model": "analgy"}, {"dimension": 30, "model": "analogy"}, {"budget": 0}, {"learning_rate": -1.0}]
+)
+def test_wrong_options_are_named(wrong: dict[str, float | str]) -> None:
+    with pytest.raises(InputError, match=next(iter({"model"} & wrong.keys() or wrong))):
+        train_bundle(tables_of([("cup", "in", "kitchen")]), **wrong)  # type: ignore[arg-type]
+
+
+def test_divergence_names_the_learning_rate() -> None:
+    with pytest.raises(InputError, match="learning rate"):
+        train_bundle(tables_of(home()), model="analogy", learning_rate=1e14, dimension=16, budget=1)
+
+
+def test_the_command_writes_a_bundle_that_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    kinds = str(EXAMPLES / "home_kinds.csv")
+    command = ["train", str(EXAMPLES / "home.csv"), "--kinds", kinds, "--out", "home", "--budget", "1"]
+    main([*command, "--dimension", "32"])
+    shown = capsys.readouterr().out
+    assert "85 entities" in shown
+    main(["ask", "apple", "atLocation", "--embedding", "home", "--json"])
+    answers = json.loads(capsys.readouterr().out)["answers"]
+    assert {answer["entity"] for answer in answers[:3]} & {"counter top", "kitchen"}
+    bundle = folder.read(Path("home"))
+    assert bundle.kinds[bundle.entity_names.index("apple")] == "object"
+    assert f"{bundle.manifest.made['mrr']:.3f}" in shown
+
+
+def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
+    tables, path = tables_of([("cup", "in", "kitchen")]), tmp_path / "entities.csv"
+    path.write_text("entity,kind,phrase\ncup,object,\nkitchen,,the kitchen\nsofa,object,\n", "utf-8")
+    assert described(tables, path).entities[["kind", "phrase"]].values.tolist() == [
+        ["object", "cup"], ["entity", "the kitchen"]
+    ]  # fmt: skip
+    path.write_text("entity,kind\nsofa,object\n", "utf-8")
+    with pytest.raises(InputError):
+        described(tables, path)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["nothing.csv"], ["home.csv", "--model", "no"], ["home.csv", "--kinds", "no.csv"], ["home.csv", "--budget", "0"]],
+)
+def test_mistakes_take_one_line_and_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "home.csv").write_text("head,relation,tail\ncup,in,kitchen\n", "utf-8")
+    with pytest.raises(SystemExit) as error:
+        main(["train", *arguments, "--out", "home"])
+    line = str(error.value.code) + capsys.readouterr().err
+    assert "\n" not in line.strip()
+    assert arguments[-2 if len(arguments) > 1 else 0].lstrip("-") in line or "no.csv" in line
+    assert not Path("home").exists()
+
+
+def test_core_packages_suffice(tmp_path: Path) -> None:
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({BLOCKED!r})); from isi.cli import main; main(sys.argv[1:])"
+    )
+    command = ["train", str(EXAMPLES / "home.csv"), "--out", "home", "--model", "complex", "--budget", "1"]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *command], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "home" / folder.MANIFEST).exists()
+
+
+@pytest.mark.parametrize("size", [1, 10_000])
+def test_a_batch_of_all_observations_warns(size: int, capsys: pytest.CaptureFixture[str]) -> None:
+    points = points_of(random_graph(12, 3, 60), 2, [5, 6])
+    training = Training(
+        batch_size=size, learning_rate=0.1, weight_decay=0.0, max_epochs=1, evaluate_every=1, patience=1
+    )
+    warn_of_batch(
+        points,
+        TrainConfig(0, DistMult(), 8, 0.01, Negatives(mode="expected", ratio=1, head_pool="all"), training),
+    )
+    assert ("batch_size" in capsys.readouterr().err) == (size > 1)
