@@ -34,13 +34,15 @@ repro: $(CHECKED)  ## run all stages that are not up to date; print the report's
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-beyond: repro  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions; update the report
+beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions; update the report
+	@python -m isi.params beyond
+	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden
 	@dvc repro --single-item --force report
 
-quick: $(CHECKED)  ## run the pipeline on a small grid in the folder quick/, in about five minutes
-	@python tools/workspace.py quick
+quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
+	@python tools/workspace.py quick $(ARGS)
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports
 
@@ -96,9 +98,9 @@ lock: $(INSTALLED)  ## write requirements.lock, with hashes, from the packages i
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
 	uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate $(VENV)/frozen -o requirements.lock > /dev/null
 
-console: $(INSTALLED)  ## run the commands in docs/insert.md and copy their output there (installs the extra `words`)
+console: $(INSTALLED)  ## run the commands of pages and copy their output there (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'
-	python -m tools.docs docs/insert.md
+	python -m tools.docs docs/insert.md $$(grep -lr '^<!-- console:' docs | grep -v docs/insert.md)
 
 models: $(INSTALLED)  ## search learning rate, weight decay and margin of each embedding model, in about ten minutes
 	python -m tools.choose_models

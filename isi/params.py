@@ -1,5 +1,6 @@
 """The pydantic models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -124,11 +125,14 @@ def load(path: Path = paths.PARAMS) -> Params:
     return _load(path, Params, check_params)
 
 
-def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
-    """Read ``beyond/params.yaml``, and check it alone and against ``params``; empty if ``path`` is null or missing."""
+def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
+    """Read ``beyond/params.yaml`` (empty if ``path`` is null or missing), and check it alone and against ``params``.
+
+    Without ``runs``, variants and graphs may name experiments and initializers that ``params`` lack.
+    """
     if path is None or not path.exists():
         return Beyond()
-    return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
+    return _load(path, Beyond, lambda beyond: check_beyond(beyond, params, runs))
 
 
 def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
@@ -209,9 +213,9 @@ def _check_study(study: Study, params: Params, name: str) -> None:
             raise InputError("", f"{name}.{last}", expected)
 
 
-def check_beyond(beyond: Beyond, params: Params) -> None:
+def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
     """Check ``beyond`` against itself and ``params``; InputError for a wrong name, title, size or option."""
-    for name, variant in beyond.variants.items():
+    for name, variant in beyond.variants.items() if runs else ():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")
     titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
@@ -221,7 +225,8 @@ def check_beyond(beyond: Beyond, params: Params) -> None:
         if name in params.experiments:
             raise InputError("", f"graphs.{name}", "expected a name that no experiment has")
         settings_of(graph.source, f"graphs.{name}.source")
-        _check_variant(graph.variant(name), params, f"graphs.{name}")
+        if runs:
+            _check_variant(graph.variant(name), params, f"graphs.{name}")
     for name, hidden in beyond.hidden.items():
         _check_names(hidden.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
         if hidden.source == "graphs":
@@ -244,4 +249,4 @@ def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any]
 
 if __name__ == "__main__":  # `make` runs this before DVC, which reads only the keys that its stages name
     with errors_in_one_line("params"):
-        load_beyond(load())
+        load_beyond(load(), runs="beyond" in sys.argv)

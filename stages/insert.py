@@ -6,7 +6,8 @@ fine-tuned.
 
 import torch
 
-from isi.experiment.insert import insert_config, insert_stack, insert_tasks, is_listed
+from isi.experiment.grid import GridPoints
+from isi.experiment.insert import InsertResult, insert_config, insert_stack, insert_tasks, is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES, Store, write_runs
 from isi.stage import StageContext, stage
@@ -17,13 +18,16 @@ from isi.tables.table import concat
 def insert(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     entry = params.experiments[experiment]
-    curves = entry.full_curves
-    full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
-    config = insert_config(params, initializer, full_curves)
-    config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
-    grid = store.grid(stack_height(params.compute)) if is_listed(entry.initializers, initializer) else []
-    tasks = insert_tasks(store, params, grid, config)
-    results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
+    grid, results = list[GridPoints](), list[InsertResult]()
+    if is_listed(entry.initializers, initializer):
+        curves, grid = entry.full_curves, store.grid(stack_height(params.compute))
+        full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
+        config = insert_config(params, initializer, full_curves)
+        config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
+        tasks = insert_tasks(store, params, grid, config)
+        results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
+    else:
+        print(f"{experiment} does not list {initializer}: no insertion, tables without rows")
     vectors: dict[str, list[torch.Tensor]] = {}
     for points, result in zip(grid, results, strict=True):
         vectors.setdefault(f"size={points.size:02d}", []).append(torch.from_numpy(result.vectors))

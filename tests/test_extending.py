@@ -3,8 +3,10 @@
 import json
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ import torch
 from torch.nn.functional import normalize
 
 from isi.__main__ import main
-from isi.initializers.api import INITIALIZERS, options_of
+from isi.errors import InputError
+from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
 from isi.models.model import MODELS, make_model
 from isi.models.stack import uniform
 from isi.sources import READERS, Source
@@ -50,7 +53,7 @@ def test_an_initializer() -> None:
 @pytest.mark.usefixtures("own")
 def test_an_initializer_serves_commands_and_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     home, larger, vectors = written(tmp_path / "home"), tmp_path / "larger", tmp_path / "vectors.txt"
-    vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.9 0.1\n", encoding="utf-8")
+    vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.8 0.6\n", encoding="utf-8")
     main(["insert", "teapot", "--initializer", "nearest", "--vectors", str(vectors),
           "--fact", "atLocation", "bedroom", "--embedding", str(home), "--out", str(larger), "--json"])  # fmt: skip
     inserted = json.loads(capsys.readouterr().out)
@@ -59,6 +62,61 @@ def test_an_initializer_serves_commands_and_is_explained(tmp_path: Path, capsys:
     for answer in (inserted, explained):
         assert answer["initializer"] == "nearest"
         assert [(each["entity"], each["weight"]) for each in answer["indicators"]] == [("kettle", 1.0)]
+
+
+@pytest.mark.parametrize("own", ["own initializer"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_a_command_takes_the_options_of_an_initializer_from_the_params_of_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["insert", "teapot", "--initializer", "nearest", "--embedding", str(written(tmp_path / "home"))]
+    monkeypatch.chdir(tmp_path)
+
+    def scale(*more: str) -> float:
+        main([*command, "--dry-run", "--json", *more])
+        return float(json.loads(capsys.readouterr().out)["options"]["scale"])
+
+    assert scale() == 1.0  # its default
+    for listed, expected in (("nearest: {scale: 0.5}", 0.5), ("es: {k: 3}", 1.0), ("nearest: null", 1.0)):
+        Path("params.yaml").write_text(f"initializers: {{{listed}}}\n", encoding="utf-8")
+        assert scale() == expected
+    assert scale("--set", "scale=2.0") == 2.0
+    Path("params.yaml").write_text("initializers: {nearest: 3}\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"params\.yaml: initializers\.nearest: .*got 3"):
+        scale()
+    Path("params.yaml").write_text("seed: 3\n", encoding="utf-8")  # of another program
+    assert scale() == 1.0
+
+
+#: A result for 2 models of 16 entities, with 3 novel entities each and 8 numbers in a vector.
+SOUND = InitResult(torch.ones(2, 3, 8, dtype=torch.float64), torch.zeros(2, 3))
+#: Results, or changes of the sound one, and words of the refusal.
+WRONG: list[tuple[Any, list[str]]] = [
+    ({"vectors": torch.zeros(1, 2, 3)}, ["vectors of shape (2, 3, 8)", "got (1, 2, 3)"]),
+    ({"vectors": np.zeros((2, 3, 8))}, ["vectors of shape (2, 3, 8)", "got ndarray"]),
+    ({"vectors": torch.full((2, 3, 8), torch.nan)}, ["vectors", "NaN"]),
+    ({"vectors": torch.full((2, 3, 8), 1e300, dtype=torch.float64)}, ["vectors", "huge"]),  # of single precision
+    ({"fallback": torch.zeros(2)}, ["fallback of shape (2, 3)", "got (2,)"]),
+    ({"fallback": None}, ["fallback of shape (2, 3)", "got NoneType"]),
+    ({"weights": torch.zeros(2, 16)}, ["weights of shape (2, 3, 16)", "got (2, 16)"]),
+    (torch.zeros(2, 3, 8), ["InitResult", "got Tensor"]),
+    (None, ["InitResult", "got NoneType"]),
+]
+
+
+@pytest.mark.parametrize(("wrong", "words"), WRONG, ids=[" ".join(words) for _, words in WRONG])
+def test_a_wrong_result_of_an_initializer_is_refused_in_one_line(wrong: Any, words: list[str]) -> None:
+    result = replace(SOUND, **wrong) if isinstance(wrong, dict) else wrong
+    with pytest.raises(InputError) as refused:
+        Registered("broken1", lambda _: result, "Broken").initialize(insertion(), {})
+    for word in ["broken1", *words]:
+        assert word in str(refused.value)
+
+
+def test_numbers_of_another_precision_are_converted() -> None:
+    result = Registered("sound", lambda _: SOUND, "Sound").initialize(insertion(), {})
+    assert (result.vectors.dtype, result.fallback.dtype) == (torch.float32, torch.int64)
+    assert (result.vectors.double() == SOUND.vectors).all()
 
 
 @pytest.mark.parametrize("own", ["own model"], indirect=True)
@@ -82,7 +140,7 @@ def test_a_source(tmp_path: Path) -> None:
     path, (settings,) = tmp_path / "notebook.csv", params("own source params").values()
     path.write_text("head,relation,tail,count\nspoon,liesIn,drawer,3\ndrawer,isPartOf,table,1\n", encoding="utf-8")
     source = Source(settings | {"path": str(path)}, "sources.notebook", 0)
-    (table,) = source.tables()
-    rows = Counter({(row["head"], row["relation"], row["tail"]): row["count"] for row in table.to_pylist()})
+    (table,) = source.frames()
+    rows = Counter({(row["head"], row["relation"], row["tail"]): row["count"] for row in table.to_dict("records")})
     assert rows == {("spoon", "liesIn", "drawer"): 3, ("drawer", "isPartOf", "table"): 1}
     assert source.kinds.to_numpy().tolist() == [[name, "thing", name] for name in ("drawer", "spoon", "table")]

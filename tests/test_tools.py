@@ -1,7 +1,9 @@
 """The tools around the pipeline: progress, workspaces, comparison of settings, and words."""
 
 import ast
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +21,7 @@ from isi.params import load
 from isi.sources.triples import shipped_names
 from isi.tables import paths
 from tests.small_graphs import points_of, random_embedding, random_graph
-from tools import repro, wordnet, workspace
+from tools import headline, repro, wordnet, workspace
 from tools.choose_initializers import about, hide, settings_of
 from tools.embed_phrases import WORDNET, read
 
@@ -40,6 +42,64 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: 
     assert quick.experiments["ai2thor"].sessions.seeds == 4
     assert set(quick.plots.initializers) <= set(quick.initializers)
     assert "published" not in quick.experiments
+
+
+def of_run(**novel: float) -> dict[str, Any]:
+    """Headline numbers of a run, with another experiment in it."""
+    part = {"immediate_mrr_star": {"novel": novel}, "epochs_to_convergence": {"all": {"xavier": 12.0}}}
+    return part | {"away": part}
+
+
+def test_the_headline_says_what_changed_since_the_last_run_with_other_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / ".dvc").mkdir()
+    (tmp_path / "reports").mkdir()
+
+    def changes(metrics: dict[str, Any]) -> list[list[str]]:
+        (tmp_path / "reports/metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+        headline.main(tmp_path / "reports")
+        lines = map(str.split, capsys.readouterr().out.splitlines())
+        return [line for line in lines if line and line[0] in ("xavier", "es") and line[1][0] in "+-"]
+
+    assert changes(of_run(xavier=47.5, es=64.81)) == []
+    two = [["es", "-0.76"], ["es", "-0.76"]]  # of each experiment, without the model that stayed or its epochs
+    assert changes(of_run(xavier=47.5, es=64.05)) == two
+    assert changes(of_run(xavier=47.5, es=64.05)) == two  # nothing ran
+    assert changes(of_run(xavier=47.5)) == []  # what is in one alone
+    assert changes(of_run(xavier=47.75)) == [["xavier", "+0.25"]] * 2
+    (tmp_path / headline.KEPT).write_text("[{", encoding="utf-8")
+    assert changes(of_run(xavier=48.0)) == []
+    assert changes({"immediate_mrr_star": {"novel": {"xavier": 49.0}}}) == [["xavier", "+1.00"]]  # the other is gone
+
+
+def test_a_params_file_that_was_edited_in_a_workspace_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(workspace, "COPIED", ("dvc.yaml",))
+    (tmp_path / ".dvc" / "tmp").mkdir(parents=True)
+    path = tmp_path / "params.yaml"
+
+    def indicators(**changes: Any) -> tuple[int, bool]:
+        """k of ES, and whether a line says that the file stays."""
+        capsys.readouterr()
+        workspace.make_checked(tmp_path, {f"initializers.es.{key}": value for key, value in changes.items()})
+        return load(path).initializers["es"]["k"], bool(capsys.readouterr().out)
+
+    assert indicators(k=4) == (4, False)
+    assert indicators() == (8, False)
+    path.write_text(path.read_text(encoding="utf-8").replace("candidates: 30", "candidates: 29"), encoding="utf-8")
+    assert indicators() == (8, True)
+    assert indicators(k=5) == (5, True)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=r"initializers\.es\.kk"):
+        indicators(kk=5)
+    assert path.read_bytes() == before
+    assert load(path).initializers["ers"]["candidates"] == 29
+    path.unlink()
+    with pytest.raises(InputError, match=r"initializers\.es\.kk"):
+        indicators(kk=5)
+    assert indicators() == (8, False)
 
 
 def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from tests.beyond_entries import HIDDEN, SESSIONS, VARIANT, copy_pipelines, list
 from tests.beyond_entries import WORDS as SHIPPED_WORDS
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
+from tools.workspace import DROP, change_all
 
 ROOT = Path(__file__).parent.parent
 NAMES = ("xavier", "es", "rs")
@@ -188,6 +190,24 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(section: str, wrong: d
     with pytest.raises(InputError) as refused:
         load_beyond(load_params())
     assert re.match(rf"beyond/params\.yaml: {section}\.own[.:]{re.escape(line)}", str(refused.value))
+
+
+@pytest.mark.usefixtures("workspace")
+def test_params_without_an_experiment_or_initializer_of_a_variant_are_refused_only_where_variants_run() -> None:
+    variant = VARIANT | {"experiments": ["ai2thor", "published"], "initializers": ["xavier", "mean"]}
+    list_entries(variants={"own": variant}, graphs={"other": GRAPH_EXPERIMENT})
+    raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+    for gone in ("experiments.published", "initializers.mean"):
+        fewer = deepcopy(raw)
+        change_all(fewer, {gone: DROP})
+        paths.PARAMS.write_text(yaml.safe_dump(fewer, sort_keys=False), encoding="utf-8")
+        params = load_params()
+        assert load_beyond(params, runs=False).variants.keys() == {"own"}
+        with pytest.raises(InputError, match=f"got {gone.partition('.')[2]!r}"):
+            load_beyond(params)
+    list_entries(graphs={"ai2thor": GRAPH_EXPERIMENT})  # the report cannot have two of a name
+    with pytest.raises(InputError, match=r"graphs\.ai2thor"):
+        load_beyond(load_params(), runs=False)
 
 
 # The stage

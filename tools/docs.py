@@ -5,18 +5,26 @@ A table is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A num
 these cells, without its interval; or, after ``<!-- value: params | KEY -->``, from ``params.yaml``. A PATH is relative
 to the root and has no suffix ``.md``.
 
+The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with ``data``,
+``examples``, ``params.yaml`` and the files of the page: blocks after ``<!-- file: PATH -->``. Where a line ``...``
+stands for lines that are left out, as many lines as before stay above and below it. If a page has ``<!-- console: NEED
+... -->``, a test compares its output with that of the present code, but for the last digits of numbers.
+A NEED is a path below the root, which contains a slash, or an optional package, without which the test is skipped.
+
 python -m tools.docs            update tables and numbers (``make readme``)
-python -m tools.docs PAGE ...   run the commands of pages and update their output (``make console``), in a temporary
-                                folder with the pipeline's ``data``; needs the extra ``words``
+python -m tools.docs PAGE ...   run the commands of pages and update their output (``make console``)
 """
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +39,10 @@ BENCHMARKS = ROOT / "docs" / "benchmarks"
 PLACE = re.compile(r"(<!-- (table|value): ([^>]+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
+CHECKED = re.compile(r"^<!-- console:(.*)-->$", re.MULTILINE)
+FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}  #: Numbers in output that another type of processor may give.
 
 
 def pages(root: Path = ROOT) -> list[Path]:
@@ -70,20 +82,52 @@ def value(path: list[str], root: Path = ROOT) -> str:
     return rows[0][head.index(cells[-1])].partition(" [")[0]
 
 
-def with_output(page: str, folder: Path) -> str:
-    """The text of a page with new output below commands that have output; all commands run in ``folder``, in order.
+def needs(page: str) -> list[str] | None:
+    """What the commands of a page need, by its marks; null for a page without a mark, which no test runs."""
+    marks: list[str] = CHECKED.findall(page)
+    return " ".join(marks).split() if marks else None
 
-    Raises:
-        subprocess.CalledProcessError: if a command fails.
-    """
 
-    def run(command: re.Match[str]) -> str:
+def prepare(folder: Path) -> None:
+    """Link what commands read into an empty folder."""
+    for name in ("data", "examples", "params.yaml"):
+        (folder / name).symlink_to(ROOT / name)
+
+
+def run_isi(arguments: list[str], folder: Path) -> str:
+    """What ``isi`` prints; CalledProcessError if it fails."""
+    command = [sys.executable, "-m", "isi", *arguments]
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+def with_output(page: str, folder: Path, run: Callable[[list[str], Path], str] = run_isi) -> str:
+    """The text of a page with new output below commands that have output; all commands run in ``folder``, in order."""
+    for path, content in FILE.findall(page):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(content, encoding="utf-8")
+
+    def again(command: re.Match[str]) -> str:
         line, before = command.groups()
-        arguments = [sys.executable, "-m", "isi", *shlex.split(line)[1:]]
-        printed = subprocess.run(arguments, cwd=folder, check=True, capture_output=True, text=True).stdout
-        return f"$ {line}\n{printed if before else ''}"
+        printed = run(shlex.split(line)[1:], folder)
+        return f"$ {line}\n{shortened(printed, before) if before else ''}"
 
-    return BLOCK.sub(lambda block: COMMAND.sub(run, block[1]), page)
+    return BLOCK.sub(lambda block: COMMAND.sub(again, block[1]), page)
+
+
+def shortened(printed: str, before: str) -> str:
+    """Output with a line ``...`` for its middle, if the output before has one, with as many lines around it."""
+    above, dots, below = before.partition("...\n")
+    lines, first, last = printed.splitlines(keepends=True), above.count("\n"), below.count("\n")
+    if not dots or len(lines) <= first + last:
+        return printed
+    return "".join([*lines[:first], dots, *lines[len(lines) - last :]])
+
+
+def alike(new: str, old: str) -> bool:
+    """Whether two texts are equal but for spaces and for the last digits of numbers."""
+    pairs = list(zip_longest(NUMBER.findall(new), NUMBER.findall(old), fillvalue="nan"))
+    words, others = (NUMBER.sub("0", text).split() for text in (new, old))
+    return words == others and all(math.isclose(float(number), float(before), **CLOSE) for number, before in pairs)
 
 
 def write_table(path: Path, table: pd.DataFrame, left: int | None = None, behind: str = "") -> None:
@@ -100,7 +144,7 @@ def main(named: list[str]) -> None:
     for page in map(Path, named) if named else pages():
         text = page.read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:
-            (Path(folder) / "data").symlink_to(ROOT / "data")
+            prepare(Path(folder))
             page.write_text(with_output(text, Path(folder)) if named else filled(text), encoding="utf-8")
 
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,57 @@ COLUMNS = (
     ("epochs", "held-out", "epochs_to_convergence", "novel_heldout"),
     ("never %", "held-out", "unconverged_percent", "novel_heldout"),
 )  # fmt: skip
+KEPT = Path(".dvc/tmp/metrics.json")  #: In the folder of a pipeline: the metrics of its last two runs that differ.
 
 
 def headline(metrics: Mapping[str, Any]) -> str:
     """The numbers of one experiment as text, a line for each model."""
+    return _table(_rows(metrics), ".2f")
+
+
+def changes(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
+    """The differences of the numbers in both from those before, a line for each model that has one; or no text."""
+    old, new = _rows(before), _rows(metrics)
+    rows = {model: list(map(_difference, new[model], old[model])) for model in new if model in old}
+    return _table({model: numbers for model, numbers in rows.items() if any(numbers)}, "+.2f")
+
+
+def _rows(metrics: Mapping[str, Any]) -> dict[str, list[Any]]:
     columns = [metrics.get(section, {}).get(scope, {}) for _, _, section, scope in COLUMNS]
     models = dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope)
-    rows = [[model, *(column.get(model) for column in columns)] for model in models]
-    return tabulate(rows, ["", *(f"{upper}\n{lower}" for upper, lower, *_ in COLUMNS)], "plain", floatfmt=".2f")
+    return {model: [column.get(model) for column in columns] for model in models}
+
+
+def _difference(new: float | None, old: float | None) -> float | None:
+    return None if new is None or old is None else round(new - old, 2) or None
+
+
+def _table(rows: Mapping[str, list[Any]], form: str) -> str:
+    lines = [[model, *numbers] for model, numbers in rows.items()]
+    titles = ["", *(f"{upper}\n{lower}" for upper, lower, *_ in COLUMNS)]
+    return str(tabulate(lines, titles, "plain", floatfmt=form)) if rows else ""
+
+
+def last(path: Path, metrics: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The metrics of the last run here whose metrics differ, or none; ``path`` keeps them, and these, for next time."""
+    kept: list[Mapping[str, Any]] = []
+    with suppress(OSError, ValueError):  # there is none, or it was cut short
+        kept = json.loads(path.read_text(encoding="utf-8"))
+    if metrics not in kept[-1:]:
+        kept = [*kept[-1:], metrics]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(kept), encoding="utf-8")
+    return dict(kept[0]) if len(kept) > 1 else {}
+
+
+def parts(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The numbers of each experiment by its name; empty for the first one."""
+    others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
+    return {"": metrics, **others} if metrics else {}
 
 
 def main(folder: Path) -> None:
-    """Print the numbers of the first experiment, then those of each other experiment under its name."""
+    """Print the numbers of the first experiment, then those of each other experiment, and how they changed."""
     path = folder / "metrics.json"
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
@@ -35,9 +75,11 @@ def main(folder: Path) -> None:
         sys.exit(f"headline: {path}: there is no report yet: run `make repro` first")
     except (OSError, ValueError) as error:
         sys.exit(f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`")
-    others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
-    for title, part in {"": metrics, **others}.items():
+    before = last(folder.parent / KEPT, metrics) if (folder.parent / ".dvc").exists() else {}
+    for title, part in parts(metrics).items():
         print(f"\n{title}\n{headline(part)}".replace("\n\n", "\n"))
+        if differences := title in parts(before) and changes(part, parts(before)[title]):
+            print(f"Change since the previous run:\n{differences}")
     print(f"\nThe report: {folder / 'index.html'}")
 
 

@@ -1,6 +1,8 @@
-"""Copy the pipeline, with the params of a quick run and any other changes, into a folder for ``dvc repro``."""
+"""Copy the pipeline, with the params of a quick run and any other changes, into a folder for ``dvc repro``.
 
-import argparse
+A params.yaml in the folder that was edited there stays, with the changes of --set and --drop alone.
+"""
+
 import shutil
 import subprocess
 import sys
@@ -10,9 +12,10 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from isi.cli import settings
-from isi.config import value_of
+from isi.config import read, value_of
 from isi.errors import InputError
-from isi.process import errors_in_one_line
+from isi.params import load
+from isi.process import Parser, errors_in_one_line
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
@@ -20,6 +23,8 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 YAML_1_2 = YAML()  # keeps the comments
 #: The value that means: remove the key.
 DROP = "<dropped>"
+#: A copy of the params that this tool wrote into a workspace.
+WRITTEN = ".dvc/tmp/params.yaml"
 #: Changes for a run of about five minutes: fewer seeds, sizes and epochs, and the mean as the only control.
 QUICK: dict[str, Any] = {
     "experiments.published": DROP, "sources.published": DROP,
@@ -34,8 +39,8 @@ QUICK: dict[str, Any] = {
 }  # fmt: skip
 
 
-def make(folder: Path, changes: dict[str, Any]) -> None:
-    """Create or refresh a workspace; the outputs of its last run stay."""
+def make(folder: Path, changes: dict[str, Any], source: Path = ROOT / "params.yaml") -> None:
+    """Create or refresh a workspace with the params of ``source``, changed; the outputs of its last run stay."""
     for name in COPIED:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -44,7 +49,7 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
             shutil.copytree(ROOT / name, target, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy2(ROOT / name, target)
-    params = YAML_1_2.load(ROOT / "params.yaml")
+    params = YAML_1_2.load(source)
     change_all(params, changes)
     YAML_1_2.dump(params, folder / "params.yaml")
     if not (folder / ".dvc").exists():
@@ -84,7 +89,7 @@ def forget(values: Any, names: set[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change; values in YAML")
     parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to remove")
@@ -94,7 +99,26 @@ def main() -> None:
             changes = settings(given.set)
         except ValueError as error:
             raise InputError("--set", "", str(error)) from error
-        make(given.folder, QUICK | changes | dict.fromkeys(given.drop, DROP))
+        make_checked(given.folder, changes | dict.fromkeys(given.drop, DROP))
+
+
+def make_checked(folder: Path, changes: dict[str, Any]) -> None:
+    """Make a workspace with the quick params, or with those in it if they were edited there; InputError if refused."""
+    params, written = folder / "params.yaml", folder / WRITTEN
+    before = read(params) and params.read_bytes() if params.exists() and written.exists() else b""
+    if edited := before and before != written.read_bytes():
+        print(f"workspace: {params} was edited and stays; without it, {ROOT / params.name} is used again")
+    make(folder, changes if edited else QUICK | changes, params if edited else ROOT / params.name)
+    try:
+        load(params)
+    except InputError:
+        if before:
+            params.write_bytes(before)
+        else:
+            params.unlink()
+        raise
+    if not edited:
+        shutil.copy2(params, written)
 
 
 if __name__ == "__main__":
