@@ -39,7 +39,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
     description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 
     def main() -> None:
-        parser = _StageParser(prog=f"python -m stages.{name}", description=description, formatter_class=form)
+        parser = Parser(prog=f"python -m stages.{name}", description=description, formatter_class=form)
         for argument in arguments:
             parser.add_argument(argument)
         names = vars(parser.parse_args())
@@ -65,20 +65,6 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
     return StageContext(name, main, params.load_beyond(main, beyond))
 
 
-class _StageParser(Parser):
-    """A parser whose help lists each argument's choices, what the stage reads under ``data``, and what it writes."""
-
-    def format_help(self) -> str:
-        with suppress(InputError):
-            pipeline, entry = _entry(self.prog.rpartition(".")[2])
-            values = _read(PIPELINES[pipeline])
-            lines = [f"{name}: {', '.join(config.value_of(values, key) or ())}" for name, key in _matrix(entry).items()]
-            lines += [f"reads: {', '.join(path for path in entry['deps'] if path.startswith('data/'))}"]
-            lines += [f"writes: {', '.join(_outputs(entry))}"]
-            self.epilog = "\n".join(re.sub(r"\$\{item\.(\w+)\}", lambda item: item[1].upper(), line) for line in lines)
-        return super().format_help()
-
-
 def missing(path: Path) -> InputError:
     """An ``InputError`` for a missing file, with the command that makes the file, if a stage does."""
     with suppress(InputError):
@@ -92,8 +78,9 @@ def makers(path: Path) -> Iterator[str]:
     for pipeline in filter(Path.exists, PIPELINES):
         values, before = _read(PIPELINES[pipeline]), "" if pipeline == paths.PIPELINE else f"{pipeline}:"
         for name, entry in _stages(pipeline).items():
-            for out in _outputs(entry):
-                pattern = re.sub(r"\\\$\\\{item\\?\.(\w+)\\\}", r"(?P<\1>\\w+)", re.escape(out))
+            for out in [*entry.get("outs", []), *entry.get("metrics", [])]:
+                template = re.escape(next(iter(out)) if isinstance(out, dict) else str(out))
+                pattern = re.sub(r"\\\$\\\{item\\?\.(\w+)\\\}", r"(?P<\1>\\w+)", template)
                 match = re.fullmatch(rf"{pattern}(/.*)?", path.as_posix())
                 items = {item: key for item, key in _matrix(entry).items() if match and item in match.groupdict()}
                 if match and all(match[item] in (config.value_of(values, key) or ()) for item, key in items.items()):
@@ -103,11 +90,6 @@ def makers(path: Path) -> Iterator[str]:
 def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
     """By argument of a stage: the dotted key of params that lists its values."""
     return {item: str(values).strip("${}") for item, values in (entry.get("matrix") or {}).items()}
-
-
-def _outputs(entry: Mapping[str, Any]) -> list[str]:
-    listed = [*entry.get("outs", []), *entry.get("metrics", [])]
-    return [next(iter(out)) if isinstance(out, dict) else str(out) for out in listed]
 
 
 def _entry(name: str) -> tuple[Path, dict[str, Any]]:

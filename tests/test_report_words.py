@@ -101,7 +101,7 @@ def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
     [
         (b"phrase,definition\nmug,a cup\nbed\n", "line 3: expected "),
         (b"phrase,meaning\nmug,a cup\n", "line 1: expected .*phrase, definition"),
-        (b"phrase,definition\nmug,a c\xffp\n", "expected .*UTF-8"),
+        (b"phrase,definition\nmug,a c\xffp\n", "line 2: expected .*UTF-8"),
     ],
 )
 def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes, said: str) -> None:

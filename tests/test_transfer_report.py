@@ -8,7 +8,7 @@ import pytest
 
 from isi.graph.graph import MinedSource
 from isi.report.sections import finetuning, run
-from isi.report.sections.queries import Answers
+from isi.report.sections.queries import AffordanceAnswers
 from tests.reports import frame_of, runs, small_results
 
 KINDS = ["object", "affordance", "affordance", "room", "object"]
@@ -22,10 +22,10 @@ def ranked(model: str, seed: int, order: list[int]) -> list[tuple[str, int, int,
     return [(model, seed, 4, answer, rank) for rank, answer in enumerate(order, 1)]
 
 
-def answers(*rows: list[tuple[str, int, int, int, int]]) -> Answers:
+def answers(*rows: list[tuple[str, int, int, int, int]]) -> AffordanceAnswers:
     columns = ["model", "seed", "entity", "answer", "rank"]
     ranks = pd.DataFrame([row for part in rows for row in part], columns=columns)
-    return Answers(ranks, ENTITIES, "hasAffordance", ["affordance"], "home")
+    return AffordanceAnswers(ranks, ENTITIES, "hasAffordance", ["affordance"], "home")
 
 
 def test_the_drop_is_what_new_candidates_cost_at_once() -> None:

@@ -245,9 +245,9 @@ class Results:
         of_source = (experiment for experiment in self.standalone if experiment.settings.graph.source == source)
         return next((experiment.title for experiment in of_source), source)
 
-    def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
-        """The experiments for which an analysis was run, each with the tables of the analysis."""
-        ran = (experiment for experiment in self.experiments.values() if name in experiment.analyses)
+    def analysis(self, name: str, *among: Experiment | None) -> list[tuple[Experiment, Any]]:
+        """The experiments (without ``among``: of all) for which an analysis was run, each with its tables."""
+        ran = (each for each in among or self.experiments.values() if each and name in each.analyses)
         return [(experiment, experiment.analyses[name]) for experiment in ran]
 
     def variants_of(self, group: str) -> list[VariantRuns]:
@@ -264,7 +264,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     other_graphs = [
         VariantRuns.of(name, graph.variant(name), name, graph.title, params,
                        *(table.read_text(graph=name) for table in beyond))
-        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+        for name, graph in load_beyond(params, runs=False).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
     ]  # fmt: skip
     return Results(
         params=params, run=run, paper=paper_values.read(paths.PAPER), experiments=experiments,
@@ -281,7 +281,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
     """Runs of every variant on every experiment where it was run; ``titles``: display titles by experiment."""
     variants = []
-    for name, variant in load_beyond(params).variants.items():
+    for name, variant in load_beyond(params, runs=False).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():
             tables = [table.read_text(variant=name) for table in (VARIANT_RUNS, VARIANT_QUERIES)]
             ran = titles.keys() & set(tables[0]["experiment"])

@@ -3,12 +3,11 @@
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
-from importlib import resources
 
 from markupsafe import Markup, escape
 
 from isi.report.data import Results
-from isi.report.words import JOINT, capitalized, described, label
+from isi.report.words import JOINT, TEMPLATES, capitalized, described, label
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Term:
 
 def of_the_page() -> list[Term]:
     """The terms of ``glossary.txt``: each entry is a line ``NAME | FORM | ...``, then lines of its meaning."""
-    text = resources.files("isi.report").joinpath("templates/glossary.txt").read_text("utf-8")
+    text = (TEMPLATES / "glossary.txt").read_text("utf-8")
     entries = [entry.split("\n") for entry in text.strip().split("\n\n")]
     names = [heading.split(" | ") for heading, *_ in entries]
     return [Term(name, " ".join(meaning), tuple(forms))

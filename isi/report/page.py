@@ -13,32 +13,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
+from isi import config
 from isi.report import figures, glossary, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
 from isi.report.tables import Column, ReportTable, csv, number
-from isi.report.words import BASELINE, JOINT, WORDS
+from isi.report.words import BASELINE, JOINT, TEMPLATES, WORDS
 from isi.tables.io import atomically
 
-#: Parts of the page with their sections, in order; a section is ``MODULE.FUNCTION`` of ``isi/report/sections``. Main
-#: results come first, details to look up last.
-CONTENTS = {
-    "How to read this page": ("run.guide",),
-    "Right after insertion": (
-        "immediate.immediate", "queries.query_breakdown", "immediate.controls", "variants.stronger",
-        "variants.n_insert_triples", "variants.other_words", "queries.affordances",
-    ),
-    "Explorer": ("insertions.explorer",),
-    "Fine-tuning": ("finetuning.convergence", "finetuning.forgetting"),
-    "Does it hold elsewhere?": ("finetuning.transfer", "variants.other_graphs", "variants.embeddings"),
-    "Beside the paper": (
-        "paper.paper", "paper.causes", "run.departures", "insertions.trajectory", "choices.indicators",
-        "choices.cross_validation", "choices.embedding_models",
-    ),
-    "Significance, data and the run": ("immediate.differences", "run.graph", "run.definitions", "run.run"),
-}  # fmt: skip
+#: Names of sections, in order, by part of the page.
+CONTENTS = config.read(TEMPLATES / "sections.yaml")
 SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
 #: The summary above all sections: the answer, in numbers and one figure.
 VERDICT = ReportSection.of("immediate.verdict")
@@ -138,7 +124,7 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
     if experiment.queries is not None:
         numbers["novel_entity_given"] = stats.values(experiment.given_means)
     if "affordances" in experiment.analyses:
-        numbers["affordances_percent"] = queries.Answers.of(experiment).shares
+        numbers["affordances_percent"] = queries.AffordanceAnswers.of(experiment).shares
     return numbers
 
 
@@ -149,12 +135,15 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch, a column for each model."""
-    frames = {}
+    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch, a column for each initializer."""
+    initializers = list(results.params.initializers)
+    nothing = pd.DataFrame(columns=["epoch", *initializers])  # dvc.yaml names these plots, also without the experiment
+    frames = {"transfer_known": nothing, "transfer_known_closed": nothing}
     for experiment in results.experiments.values():
-        initializers, name = experiment.initializers, f"{experiment.name}_{{}}"
+        name = f"{experiment.name}_{{}}"
         if experiment in results.standalone:
             means = 100 * experiment.immediate.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
+            means = means.reindex(columns=[*means.columns, *(name for name in initializers if name not in means)])
             for scope in ("all", "novel"):
                 rows = means.loc[scope] if scope in means.index.unique("scope") else means.head(0).droplevel("scope")
                 frames[f"immediate_{scope}{experiment.suffix}"] = rows.reset_index()

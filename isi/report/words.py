@@ -1,8 +1,10 @@
 """Words of the report: labels, roles and colours of models, names of scopes, and lists within sentences."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from isi import config
 from isi.initializers.api import INITIALIZERS, Registered, Role
 from isi.report.tables import Column
 
@@ -15,22 +17,15 @@ _OTHERS = {JOINT: ("Joint", "#000000", "--"), FINETUNE_ONLY: ("Nothing inserted"
 BASELINE = "xavier"
 #: Colours of initializers that register none.
 _SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
+TEMPLATES = Path(__file__).parent / "templates"
+_LISTS: dict[str, dict[str, str]] = config.read(TEMPLATES / "words.yaml")
 #: Title of each scope on the page.
-SCOPES = {
-    "all": "all queries", "novel": "novel entities", "novel_heldout": "novel entities, held-out triples",
-    "known": "earlier knowledge", "known_closed": "earlier knowledge, known candidates only",
-}  # fmt: skip
+SCOPES = _LISTS["scopes"]
 #: MRR* and its halves, with their headers in files; ``WORDS`` has those of the page, if they differ.
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 SCOPE = Column("scope", words=SCOPES)
 #: Headers on the page, by header in files.
-WORDS = SCOPES | {
-    "entity half": "entity prediction", "relation half": "relation prediction", "std": "deviation", "scope": "queries",
-    "scope's filter": "usual filter", "all true": "all true triples left out", "unconverged %": "never converged, %",
-    "p (Holm)": "p, corrected", "of these differ": "seeds that differ", "share %": "share, %", "gain %": "gain, %",
-    "drop %": "drop, %", "epochs, all": "epochs: all queries",
-    "epochs, novel_heldout": "epochs: novel entities, held-out triples",
-}  # fmt: skip
+WORDS = SCOPES | _LISTS["headers"]
 
 
 def _registered(initializer: str) -> Registered:

@@ -175,11 +175,8 @@ def transfer(results: Results) -> Iterator[Content]:
         settings, name, runs, figures = experiment.settings, experiment.name, experiment.immediate, {}
         extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
         assert extend is not None  # noqa: S101  # true of ``results.extended``
-        base, dropped, paper = (
-            results.source_title(settings.graph.source),
-            interference_percent(runs),
-            results.paper["transfer"],
-        )
+        base, paper = results.source_title(settings.graph.source), results.paper["transfer"]
+        dropped = interference_percent(runs)
         numbers: dict[str, Any] = {
             "experiment": experiment, "base": base, "size": size, "ended": [], "order": None,
             "heldout": runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]["queries"],

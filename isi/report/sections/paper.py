@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from isi import config
+from isi.config import value_of
+from isi.initializers.api import INITIALIZERS
 from isi.report import stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch
@@ -15,8 +18,10 @@ from isi.report.section import Content
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
 from isi.report.tables import Column
-from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
+from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label
 
+#: The rows of the table of all numbers; the file says how they are written.
+ROWS = TEMPLATES / "paper_rows.yaml"
 #: Place of a number in the paper, its title, the paper's number, ours (NaN if there is none), and a note on ours.
 Row = tuple[str, str, float, float, str]
 
@@ -48,28 +53,38 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     source, paper, methods = experiment.settings.graph.source, results.paper, list(results.paper["indicators"])
     moved = next((other for other in results.extended if other.settings.graph.source == source), None)
     gain, fewer = stats.values(stats.improvements(experiment.immediate, "all")), fewer_epochs(experiment)
-    theirs, saved = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["fewer_epochs_than_xavier"]
-    title, names = "immediate gain over Xavier, all queries, %", joined(map(label, methods))
     means, dropped = (moved.mrr_star, stats.values(interference_percent(moved.immediate))) if moved else ({}, {})
-    gained = ("section 6.1", title, theirs, gain)
-    later = (
-        ("section 6.2", "fewer epochs than Xavier, %", {name: saved.get(name, nan) for name in methods}, fewer),
-        *(("section 6.3", words, paper["transfer"][key], ours) for key, words, ours in (
-            ("all_queries", "immediate MRR*, all queries", means.get("all", {})),
-            ("novel_queries", "immediate MRR*, new entities' queries", means.get("novel", {})),
-            ("epochs", "epochs to convergence after the transfer", moved.epochs().get("all", {}) if moved else {}),
-            ("drop", f"immediate drop of MRR* over {results.standalone[0].title}'s entities, %", dropped))),
-    )  # fmt: skip
-    rows = [
-        ("abstract", f"{title}: the figure is ES's", paper["immediate"]["improvement_in_the_abstract"],
-         gain.get("es", nan)),
-        ("section 6.1", f"{title}: mean of {names}", _mean_of(theirs, methods), _mean_of(gain, methods)),
-        ("abstract", f"fewer epochs than Xavier, %: mean of {names}", saved.get("mean", nan), _mean_of(fewer, methods)),
-        *_graph(results, experiment), *_settings(results, experiment, moved), *_choices(results, experiment, moved),
-        *_by_model(gained), *_table2(paper["convergence"]["epochs"], experiment.convergence), *_by_model(*later),
-        *_table3(results, experiment, moved),
-    ]  # fmt: skip
-    return [(*row, "") if len(row) == 4 else row for row in rows]
+    gained, saved = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["fewer_epochs_than_xavier"]
+    answers, whose = paper["affordances"], dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
+    theirs = {
+        **paper,
+        "means": {"gain": _mean_of(gained, methods), "fewer": saved.get("mean")},
+        "fewer_epochs": {name: saved.get(name) for name in methods},
+        "best_indicators": dict.fromkeys(methods, paper["indicators_degrade_after"]),
+        "judged": {name: answers["judged"][who] | {"affordances": answers[who]} for name, who in whose.items()},
+    }
+    ours = {
+        "means": {"gain": _mean_of(gain, methods), "fewer": _mean_of(fewer, methods)}, "fewer_epochs": fewer,
+        "immediate": {"improvement_over_xavier": gain}, "graph": _graph(results, experiment),
+        "settings": _settings(results, experiment, moved), **_choices(results, experiment, moved),
+        "convergence": {"epochs": _epochs(experiment, "all"), "heldout": _epochs(experiment, "novel_heldout")},
+        "transfer": {"all_queries": means.get("all"), "novel_queries": means.get("novel"), "drop": dropped,
+                     "epochs": moved and moved.epochs().get("all")},
+        "judged": _judged(results, list(whose), experiment, moved),
+    }  # fmt: skip
+    labels = {name: label(name) for name in INITIALIZERS.names()}
+    filled = {"answers": queries.TOP * len(results.params.affordances.entities), "first": results.standalone[0].title}
+    rows = list[Row]()
+    for where, titles, key, *ours_key in config.read(ROWS)["rows"]:
+        names = list(value_of(theirs, key)) if isinstance(value_of(theirs, key), dict) else [""]
+        parts = titles.items() if isinstance(titles, dict) else [("", titles)]
+        for name, (part, title) in product(names, parts):
+            place = "".join(f".{step}" for step in (name, part) if step)
+            number, value = value_of(theirs, key + place), value_of(ours, (*ours_key, key)[0] + place)
+            value, note = value if isinstance(value, tuple) else (value, "")
+            text = (f"{labels.get(name, name)}: {title}" if name else title).format(**filled)
+            rows.append((where, text, *(nan if each is None else float(each) for each in (number, value)), note))
+    return rows
 
 
 def fewer_epochs(experiment: Experiment) -> dict[str, float]:
@@ -79,126 +94,75 @@ def fewer_epochs(experiment: Experiment) -> dict[str, float]:
     return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
-def _by_model(*parts: tuple[str, str, Mapping[str, float], Mapping[str, float]]) -> Iterator[Any]:
-    """A row for each model with a number in the paper; parts: place, title, the paper's numbers by model, ours."""
-    for where, title, theirs, ours in parts:
-        for model, number in theirs.items():
-            yield where, f"{label(model)}: {title}", number, ours.get(model, nan)
-
-
 def _mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
     """The mean over the models that have a number; NaN if none has one."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else nan
 
 
-def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
+def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:
     """The size of the graph, and Table 1."""
-    paper, words = results.paper["graph"], results.vocabulary
-    entities, triples, ends = experiment.entities, experiment.triples, words["bowls_in_cabinets"]
+    words, entities, triples = results.vocabulary, experiment.entities, experiment.triples
     kinds, bowls = entities["kind"].value_counts(), triples
-    for end, names in ends.items():
+    for end, names in words["bowls_in_cabinets"].items():
         bowls = bowls[bowls[end].isin(names)]
-    for name, title, ours in (
-        ("relations", "relations", triples["relation"].nunique()),
-        ("entities", "entities", len(entities)),
-        ("concepts", "household concepts: objects and rooms", kinds.reindex(words["concepts"]).sum()),
-        *((kind, f"{kind}s", kinds.get(kind, 0)) for kind in paper if kind in words["kinds"]),
-        ("observations", "observations (paper: over 15,000)", triples["count"].sum()),
-        ("unique_triples", "unique triples", len(triples)),
-        ("bowls_in_cabinets", f"observations of ({', '.join(names[0] for names in ends.values())})",
-         bowls["count"].sum()),
-    ):  # fmt: skip
-        yield "section 5.1", title, paper[name], float(ours)
     observations, counts = results.observed[experiment.settings.graph.source].observations, pd.DataFrame()
     if observations["scene"].notna().any():
-        counts = run.table1(observations, paper["median_per_environment"], words["relations"]).set_index("room")
-    titles = {word: f"{word} triples, median per environment" for word in words["relations"].values()}
-    titles |= {"entities": "entities, median per environment", "rooms": "rooms"}
-    counts = counts.rename(columns={"object types": "entities"})
-    for (room, numbers), (name, title) in product(paper["median_per_environment"].items(), titles.items()):
-        ours = float(counts[name][room]) if room in counts.index and name in counts else nan
-        yield "Table 1", f"{room}: {title}", numbers.get(name, nan), ours
+        counts = run.table1(observations, results.paper["graph"]["median_per_environment"], words["relations"])
+        counts = counts.set_index("room").rename(columns={"object types": "entities"})
+    return {
+        "relations": triples["relation"].nunique(), "entities": len(entities), "unique_triples": len(triples),
+        "concepts": kinds.reindex(words["concepts"]).sum(), **{kind: kinds.get(kind, 0) for kind in words["kinds"]},
+        "observations": triples["count"].sum(), "bowls_in_cabinets": bowls["count"].sum(),
+        "median_per_environment": counts.to_dict("index"),
+    }  # fmt: skip
 
 
-def _settings(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
-    paper, params, sessions = results.paper["settings"], results.params, experiment.settings.sessions
-    least, most, share = min(sessions.sizes), max(sessions.sizes), 100 / len(experiment.entities)
+def _settings(results: Results, experiment: Experiment, moved: Experiment | None) -> dict[str, Any]:
+    params, sessions, share = results.params, experiment.settings.sessions, 100 / len(experiment.entities)
     added: dict[str, Any] = {}
     if moved and moved.settings.graph.extend:
         inserted = moved.settings.sessions
         added = moved.settings.graph.extend.model_dump() | {"size": max(inserted.sizes), "repeats": inserted.seeds}
-    for where, title, theirs, ours in (
-        ("5.3", "repeats of each set size", paper["repeats"], sessions.seeds),
-        ("6.1", "novel entities inserted together, at most", paper["largest_size"], most),
-        ("6.1", "the smallest set, % of all entities", paper["shares"]["smallest"], share * least),
-        ("6.1", "the largest set, % of all entities", paper["shares"]["largest"], share * most),
-        ("6.2", "novel entities in the learning curves", paper["curve_size"], experiment.curve_size or nan),
-        ("5.3", "margin of convergence, points of MRR*", paper["margin"], 100 * params.convergence.margin),
-        ("5.3", "epochs of fine-tuning, at most", paper["max_epochs"], params.finetuning.max_epochs),
-        ("5.3", "fine-tuning rate", paper["finetuning_rate"], params.finetuning.learning_rate),
-        ("5.3", "ERS: candidates", paper["candidates"], params.initializers.get("ers", {}).get("candidates", nan)),
-        *(("6.3", f"transfer: {title}", paper["transfer"][name], added.get(name, nan)) for name, title in (
-            ("candidates", "candidates"), ("size", "entities inserted together"),
-            ("min_observations", "observations, at least"), ("repeats", "repeats"))),
-    ):  # fmt: skip
-        yield f"section {where}", title, theirs, ours
+    return {
+        "repeats": sessions.seeds, "largest_size": max(sessions.sizes), "curve_size": experiment.curve_size,
+        "shares": {"smallest": share * min(sessions.sizes), "largest": share * max(sessions.sizes)},
+        "margin": 100 * params.convergence.margin, "max_epochs": params.finetuning.max_epochs, "transfer": added,
+        "finetuning_rate": params.finetuning.learning_rate,
+        "candidates": params.initializers.get("ers", {}).get("candidates"),
+    }  # fmt: skip
 
 
-def _analysis(name: str, *experiments: Experiment | None) -> tuple[Experiment, Any] | None:
-    """The first of the experiments for which an analysis was run, and its result."""
-    ran = (experiment for experiment in experiments if experiment and name in experiment.analyses)
-    return next(((experiment, experiment.analyses[name]) for experiment in ran), None)
-
-
-def _choices(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
-    """Rows on cross-validation and the indicator set size: as ``Row``, but the note may be missing."""
-    paper, choice = results.paper, results.params.settings[0].model_dump()
-    words = {"dimension": "dimension", "ratio": "negatives per positive", "learning_rate": "learning rate of Θ⁰",
-             "weight_decay": "weight decay of Θ⁰"}  # fmt: skip
-    folds, sweep = (_analysis(name, experiment, moved) for name in ("cross_validation", "sweep"))
-    for name, title in words.items():
-        best, note = choices.best(folds[1], choice, name) if folds else (nan, "")
-        yield "section 5.3", f"{title}: best in cross-validation", paper["training"][name], best, note
-    rule = paper["indicators_rule"]
-    for title, theirs, ours in (
-        ("neighbouring sizes averaged", rule["neighbours"], choices.NEIGHBOURS),
-        ("grow while so many epochs are gained", rule["epochs"], choices.EPOCHS),
-        ("stop where MRR* is so many points below the best", rule["points"], 100 * choices.LOSS),
-    ):
-        yield "section 5.3", f"rule: {title}", theirs, ours
-    picked, tops = dict[str, int](), dict[str, int]()
-    if sweep:
-        (swept, runs), models = sweep, list(results.params.sweep.initializers)
+def _choices(results: Results, experiment: Experiment, moved: Experiment | None) -> dict[str, Any]:
+    """Best settings in cross-validation, each with a note, the rule, and the sizes that it picks."""
+    choice, picked, tops = results.params.settings[0].model_dump(), dict[str, int](), dict[str, int]()
+    models, training = list(results.params.sweep.initializers), dict[str, tuple[float, str]]()
+    for _, folds in results.analysis("cross_validation", experiment, moved):
+        training = {name: choices.best(folds, choice, name) for name in choice}
+    for swept, runs in results.analysis("sweep", experiment, moved):
         means = choices.means_of(runs[runs["epoch"] == 0], swept.converged(runs, ["model", "k"]), models)
         picked, mrr_star = choices.picked_sizes(means), means[Column("MRR*", "all")].dropna()
         tops = {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
-    title = f"indicator set size of the best immediate MRR*, {SCOPES['all']} (paper: falls beyond)"
-    beyond = dict.fromkeys(paper["indicators"], paper["indicators_degrade_after"])
-    yield from _by_model(
-        ("section 5.3", "indicator set size that the rule picks", paper["indicators"], picked),
-        ("section 5.3", title, beyond, tops),
-    )
+    return {
+        "indicators_rule": {"neighbours": choices.NEIGHBOURS, "epochs": choices.EPOCHS, "points": 100 * choices.LOSS},
+        "training": training, "indicators": picked, "best_indicators": tops,
+    }  # fmt: skip
 
 
-def _table2(paper: Mapping[str, Any], convergence: pd.DataFrame) -> Iterator[Any]:
-    for scope, which in (("all", ""), ("novel_heldout", ", on held-out triples of the novel entities instead")):
-        epochs = convergence[convergence["scope"] == scope].groupby("model")["epochs"]
-        parts = (("mean", epochs.mean(), "mean"), ("deviation", epochs.std(ddof=1), "standard deviation"))
-        for (name, numbers), (part, ours, words) in product(paper.items(), parts):
-            yield "Table 2", f"{label(name)}: epochs to convergence, {words}{which}", numbers[part], ours.get(name, nan)
+def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
+    """Table 2 in one scope, by model: mean and standard deviation of the epochs to convergence."""
+    rows = experiment.convergence[experiment.convergence["scope"] == scope]
+    return rows.groupby("model")["epochs"].agg(["mean", "std"]).set_axis(["mean", "deviation"], axis=1).to_dict("index")
 
 
-def _table3(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
-    paper, entities = results.paper["affordances"], results.params.affordances.entities
-    analysis = _analysis("affordances", experiment, moved)
-    answers = queries.Answers.of(analysis[0]) if analysis else None
-    title = f"of {queries.TOP * len(entities)} answers shown, how many are"
-    for name in (*results.paper["indicators"], BASELINE):
-        who, ran = "xavier" if name == BASELINE else "isi", answers and name in set(answers.ranks["model"])
-        counts = answers.judged(name, entities, results.vocabulary["afforded"]) if answers and ran else {}
-        for verdict, number in {"affordances": paper[who], **paper["judged"][who]}.items():
-            yield "Table 3", f"{label(name)}: {title} {verdict}", number, counts.get(verdict, nan)
+def _judged(results: Results, models: Sequence[str], *experiments: Experiment | None) -> dict[str, Any]:
+    """Table 3 by model: how many of the answers shown are affordances, and how many are plausible, unlikely, wrong."""
+    entities, afforded = results.params.affordances.entities, results.vocabulary["afforded"]
+    answers = [
+        queries.AffordanceAnswers.of(experiment) for experiment, _ in results.analysis("affordances", *experiments)
+    ]
+    return {name: ranked.judged(name, entities, afforded)
+            for ranked in answers for name in models if name in set(ranked.ranks["model"])}  # fmt: skip
 
 
 #: The name of a row, MRR* over all queries right after insertion, and epochs to convergence, by model.

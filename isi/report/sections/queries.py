@@ -88,7 +88,7 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class Answers:
+class AffordanceAnswers:
     """Ranked answers to (entity, relation, ?) in one experiment: ``AFFORDANCES`` with ``initializer`` as ``model``."""
 
     ranks: pd.DataFrame
@@ -100,7 +100,7 @@ class Answers:
     source: str
 
     @classmethod
-    def of(cls, experiment: Experiment) -> Answers:
+    def of(cls, experiment: Experiment) -> AffordanceAnswers:
         """The answers that were ranked in an experiment."""
         relation = experiment.params.affordances.relation
         tails = experiment.triples.loc[experiment.triples["relation"] == relation, "tail"]
@@ -168,7 +168,7 @@ class Answers:
 def affordances(results: Results) -> Iterator[Content]:
     """Table 3: ranked affordances of inserted entities, right after insertion."""
     for experiment, _ in results.analysis("affordances"):
-        answers, initializers = Answers.of(experiment), experiment.initializers
+        answers, initializers = AffordanceAnswers.of(experiment), experiment.initializers
         entities = results.params.affordances.entities
         first = [*isi(initializers), *({BASELINE} & set(initializers))]
         others = [name for name in initializers if name not in first]
