@@ -1,7 +1,10 @@
 """The README and docs/: tables and numbers are current, links lead to existing targets, and the code runs."""
 
+import contextlib
+import io
 import re
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +13,7 @@ import pytest
 
 from isi.__main__ import main
 from tests.documented import blocks, commands
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, written
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, small, written
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
@@ -66,13 +69,91 @@ def test_code_runs_as_it_stands(page: str, of_pykeen: bool, capsys: pytest.Captu
         assert capsys.readouterr().out
 
 
+def printed(arguments: list[str], folder: Path) -> str:
+    """What ``isi`` prints, in this process, which saves the imports."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.chdir(folder):
+        main(arguments)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if docs.needs(page.read_text("utf-8")) is not None], ids=lambda page: page.name
+)
+def test_pages_show_what_commands_print(page: Path, tmp_path: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for need in docs.needs(text) or []:
+        if "/" not in need:
+            pytest.importorskip(need)
+        elif not (docs.ROOT / need).exists():
+            pytest.skip(f"no {need}")
+    docs.prepare(tmp_path)
+    made = docs.with_output(text, tmp_path, printed)
+    assert docs.alike(made, text), f"python -m tools.docs {page.relative_to(docs.ROOT)}"
+
+
+SHOWN = """# Page
+
+<!-- console: data/raw -->
+<!-- file: mine/entities.txt -->
+```
+kettle
+bed
+```
+
+```console
+$ isi import mine --model distmult --out imported
+$ isi nearest kettle --embedding imported
+{}```
+
+No output, so none is made:
+
+```console
+$ isi ask kettle near --embedding imported
+```
+"""
+
+
+def test_output_is_made_from_the_files_of_the_page(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "relations.txt").write_text("near\n", encoding="utf-8")
+    vectors = {"entities": np.array([[3.0, 4.0], [4.0, 3.0]]), "relations": np.ones((1, 2))}
+    np.savez(tmp_path / "mine" / "tables.npz", **vectors)
+    page = SHOWN.format("stale\n")
+    assert docs.needs(page) == ["data/raw"]
+    made = docs.with_output(page, tmp_path, printed)
+    expected = "entity: kettle\nnearest:\n  entity  cosine\n  bed     0.96\n"  # 24 / 25
+    assert made == SHOWN.format(expected)
+    assert not docs.alike(made, page)
+    assert docs.needs("```console\n$ isi ask\n```\n") is None
+
+
+def test_lines_that_are_left_out_of_output_stay_out() -> None:
+    printed = "".join(f"{number}\n" for number in range(9))
+    assert docs.shortened(printed, "a\nb\n...\nc\n") == "0\n1\n...\n8\n"
+    assert docs.shortened(printed, "a\n...\n") == "0\n...\n"
+    assert docs.shortened(printed, "a\nb\n") == printed
+    assert docs.shortened("0\n1\n", "a\n...\nb\nc\n") == "0\n1\n"
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [("a  0.512 -3e-05\n", True), ("a 0.521 0\n", True), ("a 0.53 0\n", False), ("b 0.512 0\n", False),
+     ("a 0.512\n", False), ("a 0.512 0 1\n", False), ("a nan 0\n", False)],
+)  # fmt: skip
+def test_only_the_last_digits_of_numbers_may_differ(other: str, same: bool) -> None:
+    assert docs.alike("a 0.512 0\n", other) is same
+
+
 def test_commands_about_entities_run_as_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    written(tmp_path / "data" / "final_models" / "ai2thor")
+    names, relations = ["kitchen", "counter top", *NAMES[2:]], [*BETWEEN, "hasMaterial"]
+    known = small(entity_names=names, phrases=names, relation_names=relations, relations=np.eye(3, 4, dtype=np.float32))
+    written(tmp_path / "data" / "final_models" / "ai2thor", known)
     monkeypatch.chdir(tmp_path)
     shown = [line for line in commands("insert.md") if line.startswith("isi ")]
-    assert len(shown) == 5
+    assert {line.split()[1] for line in shown} >= {"insert", "observe", "ask", "undo", "nearest", "explain"}
     for line in shown:
         main(shlex.split(line)[1:])
         assert capsys.readouterr().out
@@ -80,6 +161,8 @@ def test_commands_about_entities_run_as_they_stand(
 
 def test_commands_of_the_reference_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    for path in (docs.ROOT / "examples").glob("home*.csv"):
+        shutil.copy(path, tmp_path)
     Path("mine").mkdir()
     for name, listed in (("entities", NAMES), ("relations", BETWEEN)):
         Path("mine", f"{name}.txt").write_text("\n".join(listed) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
 from isi.insertion.choice import HiddenDraws
-from isi.insertion.platt import LEAST_RIGHT, PlattCurve, fit_platt
+from isi.insertion.probability import LEAST_RIGHT, PlattCurve, fit_platt
 from isi.insertion.result import Inserted
 
 KNOWN, RELATIONS, DIMENSION, NEW = 40, 3, 16, 40

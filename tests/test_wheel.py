@@ -190,8 +190,8 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
     [
         ("pykeen", ["python", "-c", "import isi; isi.pykeen"]),
         ("rdf", ["isi", "export", "--format", "turtle", "--embedding", "BUNDLE", "--out", "graph.ttl"]),
-        ("words-file", ["isi", "insert", "toaster", "--vectors", "words.txt", "--embedding", "BUNDLE"]),
-        ("pipeline", ["isi", "graph", "triples.csv", "--reader", "table"]),
+        ("words-file", ["isi", "insert", "toaster", "--vectors", "words.txt", "--embedding", "BUNDLE", "--dry-run"]),
+        ("pipeline", ["isi", "graph", "triples.parquet", "--reader", "table"]),
     ],
 )
 def test_the_extra_of_a_missing_package_is_named(empty: Empty, tmp_path: Path, extra: str, command: list[str]) -> None:
