@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from isi.bundle.query import OpenBundle, Query
+from isi.bundle.query import Fact, OpenBundle, Query
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.probability import PlattCurve, fit_platt
 
@@ -24,7 +24,6 @@ from isi.insertion.probability import PlattCurve, fit_platt
 #: of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
 LIKELY = 0.3
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
-Fact = tuple[str, str, str]
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,7 @@ class Inserter:
         vectors, known = [words[name].vector for name in names], self.base.words
         if known is None or all(vector is None for vector in vectors):
             return None
-        none = np.zeros(known.shape[1], known.dtype)
-        return np.stack([*known, *(none if vector is None else vector for vector in vectors)])
+        return with_rows(known, vectors)
 
     def _kind(self, name: str, about: NewEntity, facts: Iterable[Fact], words: PhraseVector) -> tuple[str, str]:
         """The kind of a new entity, and where it is from."""
@@ -239,3 +238,12 @@ class Inserter:
 def _reached(graph: nx.Graph, names: Collection[str]) -> set[str]:
     """The nodes that are connected with one of ``names``."""
     return set().union(*(nx.node_connected_component(graph, name) for name in names if name in graph))
+
+
+def with_rows(known: np.ndarray, vectors: Sequence[np.ndarray | None]) -> np.ndarray:
+    """A table, (E, v), with a row for each of n vectors, zeros where there is none; shape (E + n, v)."""
+    added = np.zeros((len(vectors), known.shape[1]), known.dtype)
+    for row, vector in zip(added, vectors, strict=True):
+        if vector is not None:
+            row[:] = vector
+    return np.concatenate([known, added])

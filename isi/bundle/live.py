@@ -20,7 +20,7 @@ from isi.bundle import folder as folders
 from isi.bundle import journal as journals
 from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.bundle.folder import Bundle
-from isi.bundle.inserter import InsertedEntity, Inserter
+from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
 from isi.bundle.journal import (
     Additions,
     Change,
@@ -221,15 +221,12 @@ class LiveEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts."""
         base, rows = self.base, list(self._rows.values())
         names, words = [row.record.entity for row in rows], base.words
-        if words is not None:
-            none = np.zeros(words.shape[1], words.dtype)
-            words = np.stack([*words, *(none if row.words.vector is None else row.words.vector for row in rows)])
         larger = replace(
             base, manifest=base.manifest.model_copy(update={"inserted": [row.record for row in rows]}),
             entities=np.concatenate([base.entities, *(row.vector[None] for row in rows)]),
             entity_names=base.entity_names + names, kinds=base.kinds + [row.kind for row in rows],
             phrases=base.phrases + [plain(name) for name in names],
-            words=words,
+            words=None if words is None else with_rows(words, [row.words.vector for row in rows]),
         )  # fmt: skip
         ids, labels = larger.entity_ids, larger.relation_ids
         facts = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in self.additions.facts]
