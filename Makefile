@@ -34,12 +34,11 @@ repro: $(CHECKED)  ## run all stages that are not up to date; print the report's
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions; update the report
+beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions, with a page of its own
 	@python -m isi.params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden
-	@dvc repro --single-item --force report
 
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)

@@ -50,7 +50,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> N
     workspace.make(tmp_path, changes)
     for addition, name in MODULES.items():
         (tmp_path / name).write_text(documented.code(f"own {addition}"), encoding="utf-8")
-    replace_once(tmp_path / "isi/report/templates/sections.yaml", " run.run]", " query_counts.query_counts, run.run]")
+    replace_once(tmp_path / "isi/report/templates/pages.yaml", " run.run]", " query_counts.query_counts, run.run]")
     stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     replace_once(tmp_path / "dvc.yaml", "\nplots:\n", f"\n{stage}\nplots:\n")
     table = "\n".join(["head,relation,tail,count", *NOTEBOOK])

@@ -120,6 +120,15 @@ class ModelRuns:
         return {name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
                 for name in DIRECTIONS}  # fmt: skip
 
+    def cells(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
+        """A measure (points) right after insertion: a row for each session, size and seed, a column for each model.
+
+        In scope ``given``: entity MRR* over the queries that give a novel entity.
+        """
+        if scope == "given":
+            return 100 * stats.cells_of(self.directed.assign(session=1), self.models, scope, "mrr_star_entity")
+        return 100 * stats.cells_of(self.immediate, self.models, scope, measure)
+
     @property
     def given_means(self) -> dict[str, Estimate]:
         """Entity MRR* (points) over queries that give the novel entity, by model."""
@@ -171,9 +180,10 @@ class Experiment(ModelRuns):
 
     @property
     def curves(self) -> pd.DataFrame:
-        """Runs at ``curve_size`` of the initializers with full curves, and of the joint model."""
+        """Runs at ``curve_size`` of the initializers with full curves, and of the joint model; empty without any."""
         names = [name for name in self.finetuned if is_listed(self.settings.full_curves.initializers, name)]
-        return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])]
+        rows = self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])]
+        return rows if names else rows.head(0)
 
     @property
     def collapsed(self) -> dict[str, float]:
@@ -260,12 +270,6 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
     sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)
-    beyond = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
-    other_graphs = [
-        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
-                       *(table.read_text(graph=name) for table in beyond))
-        for name, graph in load_beyond(params, runs=False).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
-    ]  # fmt: skip
     return Results(
         params=params, run=run, paper=paper_values.read(paths.PAPER), experiments=experiments,
         vocabulary=paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY),
@@ -273,9 +277,19 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        variants=read_variants({name: experiment.title for name, experiment in experiments.items()}, params),
-        other_graphs=other_graphs,
     )  # fmt: skip
+
+
+def with_beyond(results: Results) -> Results:
+    """Results with the runs of the second pipeline, of which any may be missing."""
+    tables, params = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES), results.params
+    graphs = [
+        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
+                       *(table.read_text(graph=name) for table in tables))
+        for name, graph in load_beyond(params, runs=False).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+    ]  # fmt: skip
+    titles = {name: experiment.title for name, experiment in results.experiments.items()}
+    return replace(results, variants=read_variants(titles, params), other_graphs=graphs)
 
 
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:

@@ -1,11 +1,12 @@
 """Figures for files and the page: style, panels, lines with intervals, legends, colours and alternative texts."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
 from typing import Any
+from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -34,6 +35,11 @@ _CONTRAST, _GREY = 4.5, 24
 #: Exponent of a grey's brightness in the dark scheme; above 1 it moves greys towards ink, for contrast as on white.
 _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
+#: Colours of the parts of a bar: the start, then each part of the gain.
+_PARTS = ("#bdbdbd", "#9ecae1", "#a1d99b", "#fdae6b")
+_LABELLED = 4  #: Least width (points) of a part that has its number in the bar.
+#: Start of the ``gid`` of what the page shows only on demand.
+OPTIONAL = "optional"
 Names = Sequence[str]
 
 
@@ -85,8 +91,13 @@ def in_words(canvas: Canvas) -> str:
     return " ".join(texts)
 
 
-def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int) -> Canvas:
-    """MRR* right after insertion against |ξ|: a row of panels for each measure, a column for each scope."""
+def by_size(
+    runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int, first: Names = ()
+) -> Canvas:
+    """MRR* right after insertion against |ξ|: a row of panels for each measure, a column for each scope.
+
+    If ``first`` is given, the page shows the other models on demand.
+    """
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
@@ -94,11 +105,15 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
             if len(rows):  # lines are shifted apart in x; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
                 aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
-                panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]), **line_style(model, models),
-                               lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)  # fmt: skip
+                drawn = panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]),
+                                       **line_style(model, models), lw=0.9 if control else 1.2, marker="o",
+                                       ms=2 if control else 3)  # fmt: skip
+                for number, part in enumerate(drawn.get_children() if first and model not in first else ()):
+                    part.set_gid(f"{OPTIONAL}-{measure}-{scope}-{model}-{number}")
         title = f"{SCOPES.get(scope, scope)}: {WORDS.get(HALVES[measure], HALVES[measure])}"
-        panel.set(title=title, xlabel="novel entities |ξ|", ylabel="points")
+        panel.set(title=title, xlabel="novel entities |ξ|", ylabel="MRR* (points)")
         panel.set_xticks(sorted(runs["size"].unique()))
+        panel.tick_params(axis="x", labelsize=8)
         shares = (lambda size: np.asarray(size) * (100 / entities), lambda share: np.asarray(share) * (entities / 100))
         above = panel.secondary_xaxis("top", functions=shares)
         above.set_xlabel("% of |E|", fontsize=8)
@@ -107,20 +122,31 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
     return canvas
 
 
-def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabel: str = "") -> Canvas:
-    """MRR* by epoch, a panel for each scope; lines at the joint model's mean J and, if given, at J − ``margin``."""
+def by_epoch(
+    runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabels: Names = ("MRR* (points)",)
+) -> Canvas:
+    """MRR* by epoch, a panel for each scope; lines at the joint model's mean J and, if given, at J − ``margin``.
+
+    The first ten epochs take about half of the width, since most changes are there; then every fifth is drawn.
+    """
     canvas, axes = panels(len(scopes))
-    for panel, scope in zip(axes, scopes, strict=True):
-        shown = runs[runs["scope"] == scope]
+    for place, (panel, scope) in enumerate(zip(axes, scopes, strict=True)):
+        shown = runs[(runs["scope"] == scope) & ((runs["epoch"] <= 10) | (runs["epoch"] % 5 == 0))]
         for model in models:  # controls have no band: more bands would hide each other
             band = 0 if controls([model]) else 0.1
             with_band(panel, shown[shown["model"] == model], "epoch", "mrr_star", 100, band,
                       lw=1.4 if band else 1, **line_style(model, models))  # fmt: skip
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
-        panel.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
+        panel.axhline(joint, color=colour(JOINT, models), lw=1.2, ls="--", label=label(JOINT))
         if margin is not None:
             panel.axhline(joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="converged")
-        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel or "MRR* (points)")
+        last = int(runs["epoch"].max()) if len(runs) else 0
+        panel.set_xscale("symlog", linthresh=10, linscale=1.2)
+        ticks = [epoch for epoch in (0, 2, 4, 6, 8, 10, 20, 50, 150) if epoch <= last]
+        panel.set_xticks(ticks, list(map(str, ticks)))
+        panel.minorticks_off()
+        panel.set_xlim(-0.3, max(last, 1) * 1.05)
+        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabels[min(place, len(ylabels) - 1)])
     legend(canvas, axes)
     return canvas
 
@@ -137,16 +163,53 @@ def with_band(
     return line
 
 
-def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "") -> Canvas:
-    """A panel for each title: rows along x, a line of means (points) for each model; keys: title, row, model."""
-    canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
+def by_row(
+    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "MRR* (points)"
+) -> Canvas:
+    """A panel for each title: a row for each group, a dot with its interval for each model; keys: title, row, model."""
+    number = max(len(rows) for rows in rows_of.values())
+    canvas, axes = panels(len(rows_of), 1 if "" in rows_of else 2, 0.9 + number * (0.25 + 0.06 * len(models)))
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
-        for model in models:
-            means = [row[model].mean if model in row else np.nan for row in rows.values()]
-            panel.plot(range(len(rows)), means, marker="o", ms=4, lw=1, **line_style(model, models))
-        panel.set_xticks(range(len(rows)), list(rows))
-        panel.set(title=title, xlabel=xlabel, ylabel="points")
+        for place, model in enumerate(models):
+            shown = [(level, row[model]) for level, row in enumerate(rows.values()) if model in row]
+            heights = [level + (place - (len(models) - 1) / 2) * 0.8 / len(models) for level, _ in shown]
+            means = np.array([estimate.parts for _, estimate in shown]).reshape(-1, 3)
+            panel.errorbar(means[:, 0], heights, xerr=np.abs(means[:, 1:] - means[:, :1]).T, marker="o", ms=3,
+                           lw=0, elinewidth=1, **{**line_style(model, models), "ls": ""})  # fmt: skip
+        panel.set_yticks(range(len(rows)), list(rows))
+        panel.invert_yaxis()
+        panel.grid(visible=False, axis="y")
+        for level in range(1, len(rows)):
+            panel.axhline(level - 0.5, color="#cccccc", lw=0.6)
+        panel.set(title=title, xlabel=xlabel)
     legend(canvas, axes)
+    return canvas
+
+
+def composed(
+    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]], models: Names
+) -> Canvas:
+    """Bars of parts (points), one after the other; by title: the parts, marks for models, the interval of the end."""
+    canvas, (axes,) = panels(1, 1, 1.2 + 0.5 * len(rows), 5.4)
+    names = list(dict.fromkeys(name for bars, *_ in rows.values() for name, _ in bars))
+    for level, (bars, marks, end) in enumerate(rows.values()):
+        left = 0.0
+        for name, width in bars:
+            axes.barh(level, width, 0.55, left, color=_PARTS[min(names.index(name), len(_PARTS) - 1)],
+                      label=name, hatch="///" if width < 0 else None, edgecolor="#ffffff", lw=0.6)  # fmt: skip
+            if abs(width) >= _LABELLED:
+                axes.text(left + width / 2, level, f"{width:.1f}", ha="center", va="center", fontsize=8)
+            left += width
+        if end is not None and not np.isnan(end.low):
+            axes.plot([end.low, end.high], [level, level], color="#000000", lw=1.2)
+        for (model, value), shape in zip(marks.items(), ("|", "D", "o"), strict=False):
+            axes.plot(value, level, ls="", marker=shape, ms=13 if shape == "|" else 7, mew=2 if shape == "|" else 1,
+                      color=colour(model, models), label=label(model))  # fmt: skip
+    axes.set_yticks(range(len(rows)), list(rows))
+    axes.set(xlim=(min(0, axes.get_xlim()[0]), 100), xlabel="MRR* right after insertion (points)")
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    legend(canvas, [axes])
     return canvas
 
 
@@ -157,15 +220,25 @@ def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100
 
 
 def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
-    """Add one legend for all panels, below them; entries are in order along rows (matplotlib fills columns)."""
+    """Letter the panels; add one legend for all, below them, in order along rows (matplotlib fills columns)."""
     entries: dict[str, Any] = {}
-    for panel in axes:
+    for letter, panel in zip("abcdefgh", axes, strict=False):
+        if len(axes) > 1:
+            panel.set_title(f"({letter}) {panel.get_title()}")
         for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(name, handle)
     if entries:
         columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
         filled = [name for first in range(columns) for name in list(entries)[first::columns]]
-        canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
+        drawn = canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
+        rows: Any = [
+            row for column in drawn.get_children()[0].get_children()[1].get_children() for row in column.get_children()
+        ]
+        for name, (handles, text) in zip(filled, (row.get_children() for row in rows), strict=True):
+            entry = entries[name]
+            gid = entry.get_children()[0].get_gid() if isinstance(entry, Container) else None
+            for place, part in enumerate((*text.get_children(), *handles.get_children()) if gid else ()):
+                part.set_gid(f"{gid}-legend-{place}")
 
 
 def rounded(svg: str) -> str:
@@ -181,15 +254,38 @@ def rounded(svg: str) -> str:
 
 
 def inline(svg: str, name: str) -> Markup:
-    """A matplotlib SVG as an element of the page; the prefix ``name`` makes its ids unique within the page."""
+    """A matplotlib SVG as a small element of the page; the prefix ``name`` makes its ids unique within the page."""
     text = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
-    text = re.sub(r' id="', f' id="{name}-', text)
-    text = re.sub(r'(url\(#|(?:xlink:)?href="#)', lambda start: f"{start[0].removeprefix('xlink:')}{name}-", text)
-    text = _COLOUR.sub(r"var(--c\1)", text)
-    width = float(re.findall(r'viewBox="0 0 ([\d.]+)', text)[0])
-    start = f'<svg aria-hidden="true" style="min-width: {0.9 * width:.0f}px"'
-    return Markup(start + re.sub(r' (?:width|height|xmlns[:\w]*|version)="[^"]*"', "", text[4:], count=5))  # noqa: S704
+    text = re.sub(r' xmlns(?::\w+)?="[^"]*"|font-family: [^;"]*;? ?|(?<= )xlink:', "", text)
+    root, styles = ElementTree.fromstring(text), dict[str, str]()  # noqa: S314  # drawn by matplotlib
+    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
+    _compact(root, used, name, styles)
+    root.attrib = {"aria-hidden": "true", "viewBox": (box := root.attrib["viewBox"]),
+                   "style": f"min-width: {0.9 * float(box.split()[2]):.0f}px"}  # fmt: skip
+    rules = "".join(f".{place}{{{style}}}" for style, place in styles.items())
+    text = ElementTree.tostring(root, "unicode", short_empty_elements=True)
+    text = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", text.replace(">", f"><style>{rules}</style>", 1))
+    return Markup(_COLOUR.sub(r"var(--c\1)", text))  # noqa: S704
+
+
+def _compact(element: ElementTree.Element, used: Collection[str], name: str, styles: dict[str, str]) -> None:
+    """Drop unused ids, groups without attributes and white space; replace styles by classes, listed in ``styles``."""
+    for key, value in list(element.attrib.items()):
+        if key == "id":
+            del element.attrib[key]
+            if value in used or value.startswith(OPTIONAL):
+                element.set(key, f"{name}-{value}")
+        elif key == "style":
+            del element.attrib[key]
+            element.set("class", styles.setdefault(value, f"{name}-{len(styles)}"))
+        elif key == "d":
+            element.set(key, " ".join(value.split()))
+    element.text, element.tail = (element.text or "").strip(), ""
+    children = list[ElementTree.Element]()
+    for child in element:
+        _compact(child, used, name, styles)
+        children += list(child) if child.tag == "g" and not child.attrib else [child]
+    element[:] = children
 
 
 def colours(figures: Iterable[str]) -> dict[str, str]:

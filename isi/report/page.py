@@ -3,9 +3,10 @@
 import json
 import re
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import matplotlib as mpl
 import pandas as pd
@@ -19,61 +20,86 @@ from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
-from isi.report.tables import Column, ReportTable, csv, number
-from isi.report.words import BASELINE, JOINT, TEMPLATES, WORDS
+from isi.report.tables import Column, Estimate, ReportTable, csv, number
+from isi.report.words import BASELINE, HALVES, JOINT, TEMPLATES, WORDS, joined, label
 from isi.tables.io import atomically
 
-#: Names of sections, in order, by part of the page.
-CONTENTS = config.read(TEMPLATES / "sections.yaml")
-SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
-#: The summary above all sections: the answer, in numbers and one figure.
-VERDICT = ReportSection.of("immediate.verdict")
+#: The pages with their titles and sections, and the paper's figures and tables with their places on the first page.
+PAGES = config.read(TEMPLATES / "pages.yaml")
 #: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
 
-def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> None:
-    """Write all files into ``folder``, each atomically; delete tables, figures and curves of earlier reports."""
-    with mpl.rc_context(STYLE):
-        verdict = VERDICT.filled(results)
-        parts = [part for section in sections if (part := section.filled(results))]
-    files, drawings = dict[Path, bytes](), dict[str, Markup]()
-    for item in (block.content for part in [*parts, *filter(None, [verdict])] for block in part.blocks):
-        if isinstance(item, ReportTable):
-            files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
-        elif isinstance(item, Figure):
-            drawn = {form: rendered(item.canvas, form) for form in ("svg", "png")}
-            files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
-            drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
-    files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
-    files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
-    files[folder / "index.html"] = html(parts, verdict, drawings, results).encode()
-    for path, data in files.items():
-        atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
-    for kind in ("tables", "figures", "plots"):
-        for path in set((folder / kind).glob("*")) - set(files):
-            path.unlink()
+@dataclass(frozen=True)
+class Page:
+    """A page of the report: its name in ``pages.yaml``, and its sections; ``answer`` stands above the others."""
+
+    name: str
+    sections: Sequence[ReportSection]
+    answer: ReportSection | None = None
+
+    @classmethod
+    def of(cls, name: str) -> Self:
+        """A page by its name."""
+        about = PAGES[name]
+        sections = [ReportSection.of(place, group) for group, places in about["sections"].items() for place in places]
+        return cls(name, sections, ReportSection.of(about["answer"]) if "answer" in about else None)
+
+    def write(self, folder: Path, results: Results) -> None:
+        """Write all files into ``folder``, each atomically; delete tables and figures of earlier reports."""
+        with mpl.rc_context(STYLE):
+            answer = self.answer.filled(results) if self.answer else None
+            parts = [part for section in self.sections if (part := section.filled(results))]
+        files, drawings = dict[Path, bytes](), dict[str, Markup]()
+        for block in (block for part in [*parts, *filter(None, [answer])] for block in part.blocks):
+            item = block.content
+            if isinstance(item, ReportTable):
+                files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
+            elif isinstance(item, Figure):
+                drawn = {form: rendered(item.canvas, form) for form in ("svg", "png")}
+                files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
+                if block.kind == "figure":
+                    drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
+        if self.name == "report":
+            files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
+            files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
+        files[folder / "index.html"] = self.html(parts, answer, drawings, results).encode()
+        for path, data in files.items():
+            atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
+        for kind in ("tables", "figures", "plots"):
+            for path in set((folder / kind).glob("*")) - set(files):
+                path.unlink()
+
+    def html(
+        self, parts: list[FilledSection], answer: FilledSection | None, drawings: dict[str, Markup], results: Results
+    ) -> str:
+        """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
+        environment = Environment(
+            loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined,
+            trim_blocks=True, lstrip_blocks=True,
+        )  # fmt: skip
+        blocks = [block for part in [*parts, *filter(None, [answer])] for block in part.blocks]
+        ids = {part.id for part in parts} | {f"{b.kind}-{b.content.name}" for b in blocks if b.kind in _NAMED}
+        ids |= {term.id for block in blocks if block.kind == "terms" for term in block.content}
+        terms = [*glossary.of_the_page(), *glossary.of_models(results)]
+        marker = glossary.Marker([term for term in terms if term.id in ids])
+        places = {title: place for title, place in PAGES["paper"].items() if place in ids}
+        return environment.get_template("page.html").render(
+            page=PAGES[self.name], answer=answer, places=places, results=results,
+            colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words, marker=marker,
+            groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)],
+            marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
+            header=header, column_groups=column_groups, best_rows=best_rows, forms=_FORMS, foot=foot(results),
+            json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
+        )  # fmt: skip
 
 
-def html(
-    parts: list[FilledSection], verdict: FilledSection | None, drawings: dict[str, Markup], results: Results
-) -> str:
-    """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
-    environment = Environment(
-        loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    ids = {part.id for part in parts}
-    ids |= {term.id for part in parts for block in part.blocks if block.kind == "terms" for term in block.content}
-    terms = [*glossary.of_the_page(), *glossary.of_models(results)]
-    marker = glossary.Marker([term for term in terms if term.id in ids])
-    return environment.get_template("page.html").render(
-        verdict=verdict, colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words,
-        groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)], marker=marker,
-        marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
-        header=header, column_groups=column_groups,
-        json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
-    )  # fmt: skip
+#: Kinds of blocks that can be linked to by their names; the files of tables and figures.
+_NAMED = ("table", "figure")
+_FORMS = {"tables": [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")], "figures": [("svg", "SVG"), ("png", "PNG")]}
+#: By column: which value is the best.
+_BEST: dict[str, Any] = dict.fromkeys([*HALVES.values(), *stats.DIRECTIONS.values(), "all", "novel"], max)
+_BEST["mean"] = _BEST["median"] = min  # epochs to convergence
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
@@ -84,9 +110,37 @@ def marked_up(text: str, ids: Collection[str]) -> Markup:
         return f'<a href="{place[2]}">{place[1]}</a>' if there else place[1]
 
     text = _ABSENT.sub("–", text)
-    linked = re.sub(r"\[([^\]]+)\]\((#[\w-]+|https://[^)\s]+)\)", link, str(escape(text)))
+    linked = re.sub(r"\[([^\]]+)\]\(([^)\s]+)\)", link, str(escape(text)))
     weighed = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", linked)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", weighed))  # noqa: S704
+
+
+def foot(results: Results) -> list[str]:
+    """Paragraphs at the foot of a page: the paper, the run, the licence."""
+    code = results.run.get("Hashes (SHA-256)", {}).get("code and shipped inputs", "")
+    graphs = joined(experiment.title for experiment in results.standalone)
+    return [
+        "Angel Daruna, Weiyu Liu, Zsolt Kira, Sonia Chernova: [Leveraging Semantics for Incremental Learning in "
+        "Multi-Relational Embeddings](https://arxiv.org/abs/1905.12181), 2019. Please cite the paper (CITATION.cff).",
+        f"Made by `make repro` (pages beyond the paper: `make beyond`) from {graphs}. The sources with their dates are "
+        f"in data/raw/README.md; versions and params are [listed above](#run). Code and inputs: SHA-256 {code[:12]}. "
+        "Licence: MIT; third-party data: NOTICE.md.",
+        "Links to files of tables and figures work in the folder `reports/`; the page itself needs no other file.",
+    ]
+
+
+def best_rows(table: ReportTable) -> dict[int, set[int]]:
+    """The rows with the best value of each column of ``_BEST``, without the joint model's; only if rows are models."""
+    if sum(table.is_text) != 1:
+        return {}
+    best, texts = {}, table.texts
+    for place, column in enumerate(table.columns):
+        means = {number: row[place].mean for number, row in enumerate(table.rows)
+                 if isinstance(row[place], Estimate) and row[0] != label(JOINT)}  # fmt: skip
+        if column.name in _BEST and len(means) > 1:
+            first = texts[_BEST[column.name](means, key=lambda number, means=means: means[number])][place][0]
+            best[place] = {number for number in means if texts[number][place][0] == first}
+    return best
 
 
 def header(column: Column) -> str:
@@ -96,7 +150,8 @@ def header(column: Column) -> str:
 
 def column_groups(table: ReportTable) -> list[tuple[str, int]]:
     """Title and number of columns of each group of neighbouring columns; empty if no column has a group."""
-    groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in groupby(c.group for c in table.columns)]
+    shown = groupby(column.group for _, column, _ in table.layout)
+    groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in shown]
     return groups if any(name for name, _ in groups) else []
 
 

@@ -56,7 +56,8 @@ VALUES = _part(
     convergence=_part(epochs=_mapping(Initializer, _part("mean", "deviation")),
                       fewer_epochs_than_xavier=_OF_INITIALIZERS),
     transfer=_part(**dict.fromkeys(("all_queries", "novel_queries", "epochs", "drop"), _OF_INITIALIZERS)),
-    affordances=_part("isi", "xavier", judged=_part(isi=_JUDGED, xavier=_JUDGED)),
+    affordances=_part("isi", "xavier", judged=_part(isi=_JUDGED, xavier=_JUDGED),
+                      answers=_mapping(str, _mapping(str, Texts))),
 )  # fmt: skip
 #: The shape of ``vocabulary.yaml``.
 VOCABULARY = _part(

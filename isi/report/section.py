@@ -3,15 +3,16 @@
 A template is text in blocks with empty lines between them. A block is a paragraph, or starts with one of these::
 
     # TITLE [| open]                    the section's title; an open section is expanded at first
-    ## TITLE [| folded]                 starts a part of the section; a click expands a folded part
+    ## TITLE                            a heading within the section
     - TEXT                              items of a list
     @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
+    @data NAME | TITLE                  links to a table's files, without the table
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
     @terms NAME | TITLE [| folded]      words and their meanings
     @explorer NAME, @guide              parts of the page with templates of their own
 
-In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](https://…)`` are marked up; a link to a
-section that the page does not have is plain text.
+In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](address)`` are marked up; a link to a section
+that the page does not have is plain text.
 """
 
 import re
@@ -33,16 +34,17 @@ from isi.report.tables import ReportTable
 
 @dataclass(frozen=True)
 class Content:
-    """The content of a section, once or for each experiment: numbers for its template, tables, figures, a heading."""
+    """The content of a section, once or for each experiment: numbers for its template, tables and figures."""
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
     tables: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, Canvas] = field(default_factory=dict)
-    heading: str = ""
     #: end of the names of tables and figures; title of the experiment, put in brackets behind their titles
     suffix: str = ""
     title: str = ""
+    #: whether the page only links to the files of the tables and figures
+    only_files: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class ReportSection:
         template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
-            about = {"results": results, "params": results.params, "tables": content.tables, "heading": content.heading}
+            about = {"results": results, "params": results.params, "tables": content.tables}
             for block in parsed(template.render({**about, "first": number == 0, **content.numbers}), content):
                 if block.kind == "section":
                     title, flag = block.title, block.text
@@ -101,13 +103,11 @@ class ReportSection:
 
 
 def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
-    """The content of each experiment, with its suffix and title; with headings if several have content."""
+    """The content of each experiment, with its suffix and title; the page shows that of the first, files have all."""
     contents = [(experiment, content) for experiment in experiments if (content := content_of(experiment)) is not None]
     for place, (experiment, content) in enumerate(contents):
-        heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
         yield replace(content, numbers={"experiment": experiment, **content.numbers}, suffix=experiment.suffix,
-                      heading=heading if len(contents) > 1 else "",
-                      title=experiment.title if experiment.suffix else "")  # fmt: skip
+                      title=experiment.title if experiment.suffix else "", only_files=place > 0)  # fmt: skip
 
 
 def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> Callable[[Results], Iterator[Content]]:
@@ -123,19 +123,24 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
         title, _, flag = (text.strip() for text in rest.partition(" | "))
         if mark == "#":
             yield Block("section", flag, title=title)
+        elif mark in ("@table", "@figure", "@data"):
+            name, (title, _, flag) = title, flag.partition(" | ")
+            title += f" ({content.title})" if content.title else ""
+            drawn = mark == "@figure"
+            made: Any = (Figure, content.figures) if drawn else (ReportTable.of, content.tables)
+            kind = "data" if content.only_files else mark[1:]
+            text = " ".join(" ".join(others).split())
+            yield Block(kind, text, (), title, flag == "folded", made[0](f"{name}{content.suffix}", made[1][name]))
+        elif content.only_files:
+            continue
+        elif mark.startswith("@"):
+            name, (title, _, flag) = title, flag.partition(" | ")
+            yield Block(mark[1:], "", (), title, flag == "folded", content.numbers.get(name))
         elif mark == "##":
-            yield Block("heading", title=title, folded=flag == "folded")
+            yield Block("heading", title=title)
         elif mark == "-":
             texts = re.split(r"^- ", part, flags=re.MULTILINE)[1:]
             yield Block("list", items=[" ".join(text.split()) for text in texts])
-        elif mark.startswith("@"):
-            name, (title, _, flag) = title, flag.partition(" | ")
-            shown: Any = content.numbers.get(name)
-            if mark in ("@table", "@figure"):
-                title += f" ({content.title})" if content.title else ""
-                made: Any = (ReportTable.of, content.tables) if mark == "@table" else (Figure, content.figures)
-                shown = made[0](f"{name}{content.suffix}", made[1][name])
-            yield Block(mark[1:], " ".join(" ".join(others).split()), (), title, flag == "folded", shown)
         else:
             yield Block("paragraph", " ".join(part.split()))
 

@@ -44,6 +44,8 @@ class Column:
     form: Form | None = field(default=None, compare=False)
     #: the page's words for texts in cells
     words: Mapping[str, str] = field(default_factory=dict, compare=False)
+    #: whether the page shows its cells small and grey below those of the column before it
+    below: bool = field(default=False, compare=False)
     #: whether files round its numbers to ``DIGITS`` significant digits, not to ``DECIMALS``
     any_size: bool = field(default=False, compare=False)
 
@@ -88,6 +90,12 @@ class ReportTable:
             else:
                 values[column.header] = cells
         return pd.DataFrame(values)
+
+    @property
+    def layout(self) -> list[tuple[int, Column, int | None]]:
+        """The columns of the page: their place, the column, and the place of the column below it, if there is one."""
+        after = [*(place if column.below else None for place, column in enumerate(self.columns)), None]
+        return [(place, column, after[place + 1]) for place, column in enumerate(self.columns) if not column.below]
 
     @property
     def is_text(self) -> list[bool]:

@@ -1,1 +1,1 @@
-"""The sections of the page; ``isi/report/templates/sections.yaml`` has their order."""
+"""The sections of the page; ``isi/report/templates/pages.yaml`` has their order."""

@@ -15,7 +15,7 @@ from isi.report.figures import legend, panels, with_band
 from isi.report.section import Content
 from isi.report.stats import over_seeds
 from isi.report.tables import Column
-from isi.report.words import HALVES, colour, label
+from isi.report.words import HALVES, SCOPES, colour, label
 
 #: Indicator set sizes, by source (this run, the paper, the rule) and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
@@ -38,30 +38,15 @@ def indicators(results: Results) -> Iterator[Content]:
         epochs = experiment.converged(sweep, ["model", "k"])
         means = means_of(runs, epochs, models)
         chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
-        late = 100.0 * (epochs["epochs"] > 0)
-        shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
-        now = _by_size(
-            relative(runs, chosen["this run"]), models, chosen, None,
-            ("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""),
-        )  # fmt: skip
-        later = _by_size(
-            shares, models, chosen, 0, ("all", "all queries: not yet converged", "share of runs (%)"),
-            ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"),
-        )  # fmt: skip
+        now = _by_size(runs.assign(value=100 * runs["mrr_star"]), models, chosen, None, "MRR* (points)",
+                       ("all", "novel"))  # fmt: skip
+        later = _by_size(epochs.assign(value=epochs["epochs"]), models, chosen, 0, "epochs to convergence", CONVERGING)
         frame = means.rename(index=label, level="model").rename_axis(["initializer", "indicators"]).reset_index()
         yield Content(
             {"chosen": chosen, "models": models},
             {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
             {"figure2a_immediate_sensitivity": now, "figure2b_convergence_sensitivity": later},
         )  # fmt: skip
-
-
-def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with column ``value``: MRR* (points) minus that at the k nearest to ``reference[model]`` (none: least k)."""
-    swept, cell = immediate.groupby("model")["k"].unique(), ["model", "scope", "size", "seed"]
-    nearest = {model: k[np.abs(k - reference.get(str(model), k.min())).argmin()] for model, k in swept.items()}
-    base = immediate[immediate["k"] == immediate["model"].map(nearest)].set_index(cell)["mrr_star"]
-    return immediate.assign(value=100 * (immediate["mrr_star"] - immediate[cell].join(base, on=cell)["mrr_star"]))
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
@@ -126,17 +111,19 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]
     ]  # fmt: skip
 
 
-def _by_size(rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: float | None, *shown: Any) -> Canvas:
-    """Mean and interval of ``value`` by k, with the chosen sizes; ``shown``: (scope, title, y-label) by panel."""
-    canvas, axes = panels(len(shown))
-    for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):
+def _by_size(
+    rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: float | None, ylabel: str, scopes: Sequence[str]
+) -> Canvas:
+    """Mean and interval of ``value`` by k, with the chosen sizes; a panel for each scope."""
+    canvas, axes = panels(len(scopes))
+    for panel, scope in zip(axes, scopes, strict=True):
         for model in models:
             of_model, color = rows[(rows["model"] == model) & (rows["scope"] == scope)], colour(model, models)
             sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4)
             for who, k in ((who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]):
                 height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)  # no marker beyond the line
                 panel.plot(k, height, color=color, ls="", clip_on=False, **_MARKS[who])
-        panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
+        panel.set(title=SCOPES[scope], xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
     for who, mark in _MARKS.items():
         axes[-1].plot([], [], color="#555555", ls="", label=who, **mark)

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
+from math import nan
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.graph.graph import MinedSource, new_entities
@@ -15,7 +15,7 @@ from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
 from isi.report.stats import CELL, Pair, compare, difference, epochs_summary, pairs_table
 from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
+from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label, of_role
 
 #: Factor on the fine-tuning learning rate of params in the main runs.
 AS_CHOSEN = 1.0
@@ -23,6 +23,7 @@ AS_CHOSEN = 1.0
 CURVES = ("all", "novel_heldout")
 #: Scopes of earlier knowledge: with the novel entities among the candidates, and without.
 EARLIER = ("known", "known_closed")
+_CHANGE = "change in MRR* since before insertion (points)"
 
 
 @of_each_graph
@@ -32,15 +33,20 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     sweep, by = params.rate_sweep, ["scope", "size", "model"]
     groups, of_sizes = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
     of_sizes = of_sizes.assign(**{"triples queried": groups["queries"].mean(), "sets": groups.size()})
-    numbers: dict[str, Any] = {"best": [], "rates": None}
+    heldout = experiment.epochs().get("novel_heldout", {})
+    best = min((name for name in isi(initializers) if name in heldout), key=lambda name: heldout[name], default=None)
+    numbers: dict[str, Any] = {
+        "best": [], "rates": None, "curves_drawn": len(experiment.curves) > 0,
+        "saved": best and BASELINE in heldout and (heldout[BASELINE], heldout[best], best),
+    }  # fmt: skip
     tables: dict[str, Any] = {
         "table2_convergence": table2(epochs, initializers, results.paper["convergence"]["epochs"]),
         "convergence_by_size": stats.ordered_rows(of_sizes, initializers, "initializer"),
     }
-    if experiment.curve_size is not None:
+    if len(experiment.curves):
         numbers["best"] = best_epochs(experiment.curves, initializers)
         margin = params.convergence.margin
-        curves["figure3b_curves"] = by_epoch(experiment.curves, initializers, CURVES, margin=margin)
+        curves["figure3b_curves"] = by_epoch(experiment.curves, lines_of(experiment)[:-1], CURVES, margin=margin)
     swept = [name for name in initializers if name in sweep.initializers]
     if "rate_sweep" in experiment.analyses and swept:
         main = experiment.of_size(sweep.size).runs.assign(factor=AS_CHOSEN)
@@ -52,9 +58,9 @@ def convergence(results: Results, experiment: Experiment) -> Content:
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
-    """ISI's held-out MRR* (points): model, best mean, its epoch, last mean, its epoch, difference last minus best."""
+    """Held-out MRR* (points): model, best mean, its epoch, last mean, its epoch, difference last minus best."""
     heldout, lines = runs[runs["scope"] == "novel_heldout"], []
-    for model in isi(initializers):
+    for model in of_role(initializers, "isi", "baseline"):
         by_epoch = 100 * heldout[heldout["model"] == model].pivot_table("mrr_star", "epoch", "seed")
         if len(by_epoch):
             means = by_epoch.mean(axis=1)
@@ -67,9 +73,14 @@ def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[A
 def table2(epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Any]) -> dict[Any, list[Any]]:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
-    theirs = {Column(title, "paper"): {model: numbers[part] for model, numbers in paper.items()}
-              for part, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
-    return stats.by_label(initializers, stats.by_group(summary, CONVERGING) | theirs, "initializer")
+    columns = dict[Any, Any]()
+    for column, cells in stats.by_group(summary, CONVERGING).items():
+        columns[column] = cells
+        part = {"mean": "mean", "std": "deviation"}.get(column.name) if column.group == "all" else None
+        if part:
+            theirs = {model: numbers[part] for model, numbers in paper.items()}
+            columns[Column(column.name, "paper", below=True)] = theirs
+    return stats.by_label(initializers, columns, "initializer")
 
 
 def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
@@ -97,13 +108,19 @@ def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dic
 @of_each_graph
 def forgetting(_: Results, experiment: Experiment) -> Content:
     """Interference and forgetting by epoch at ``curve_size``; without curves only the template's text."""
-    if experiment.curve_size is None:
-        return Content()
+    means, before = (experiment.mrr_star.get(scope, {}) for scope in EARLIER)
+    ranked = sorted(((name, means[name]) for name in contenders(means)), key=lambda pair: pair[1])
+    about = {"worst": next(iter(ranked), None), "least": next(reversed(ranked), None),
+             "start": next((before[name] for name in experiment.initializers if name in before), nan),
+             "curves_drawn": len(experiment.curves) > 0}  # fmt: skip
+    if not len(experiment.curves):
+        return Content(about)
     runs = with_finetune_only(experiment)
     pairs = at_the_end(runs)
     tables = {"forgetting": interference(runs, [*experiment.models, FINETUNE_ONLY]),
               "earlier_at_the_end": pairs_table(chain(*pairs.values()))}  # fmt: skip
-    return Content({"ended": end_comparisons(pairs)}, tables, {"forgetting": curves_figure(runs, experiment.models)})
+    figure = by_epoch(since_before(runs), lines_of(experiment), EARLIER, ylabels=[_CHANGE])
+    return Content(about | {"ended": end_comparisons(pairs)}, tables, {"forgetting": figure})
 
 
 def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
@@ -124,10 +141,9 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
     return shown.assign(mrr_star=shown["mrr_star"] - before)
 
 
-def curves_figure(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
-    """MRR* minus MRR* before insertion, by epoch; a panel for each scope of earlier knowledge."""
-    lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
-    return by_epoch(since_before(runs), lines, EARLIER, ylabel="MRR* minus before (points)")
+def lines_of(experiment: Experiment) -> list[str]:
+    """The models of figures by epoch but the joint one: those with full curves, and fine-tuning without insertion."""
+    return [*(model for model in experiment.initializers if model in set(experiment.curves["model"])), FINETUNE_ONLY]
 
 
 def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
@@ -176,45 +192,45 @@ def transfer(results: Results) -> Iterator[Content]:
         extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
         assert extend is not None  # noqa: S101  # true of ``results.extended``
         base, paper = results.source_title(settings.graph.source), results.paper["transfer"]
-        dropped = interference_percent(runs)
+        dropped, means = interference_percent(runs), experiment.mrr_star.get("all", {})
+        higher = {method: means[method] for method in isi(means) if means[method] < means.get("mean", nan)}
         numbers: dict[str, Any] = {
-            "experiment": experiment, "base": base, "size": size, "ended": [], "order": None,
+            "experiment": experiment, "base": base, "size": size, "ended": [],
             "heldout": runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]["queries"],
             "relations": sorted(triples.loc[triples["source"] == extend.source, "relation"].unique()),
-            "drops": stats.values(dropped),
+            "drops": stats.values(dropped), "curves_drawn": len(experiment.curves) > 0, "higher": higher,
+            "isi_drop": max((dropped[method].mean for method in isi(dropped)), default=nan),
         }  # fmt: skip
-        epochs = epochs_summary(experiment.convergence, ["scope", "model"]).drop(columns="std")
+        epochs = epochs_summary(experiment.convergence, ["scope", "model"])
+        totals = {scope: experiment.immediate_means(scope) for scope in ("all", "novel")}
+
+        def of_scopes(scope: str, column: str, epochs: pd.DataFrame = epochs) -> Any:
+            return epochs[column].get(scope, {})
+
         steps = dict(results.mined[extend.source].itertuples(index=False, name=None))
         tables: dict[str, Any] = {
             f"{name}_mined": mining_steps(steps, experiment.entities, triples, results.observed[extend.source], base,
                                    extend.min_observations, settings.sessions.steps * size),
             f"{name}_immediate": stats.by_label(experiment.models, {
-                **stats.halves(runs, "all"), Column("paper", "all"): paper["all_queries"],
-                **stats.halves(runs, "novel"), Column("paper", "novel"): paper["novel_queries"],
-                "drop %": dropped, Column("paper", "drop %"): paper["drop"],
-                **stats.by_group(epochs, CONVERGING, "epochs, {}"),
-                Column("paper", "epochs"): paper["epochs"],
+                Column("MRR*", "all"): totals["all"], Column("paper", "all", below=True): paper["all_queries"],
+                Column("MRR*", "novel"): totals["novel"], Column("paper", "novel", below=True): paper["novel_queries"],
+                "drop %": dropped, Column("paper", "drop %", below=True): paper["drop"],
+                Column("mean", "epochs, all"): of_scopes("all", "mean"),
+                Column("paper", "epochs, all", below=True): paper["epochs"],
+                Column("unconverged %", "epochs, all"): of_scopes("all", "unconverged %"),
+                Column("mean", "epochs, novel_heldout"): of_scopes("novel_heldout", "mean"),
+                Column("unconverged %", "epochs, novel_heldout"): of_scopes("novel_heldout", "unconverged %"),
             }),
         }  # fmt: skip
-        if experiment.curve_size is not None:
+        if len(experiment.curves):
             curves = with_finetune_only(experiment)
             pairs = at_the_end(curves)
-            bases = (other for other in results.standalone if other.settings.graph.source == settings.graph.source)
-            first = next((other for other in bases if other.curve_size is not None), None)
-            numbers |= {"ended": end_comparisons(pairs), "order": first and _order(pairs, first)}
+            numbers["ended"] = end_comparisons(pairs)
             tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
-            figures[f"figure4_{name}"] = curves_figure(curves, experiment.models)
+            rows = pd.concat([curves[curves["scope"] == "known"], since_before(curves[curves["scope"] != "known"])])
+            ylabels = ["MRR* (points)", _CHANGE]
+            figures[f"figure4_{name}"] = by_epoch(rows, lines_of(experiment), EARLIER, ylabels=ylabels)
         yield Content(numbers, tables, figures)
-
-
-def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, Any] | None:
-    """Whether ISI minus Xavier ends with the same sign in ``base``, which inserts entities of its own graph."""
-    here, there = (pairs_with(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
-    both = [(here[name], there[name]) for name in here if name in there]
-    turned = [new.first for new, old in both if new.difference.mean * old.difference.mean < 0]
-    significant = any(new.significant or old.significant for new, old in both)
-    order = {"title": base.title, "pairs": [old for _, old in both], "reversed": turned, "significant": significant}
-    return order if both else None
 
 
 def mining_steps(

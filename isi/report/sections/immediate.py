@@ -1,7 +1,7 @@
-"""MRR* right after insertion: summary, Figure 3a and gains (section 6.1), parts of the gain, significance."""
+"""MRR* right after insertion: Figure 3a and gains over Xavier (section 6.1), and the significance of differences."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby, product
+from collections.abc import Sequence
+from itertools import groupby
 from math import nan
 from typing import Any
 
@@ -9,69 +9,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
-from isi.report import stats, words
+from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_size, legend, panels
 from isi.report.section import Content, of_each_graph
-from isi.report.stats import LEVEL, Difference, Pair, by_seed, cells_of, compare, difference, pairs_table, signed
-from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, joined, label, of_role
+from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table
+from isi.report.tables import Column
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPES, colour, in_order, isi, label, of_role
 
-#: The control that uses an entity's kind and nothing else.
-_KIND = "kind_mean"
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
 #: Maximum number of pairs without significant difference that a sentence names.
 _NAMED = 6
-#: Points of MRR* below which a number is shown as 0.0.
-ZERO = 0.05
-#: Parts of the gain from Xavier on, each with the control that adds it; an initializer of ISI adds the last part.
-_STEPS = (("centre", "mean"), ("kind", "kind_mean"))
-WHOLE = "all of it"
-#: A property, an initializer of ISI, and the control that differs from it in this property alone.
-_TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
-
-
-def verdict(results: Results) -> Iterator[Content]:
-    """The summary, from the first standalone experiment; nothing unless Xavier and an initializer of ISI were run."""
-    for experiment in results.standalone[:1]:
-        initializers, runs = experiment.initializers, experiment.immediate
-        novel = runs[runs["scope"] == "novel"]  # used without a query breakdown
-        given = (stats.by_model(novel, "mrr_star_entity", experiment.models) if experiment.queries is None
-                 else experiment.given_means)  # fmt: skip
-        methods, gains = [name for name in isi(initializers) if name in given], stats.improvements(runs, "all")
-        if BASELINE not in initializers or not methods or not {BASELINE, JOINT} <= set(given):
-            continue
-        best = max(methods, key=lambda model: given[model].mean)
-        others = sorted(of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
-        named = [BASELINE, "iu", _KIND, *methods, *others[:1], JOINT]
-        numbers = {
-            "experiment": experiment, "best": best,
-            "answer": [name for name in isi(initializers) if name in gains and gains[name].low > 0],
-            "everything": dict.fromkeys((best, BASELINE, JOINT), nan) | experiment.mrr_star.get("all", {}),
-            "given": stats.values(given), "other": next(iter(others), None), "kind": _KIND if _KIND in given else None,
-            "epochs": experiment.epochs().get("all", {}),
-        }  # fmt: skip
-        drawn = _means_and_intervals({model: given[model] for model in named if model in given}, experiment.models)
-        yield Content(numbers, figures={"verdict": drawn})
-
-
-def _means_and_intervals(estimates: Mapping[str, Estimate], models: list[str]) -> Canvas:
-    """A row for each model, with its mean and interval."""
-    canvas, (axes,) = panels(1, 1, 0.5 + 0.33 * len(estimates), width=4.6)
-    for place, (model, estimate) in enumerate(estimates.items()):
-        color = colour(model, models)
-        axes.plot([0, estimate.mean], [place, place], lw=7, solid_capstyle="butt", alpha=0.35, color=color)
-        if pd.notna(estimate.low):
-            axes.plot([estimate.low, estimate.high], [place, place], lw=1.6, color=color)
-        axes.plot(estimate.mean, place, marker="o", ms=5, color=color)
-        end = max(part for part in (*estimate.parts, 0) if pd.notna(part))
-        axes.annotate(f"{estimate.mean:.1f}" if pd.notna(estimate.mean) else "–", (end, place), (6, 0),
-                      textcoords="offset points", va="center")  # fmt: skip
-    axes.set_yticks(range(len(estimates)), [label(model) for model in estimates])
-    axes.set(xlim=(0, None), xlabel="MRR* (points)")
-    axes.invert_yaxis()
-    axes.grid(visible=False, axis="y")
-    return canvas
 
 
 @of_each_graph
@@ -85,7 +33,8 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     of_kinds = stats.over_seeds(queried, ["kind", "model"], HALVES)
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    figure = by_size(runs, models, ("all", "novel"), ("mrr_star", "mrr_star_entity"), len(experiment.entities))
+    figure = by_size(runs, models, ("all", "novel"), ("mrr_star", "mrr_star_entity"), len(experiment.entities),
+                     of_role(models, "paper", "isi"))  # fmt: skip
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
         means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
@@ -173,84 +122,3 @@ def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
             "same": same if len(same) <= _NAMED and not none_can else [],
         })  # fmt: skip
     return lines
-
-
-#: A part of a gain, the model with it, and the model without it.
-Step = tuple[str, str, str]
-#: The gain of each step, in points.
-Gains = dict[Step, Difference]
-
-
-@of_each_graph
-def controls(results: Results, experiment: Experiment) -> Content | None:
-    """Parts and shares of the gain, with a description of each control; None if no control was run."""
-    names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
-    if not names:
-        return None
-    immediate, initializers = experiment.immediate, experiment.initializers
-    gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
-    rows = dict[tuple[str, ...], dict[Any, Any]]()
-    for (scope, half), of_steps in gains.items():
-        for (part, first, second), points in of_steps.items():
-            key = scope, part, label(first), label(second)
-            row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
-            row[Column(HALVES[half], form=signed)] = points
-    centre = [gains["novel", half].get(("centre", "mean", BASELINE)) for half in HALVES]
-    sentences = [(scope, method, [composition(gains[scope, half], method) for half in HALVES])
-                 for scope in dict.fromkeys(key[0] for key in rows) for method in isi(initializers)]  # fmt: skip
-    numbers = {"names": names, "shares": shares, "centre": [*filter(None, centre)], "sentences": sentences}
-    return Content(numbers, {"parts_of_the_gain": rows.values(), "shares_of_the_gain": shares})
-
-
-def steps(method: str, models: Sequence[str]) -> list[Step]:
-    """Steps from Xavier over the controls that were run to ``method``: part, model with it, model without it."""
-    path, names, before = [], [], BASELINE
-    for name, model in (*_STEPS, ("meaning", method)):
-        names.append(name)
-        if model in models:
-            path.append((joined(names), model, before))
-            names, before = [], model
-    return path
-
-
-def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str], Gains]:
-    """By scope and half: gains of each step to an initializer of ISI, of its steps together, and of ``_TWINS``."""
-    pairs = [step for method in isi(models) for step in steps(method, models)]
-    pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
-    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run
-    gains = dict[tuple[str, str], Gains]()
-    for scope, half in product(("all", "novel"), HALVES):
-        cells = 100 * cells_of(immediate, models, scope, half)
-        differences = {pair: difference(by_seed(cells[pair[1]], cells[pair[2]])) for pair in pairs}
-        gains[scope, half] = {pair: points for pair, points in differences.items() if points.seeds}
-    return gains
-
-
-def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """Each control's share of each gain of ISI over Xavier (NaN: gain < ``ZERO``), and the rest; [] without Xavier."""
-    rows = []
-    for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
-        cells = 100 * cells_of(immediate, models, scope, half)
-        for method, control in product(isi(models), words.controls(models)):
-            three = cells[[BASELINE, method, control]].dropna()
-            gain, other = (by_seed(three[name], three[BASELINE]) for name in (method, control))
-            if len(gain):
-                share = 100 * stats.ratios(other[None], gain[None])[0] if gain.mean() >= ZERO else [np.nan]
-                rows.append({
-                    SCOPE: scope, Column("of", words=words.WORDS): HALVES[half], "ISI": label(method),
-                    "gain over Xavier": difference(gain), "control": label(control),
-                    "control's gain": difference(other), "share %": Estimate(*map(float, share)),
-                    "rest": difference(by_seed(three[method], three[control])),
-                })  # fmt: skip
-    return rows
-
-
-def composition(gains: Gains, method: str) -> dict[str, Any] | None:
-    """A gain over Xavier with its parts, and their per cent if none is negative; None without a gain or parts."""
-    whole, models = gains.get((WHOLE, method, BASELINE)), sorted({name for pair in gains for name in pair[1:]})
-    made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
-    if not whole or not made:
-        return None
-    shared = whole.mean >= ZERO and min(points.mean for _, points in made) >= 0
-    shares = [(part, points, 100 * points.mean / whole.mean if shared else None) for part, points in made]
-    return {"gain": whole.mean, "parts": shares, "last": made[-1][1]}

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure as Canvas
 
 from isi import config
 from isi.config import value_of
 from isi.initializers.api import INITIALIZERS
 from isi.report import stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
-from isi.report.figures import by_epoch
+from isi.report.figures import by_epoch, legend, panels
 from isi.report.section import Content
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
@@ -22,6 +23,8 @@ from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label
 
 #: The rows of the table of all numbers; the file says how they are written.
 ROWS = TEMPLATES / "paper_rows.yaml"
+#: A number of this run agrees with the paper's if it differs by at most this share.
+AGREES = 0.1
 #: Place of a number in the paper, its title, the paper's number, ours (NaN if there is none), and a note on ours.
 Row = tuple[str, str, float, float, str]
 
@@ -34,12 +37,60 @@ def paper(results: Results) -> Iterator[Content]:
     columns = {"paper": "", "this run": ""} | {experiment.name: experiment.title for experiment in others}
     rows = rows_of(results, first)
     ours = [{row[:2]: row[3] for row in rows_of(results, experiment)} for experiment in others]
-    yield Content({"others": others}, {"paper_against_this_run": [
+    compared = [comparison(theirs, of_run) for _, _, theirs, of_run, _ in rows]
+    table = [
         {"where": where, "what": title, **{
             Column(name, title=header, form=shown, any_size=True): number for (name, header), number in
             zip(columns.items(), [*numbers, *(values.get((where, title), nan) for values in ours)], strict=True)
-        }, "note": note} for where, title, *numbers, note in rows
-    ]})  # fmt: skip
+        }, "this run is": word, "note": note}
+        for (where, title, *numbers, note), word in zip(rows, compared, strict=True)
+    ]  # fmt: skip
+    counts = {word: compared.count(word) for word in ("agrees", "larger", "smaller")}
+    drawn = _scatter([(where, theirs, of_run) for where, _, theirs, of_run, _ in rows])
+    yield Content({"others": others, "counts": counts}, {"paper_against_this_run": table},
+                  {"paper_against_this_run": drawn})  # fmt: skip
+
+
+def comparison(paper: float, ours: float) -> str:
+    """Whether a number agrees with the paper's within ``AGREES`` of it, is larger or smaller; empty without both."""
+    if np.isnan(paper) or np.isnan(ours):
+        return ""
+    return "agrees" if abs(ours - paper) <= AGREES * abs(paper) else "larger" if ours > paper else "smaller"
+
+
+def _scatter(numbers: Sequence[tuple[str, float, float]]) -> Canvas:
+    """The paper's results (across) and ours (up) on logarithmic axes, with a colour for each part of the paper."""
+    canvas, (axes,) = panels(1, 1, 4.4, 5.6)
+    for where in dict.fromkeys(where for where, *_ in numbers):
+        pairs = np.array([(theirs, ours) for place, theirs, ours in numbers if place == where])
+        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=where)
+    axes.set_xscale("symlog", linthresh=1)
+    axes.set_yscale("symlog", linthresh=1)
+    axes.axline((1, 1), (10, 10), color="#999999", lw=1)
+    axes.set(xlabel="paper", ylabel="this run")
+    legend(canvas, [axes])
+    return canvas
+
+
+def own_graph(results: Results) -> Iterator[Content]:
+    """The standalone graphs side by side, and where ISI is significantly below the mean of an entity's kind."""
+    graphs = [experiment for experiment in results.standalone if experiment.queries is not None]
+    if len(graphs) < 2:
+        return
+    columns, found = dict[Any, Any](), []
+    for experiment in graphs:
+        columns |= {
+            Column("all", experiment.title): experiment.immediate_means("all"),
+            Column("novel entity given", experiment.title): experiment.given_means,
+            Column("mean", experiment.title, title="epochs"): experiment.epochs_means(),
+        }  # fmt: skip
+        if "kind_mean" in experiment.initializers and experiment is not graphs[0]:
+            cells = experiment.cells("given")
+            below = {name: stats.difference(stats.by_seed(cells[name], cells["kind_mean"]))
+                     for name in isi(experiment.initializers)}  # fmt: skip
+            found.append((experiment, [name for name, points in below.items() if points.high < 0], "kind_mean"))
+    models = list(dict.fromkeys(name for experiment in graphs for name in experiment.models))
+    yield Content({"found": found}, {"standalone_graphs": stats.by_label(models, columns)})
 
 
 def shown(value: float) -> str:
@@ -58,15 +109,16 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     answers, whose = paper["affordances"], dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
     theirs = {
         **paper,
-        "means": {"gain": _mean_of(gained, methods), "fewer": saved.get("mean")},
+        "means": {"gain": mean_of(gained, methods), "fewer": saved.get("mean")},
         "fewer_epochs": {name: saved.get(name) for name in methods},
         "best_indicators": dict.fromkeys(methods, paper["indicators_degrade_after"]),
         "judged": {name: answers["judged"][who] | {"affordances": answers[who]} for name, who in whose.items()},
     }
     ours = {
-        "means": {"gain": _mean_of(gain, methods), "fewer": _mean_of(fewer, methods)}, "fewer_epochs": fewer,
+        "means": {"gain": mean_of(gain, methods), "fewer": mean_of(fewer, methods)}, "fewer_epochs": fewer,
         "immediate": {"improvement_over_xavier": gain}, "graph": _graph(results, experiment),
-        "settings": _settings(results, experiment, moved), **_choices(results, experiment, moved),
+        "settings": {"finetuning_rate": results.params.finetuning.learning_rate},
+        **_choices(results, experiment, moved),
         "convergence": {"epochs": _epochs(experiment, "all"), "heldout": _epochs(experiment, "novel_heldout")},
         "transfer": {"all_queries": means.get("all"), "novel_queries": means.get("novel"), "drop": dropped,
                      "epochs": moved and moved.epochs().get("all")},
@@ -94,7 +146,7 @@ def fewer_epochs(experiment: Experiment) -> dict[str, float]:
     return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
-def _mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
+def mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
     """The mean over the models that have a number; NaN if none has one."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else nan
@@ -109,27 +161,13 @@ def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:
     observations, counts = results.observed[experiment.settings.graph.source].observations, pd.DataFrame()
     if observations["scene"].notna().any():
         counts = run.table1(observations, results.paper["graph"]["median_per_environment"], words["relations"])
+        counts.columns = [getattr(column, "name", column) for column in counts.columns]
         counts = counts.set_index("room").rename(columns={"object types": "entities"})
     return {
         "relations": triples["relation"].nunique(), "entities": len(entities), "unique_triples": len(triples),
         "concepts": kinds.reindex(words["concepts"]).sum(), **{kind: kinds.get(kind, 0) for kind in words["kinds"]},
         "observations": triples["count"].sum(), "bowls_in_cabinets": bowls["count"].sum(),
         "median_per_environment": counts.to_dict("index"),
-    }  # fmt: skip
-
-
-def _settings(results: Results, experiment: Experiment, moved: Experiment | None) -> dict[str, Any]:
-    params, sessions, share = results.params, experiment.settings.sessions, 100 / len(experiment.entities)
-    added: dict[str, Any] = {}
-    if moved and moved.settings.graph.extend:
-        inserted = moved.settings.sessions
-        added = moved.settings.graph.extend.model_dump() | {"size": max(inserted.sizes), "repeats": inserted.seeds}
-    return {
-        "repeats": sessions.seeds, "largest_size": max(sessions.sizes), "curve_size": experiment.curve_size,
-        "shares": {"smallest": share * min(sessions.sizes), "largest": share * max(sessions.sizes)},
-        "margin": 100 * params.convergence.margin, "max_epochs": params.finetuning.max_epochs, "transfer": added,
-        "finetuning_rate": params.finetuning.learning_rate,
-        "candidates": params.initializers.get("ers", {}).get("candidates"),
     }  # fmt: skip
 
 
@@ -144,7 +182,6 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         picked, mrr_star = choices.picked_sizes(means), means[Column("MRR*", "all")].dropna()
         tops = {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
     return {
-        "indicators_rule": {"neighbours": choices.NEIGHBOURS, "epochs": choices.EPOCHS, "points": 100 * choices.LOSS},
         "training": training, "indicators": picked, "best_indicators": tops,
     }  # fmt: skip
 
@@ -184,15 +221,16 @@ def causes(results: Results) -> Iterator[Content]:
         rows.append({"row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
                      "gain %": 100 * (mean / base - 1), xavier: later.get(BASELINE, nan),
                      Column("ISI", "epochs"): mean_epochs})  # fmt: skip
-    gain = _mean_of(results.paper["immediate"]["improvement_over_xavier"], methods)
+    gain = mean_of(results.paper["immediate"]["improvement_over_xavier"], methods)
     theirs = {"row": "the paper", "gain %": gain, xavier: epochs.get(BASELINE, nan),
-              Column("ISI", "epochs"): _mean_of(epochs, methods)}  # fmt: skip
+              Column("ISI", "epochs"): mean_of(epochs, methods)}  # fmt: skip
     most_gain, slowest = (pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", xavier))
     curves = [runs for runs in variants if runs.variant.full_curves]
     numbers = {
         "methods": methods, "curves": curves,
         "gain": [row["gain %"] for row in (theirs, rows[0], rows[most_gain])], "of_gain": rows[most_gain]["row"],
         "epochs": [row[xavier] for row in (theirs, rows[0], rows[slowest])], "of_epochs": rows[slowest]["row"],
+        "isi_epochs": [row[Column("ISI", "epochs")] for row in (rows[slowest], theirs)],
     }  # fmt: skip
     tables = {f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper) for runs in curves}
     figures = {f"curves_{runs.id}": by_epoch(runs.runs, runs.initializers, CURVES, margin=margin) for runs in curves}
@@ -216,7 +254,7 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
         title, now, later = _line(f"{runs.variant.title} ({runs.title})", runs)
         yield title, now, later if runs.variant.finetuned else {}
     for experiment in results.standalone[1:]:
-        if size := experiment.curve_size:
+        if size in experiment.settings.sessions.sizes:
             yield _line(f"{experiment.title}, {size} novel entities", experiment.of_size(size))
 
 

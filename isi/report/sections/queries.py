@@ -134,16 +134,27 @@ class AffordanceAnswers:
             counts["unlikely"] = len(hits) - counts["plausible"]
         return counts
 
-    def ranked(self, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
-        """Rows of ``top`` answers about entities, a column for each initializer; × marks answers of a wrong kind."""
+    def ranked(
+        self, entities: Sequence[str], models: Sequence[str], afforded: Mapping[str, Sequence[str]],
+        paper: Mapping[str, Mapping[str, Sequence[str]]],
+    ) -> list[dict[str, Any]]:  # fmt: skip
+        """Rows of ``top`` answers about entities, a column for each initializer, then the paper's.
+
+        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity.
+        """
         rows = []
         for entity in entities:
-            number = self.about(entity)["seed"].nunique()
-            marks = {label(model): [f"{'' if kind in self.kinds else '× '}{answer} ({kind})"
-                                    for answer, kind in self.top(model, entity)] + TOP * ["–"]
-                     for model in models}  # fmt: skip
+            number, likely = self.about(entity)["seed"].nunique(), afforded.get(entity)
+
+            def marked(answer: str, kind: str, likely: Sequence[str] | None = likely) -> str:
+                wrong = kind not in self.kinds
+                return f"{'× ' if wrong else '? ' if likely is not None and answer not in likely else ''}{answer}"
+
+            answers = {label(model): [marked(*answer) for answer in self.top(model, entity)] for model in models}
+            theirs = {f"paper: {name}": words.get(entity, []) for name, words in paper.items()}
             rows += [{"entity": f"{entity} (n = {number})", "": f"{place + 1}."}
-                     | {name: answers[place] for name, answers in marks.items()} for place in range(TOP)]  # fmt: skip
+                     | {name: [*words, *TOP * ["–"]][place] for name, words in (answers | theirs).items()}
+                     for place in range(TOP)]  # fmt: skip
         return rows
 
     @property
@@ -172,7 +183,8 @@ def affordances(results: Results) -> Iterator[Content]:
         entities = results.params.affordances.entities
         first = [*isi(initializers), *({BASELINE} & set(initializers))]
         others = [name for name in initializers if name not in first]
-        tables = {"table3_affordances": answers.ranked(entities, first),
-                  "table3_others": answers.ranked(entities, others),
+        afforded, paper = results.vocabulary["afforded"], results.paper["affordances"]["answers"]
+        tables = {"table3_affordances": answers.ranked(entities, first, afforded, paper),
+                  "table3_others": answers.ranked(entities, others, afforded, {}),
                   "affordance_shares": answers.shares_table(initializers)}  # fmt: skip
         yield Content({"answers": answers, "experiment": experiment, "others": others, "top": TOP}, tables)

@@ -66,13 +66,14 @@ def table1(observations: pd.DataFrame, paper: Mapping[str, Any], words: Mapping[
     counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
     counts["object types"] = rows.groupby("scene")["head"].nunique()
     rooms = rows.groupby("scene")["room"].first()
-    lines = list[dict[str, Any]]()
+    lines = list[dict[Column, Any]]()
     for room in [*in_order(sorted(rooms.dropna().unique()), list(paper)), "all"]:
         of_room = counts if room == "all" else counts[rooms == room]
-        lines.append({"room": room})
+        lines.append({Column("room"): room})
         for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
             theirs = "entities" if name == "object types" else str(name)
-            lines[-1] |= {str(name): float(value), f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
+            number = paper.get(room, {}).get(theirs, np.nan)
+            lines[-1] |= {Column(str(name)): float(value), Column(f"{theirs} (paper)", below=True): number}
     return pd.DataFrame(lines).dropna(axis=1, how="all")
 
 

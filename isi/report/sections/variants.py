@@ -13,7 +13,7 @@ import pandas as pd
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_row
 from isi.report.section import Content
-from isi.report.sections.immediate import ZERO
+from isi.report.sections.answer import ZERO
 from isi.report.stats import by_label, by_seed, difference, signed, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label

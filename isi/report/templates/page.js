@@ -60,6 +60,7 @@
     for (const other of every("th[aria-sort]", table)) other.setAttribute("aria-sort", "none");
     header.setAttribute("aria-sort", order);
     const rows = Array.from(body.rows);
+    for (const name of every(".same", table)) name.classList.remove("hidden");
     rows.forEach((row, place) => { row.dataset.place ??= String(place); });
     const sign = order === "descending" ? -1 : 1;
     rows.sort((one, other) => {
@@ -129,15 +130,18 @@
   unfold();
   wide.addEventListener("change", unfold);
   const links = new Map(every("nav li a").map((link) => [link.hash.slice(1), link]));
-  const inSight = new Set();
-  const watcher = new IntersectionObserver((seen) => {
-    for (const { target, isIntersecting } of seen) inSight[isIntersecting ? "add" : "delete"](target.id);
-    let found = false;
+  const sections = Array.from(links.keys(), (id) => document.getElementById(id));
+  function markRead() { /* the last section that begins at the top of the window or above it */
+    const read = sections.filter((section) => section.getBoundingClientRect().top <= 24).pop();
     for (const [id, link] of links) {
-      if (!found && inSight.has(id)) { link.setAttribute("aria-current", "true"); found = true; }
+      if (read && id === read.id) link.setAttribute("aria-current", "true");
       else link.removeAttribute("aria-current");
     }
+  }
+  let waiting = false;
+  addEventListener("scroll", () => {
+    if (!waiting) requestAnimationFrame(() => { waiting = false; markRead(); });
+    waiting = true;
   });
-  for (const id of links.keys()) watcher.observe(document.getElementById(id));
   openTarget();
 })();

@@ -1,0 +1,145 @@
+"""The answer of the report, and what the gain of ISI over Xavier consists of."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure as Canvas
+
+from isi.report import stats, words
+from isi.report.data import Experiment, ModelRuns, Results
+from isi.report.figures import composed
+from isi.report.section import Content, of_each_graph
+from isi.report.sections.paper import mean_of
+from isi.report.stats import Difference, by_seed, difference, signed
+from isi.report.tables import Column, Estimate
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, isi, joined, label, of_role
+
+#: Points of MRR* below which a number is shown as 0.0.
+ZERO = 0.05
+#: The parts of the gain from Xavier on, each with the control that has it; an initializer of ISI has the last, too.
+_STEPS = (("centre", "mean"), ("kind", "kind_mean"))
+SEMANTICS = "words and facts"
+WHOLE = "the whole gain"
+#: A property, an initializer of ISI, and the control that differs from it in this property alone.
+_TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
+#: A part of a gain, the model with it, and the model without it.
+Step = tuple[str, str, str]
+#: The gain of each step, in points.
+Gains = dict[Step, Difference]
+
+
+def answer(results: Results) -> Iterator[Content]:
+    """The answer from the first standalone experiment; nothing unless Xavier and an initializer of ISI were run."""
+    for experiment in results.standalone[:1]:
+        scopes = ("all", "given" if experiment.queries is not None else "novel")
+        methods, means = (
+            isi(experiment.initializers),
+            {scope: _means(experiment, scope) for scope in (*scopes, "known")},
+        )
+        asked = means[scopes[1]]
+        if BASELINE not in asked or JOINT not in asked or not {*methods} & set(asked):
+            continue
+        best = max((name for name in methods if name in asked), key=lambda name: asked[name])
+        others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
+        gains = {name: difference(by_seed(*_pair(experiment, "all", name, BASELINE))) for name in methods}
+        composed_of = {scope: composition(parts(experiment, scope), best) for scope in scopes}
+        ours = stats.values(stats.improvements(experiment.immediate, "all"))
+        theirs = results.paper["immediate"]["improvement_over_xavier"]
+        numbers = {
+            "experiment": experiment, "best": best, "scopes": scopes, "means": means, "parts": composed_of,
+            "better": [name for name in methods if gains[name].low > 0], "methods": methods,
+            "other": _against(experiment, others[0], best, scopes) if others else None,
+            "epochs": experiment.epochs(),
+            "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
+        }  # fmt: skip
+        marks = {scope: {name: means[scope][name] for name in ("mean", *others[:1], JOINT) if name in means[scope]}
+                 for scope in scopes}  # fmt: skip
+        yield Content(numbers, figures={"answer": _drawn(experiment, {scope: [best] for scope in scopes}, marks)})
+
+
+def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
+    """Mean MRR* (points) right after insertion, by model that has queries."""
+    return {str(name): float(mean) for name, mean in experiment.cells(scope).mean().dropna().items()}
+
+
+def _pair(experiment: ModelRuns, scope: str, first: str, second: str) -> tuple[Any, Any]:
+    cells = experiment.cells(scope)
+    return cells[first], cells[second]
+
+
+def _against(experiment: ModelRuns, other: str, best: str, scopes: Sequence[str]) -> dict[str, Any]:
+    """The initializer ``other`` minus ``best`` of ISI in points: over both query sets and over earlier knowledge."""
+    changes = {scope: difference(by_seed(*_pair(experiment, scope, other, best))) for scope in (*scopes, "known")}
+    return {"name": other, "changes": changes}
+
+
+@of_each_graph
+def controls(results: Results, experiment: Experiment) -> Content | None:
+    """What the gain consists of, with a description of each control; None if no control was run."""
+    names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
+    methods = isi(experiment.initializers)
+    if not names or BASELINE not in experiment.initializers or not methods:
+        return None
+    measures = [(scope, half) for scope in ("all", "novel") for half in HALVES]
+    measures += [("given", "mrr_star_entity")] if experiment.queries is not None else []
+    rows = dict[tuple[str, ...], dict[Any, Any]]()
+    for scope, half in measures:
+        for (part, first, second), points in parts(experiment, scope, half).items():
+            key = scope, part, label(first), label(second)
+            row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
+            row[Column(HALVES[half], form=signed)] = points
+    scopes = list(dict.fromkeys(("all", measures[-1][0])))
+    drawn = _drawn(experiment, dict.fromkeys(scopes, methods), {})
+    composed_of = {scope: {method: composition(parts(experiment, scope), method) for method in methods}
+                   for scope in scopes}  # fmt: skip
+    return Content({"names": names, "parts": composed_of}, {"parts_of_the_gain": rows.values()},
+                   {"parts_of_the_gain": drawn})  # fmt: skip
+
+
+def steps(method: str, models: Sequence[str]) -> list[Step]:
+    """Steps from Xavier over the controls that were run to ``method``: part, model with it, model without it."""
+    path, names, before = [], [], BASELINE
+    for name, model in (*_STEPS, (SEMANTICS, method)):
+        names.append(name)
+        if model in models:
+            path.append((joined(names), model, before))
+            names, before = [], model
+    return path
+
+
+def parts(experiment: ModelRuns, scope: str, half: str = "mrr_star") -> Gains:
+    """Gains (points) of each step to an initializer of ISI, of its steps together, and of ``_TWINS``."""
+    cells, models = experiment.cells(scope, half), experiment.initializers
+    pairs = [step for method in isi(models) for step in steps(method, models)]
+    pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
+    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run
+    differences = {pair: difference(by_seed(cells[pair[1]], cells[pair[2]])) for pair in pairs}
+    return {pair: points for pair, points in differences.items() if points.seeds}
+
+
+def composition(gains: Gains, method: str) -> dict[str, Any] | None:
+    """A gain over Xavier with its parts; ``share``: per cent of the last part if none is negative; None without one."""
+    whole, models = gains.get((WHOLE, method, BASELINE)), sorted({name for pair in gains for name in pair[1:]})
+    made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
+    if not whole or len(made) < 2:
+        return None
+    shared = whole.mean >= ZERO and min(points.mean for _, points in made) >= 0
+    return {"gain": whole.mean, "parts": [(part, points.mean) for part, points in made], "last": made[-1][1],
+            "share": 100 * made[-1][1].mean / whole.mean if shared else None}  # fmt: skip
+
+
+def _drawn(
+    experiment: Experiment, methods: Mapping[str, Sequence[str]], marks: Mapping[str, Mapping[str, float]]
+) -> Canvas:
+    """A bar for each query set and method: Xavier's MRR*, then the parts of the gain; ``marks``: further models."""
+    rows = dict[str, tuple[list[tuple[str, float]], Mapping[str, float], Estimate | None]]()
+    for scope, names in methods.items():
+        means = stats.by_model(experiment.immediate[experiment.immediate["scope"] == scope], "mrr_star", names)
+        means = experiment.given_means if scope == "given" else means
+        for name in names:
+            made = composition(parts(experiment, scope), name)
+            base = _means(experiment, scope)[BASELINE]
+            bars = made["parts"] if made else [(label(name), _means(experiment, scope)[name] - base)]
+            title = f"{words.capitalized(words.SCOPES[scope])}{f': {label(name)}' if len(names) > 1 else ''}"
+            rows[title] = ([(label(BASELINE), base), *bars], marks.get(scope, {}), means.get(name))
+    return composed(rows, experiment.models)
