@@ -14,7 +14,7 @@ from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
-from isi.analyses.single_insertions import SHOWN, TRACED, ExplorerParams, Trajectories
+from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, suggestion
@@ -93,7 +93,7 @@ class Params(Section):
     compute: Compute
     recorder: Recorder
     final_model: Study
-    explorer: ExplorerParams
+    explorer: NovelSet
 
     @property
     def studies(self) -> dict[str, Study]:
@@ -186,8 +186,6 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
         ("sweep", "initializers", params.sweep.initializers, known),
         ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
         ("trajectory", "experiments: its initializers", TRACED, known),
-        ("explorer", "experiments: its initializers", SHOWN, known),
-        ("explorer", "best", [params.explorer.best], [name for name in known if name not in SHOWN]),
     ):
         if studies[study].experiments:
             yield f"{study}.{place}", listed, names

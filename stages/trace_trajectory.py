@@ -2,8 +2,8 @@
 
 import torch
 
-from isi.analyses import single_insertions as analysis
-from isi.analyses.single_insertions import TRACED, TRAJECTORY, place_of_traced
+from isi.analyses import trajectory as analysis
+from isi.analyses.trajectory import TRACED, TRAJECTORY, place_of_traced
 from isi.errors import InputError
 from isi.experiment.insert import insert_config
 from isi.experiment.runner import run

@@ -13,7 +13,6 @@ from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.single_insertions import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_INSERTIONS, SINGLE_PLACES
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
@@ -65,16 +64,6 @@ ROWS: dict[Table, dict[str, Any]] = {
     USED_COORDINATES: {"seed": [0, 0, 1], "model": "joint", "relation": ["in", None, "in"], "part": "scalars",
                        "used": [0, 2, 1], "of": 2},
     TIES: {**CELLS, "scope": ["all", "known", "all"], "ties": [0, 9, 2]},
-    SINGLE_INSERTIONS: {"entity": [0, 1, 4], "seed": [3, 0, 0], "told": [2, 0, 5], "shown": [0.25, 0.5, 1.0],
-                "fitted": [0.0, 0.5, 1.0]},
-    SINGLE_INDICATORS: {"entity": [0, 0, 1], "model": ["es", "es", "rs"], "fallback": [None, None, "es"],
-                          "indicator": [4, 2, 4], "weight": [0.5, 0.25, 1.0], "by_words": [0.5, None, -1.0],
-                          "by_relations": [None, -0.25, 1.0]},
-    SINGLE_PLACES: {"seed": [0, 0, 1], "entity": [1, 4, 1], "model": ["theta0", "es", "theta0"],
-                      "epoch": [0, 100, 0], "x": [0.5, -2.0, 0.0], "y": [1.0, 0.0, -0.25]},
-    SINGLE_ANSWERS: {"entity": [0, 0, 1], "model": "es", "epoch": [0, 0, 100], "relation": "atLocation",
-                       "hidden": ["tail", "tail", "head"], "answer": [1, 2, 0], "rank": [2, 1, 1],
-                       "true": ["told", None, "held_out"]},
     HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"], "initializer": ["es", "es", None],
                       "told": [1, None, None], "seed": [0, 0, 1], "asked": ["known", "hidden", "earlier"],
                       "entities": 5, "queries": [4, 4, 9], "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},

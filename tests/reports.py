@@ -11,19 +11,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 import yaml
 
-from isi.analyses.single_insertions import SHOWN
 from isi.config import check
-from isi.graph.graph import MinedSource
+from isi.experiment.grid import GridPoints
+from isi.graph.graph import MinedSource, build_graph
+from isi.models.stack import Embedding
 from isi.params import Params
 from isi.report import page
 from isi.report.data import Experiment, Results
+from isi.report.explorer import Explored
 from isi.report.figures import Figure, rendered
 from isi.report.section import FilledSection
 from isi.report.tables import ReportTable
 from isi.report.words import JOINT
 from isi.tables import paths
+from tests.small_graphs import ANALOGY
 
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -66,7 +70,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rate_sweep": {"size": 2}, "trajectory": {"size": 2},
         "cross_validation": {}, "compare_models": {"seeds": 2}, "affordances": {"entities": ["fan"]},
         "query_breakdown": {}, "finetune_only": {}, "final_model": {},
-        "explorer": {"size": 2, "best": "mean", "answers": 2},
+        "explorer": {"size": 2, "seed": 0},
     }  # fmt: skip
     for name, changed in studies.items():
         values[name] |= changed | {"experiments": []}
@@ -227,33 +231,21 @@ def _analyses(params: Params, experiment: Experiment) -> dict[str, Any]:
     return {
         "sweep": _numbers(swept, "sweep"), "rate_sweep": _numbers(rates, "rates"),
         "cross_validation": _numbers(folds, "folds"), "compare_models": _numbers(families, "families"),
-        "trajectory": traces, "explorer": _singles(params, number),
+        "trajectory": traces, "explorer": explored(experiment),
     }  # fmt: skip
 
 
-def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
-    """Tables of single insertions of the first entity (seed 0) and the last one (seed 1)."""
-    models, epochs, rng = [*SHOWN, params.explorer.best], params.explorer.epochs, np.random.default_rng(11)
-    steps = [(JOINT, 0), *product(models, (0, epochs))]
-    shown = {0: 0, entities - 1: 1}
-    indicators = [{"entity": entity, "model": model, "fallback": None, "indicator": other, "weight": 0.5,
-                   "by_words": 0.25, "by_relations": None}
-                  for entity in shown for model in models[1:4] for other in (1, 2)]  # fmt: skip
-    places = [{"seed": seed, "entity": known, "model": "theta0", "epoch": 0}
-              for entity, seed in shown.items() for known in range(entities) if known != entity]  # fmt: skip
-    places += [{"seed": seed, "entity": entity, "model": model, "epoch": epoch}
-               for entity, seed in shown.items() for model, epoch in steps]  # fmt: skip
-    answers = [{"entity": entity, "model": model, "epoch": epoch, "relation": "atLocation", "hidden": "tail",
-                "answer": int(answer), "rank": rank, "true": {1: "told", 2: "held_out"}.get(int(answer))}
-               for entity in shown for model, epoch in steps
-               for rank, answer in enumerate(rng.permutation(entities), 1)]  # fmt: skip
-    return {
-        "entities": pd.DataFrame({"entity": list(shown), "seed": list(shown.values())}).assign(
-            told=1, shown=0.5, fitted=0.25
-        ),
-        "indicators": pd.DataFrame(indicators), "answers": pd.DataFrame(answers),
-        "places": pd.DataFrame(places).assign(x=rng.normal(size=len(places)), y=rng.normal(size=len(places))),
-    }  # fmt: skip
+def explored(experiment: Experiment, dimension: int = 8) -> Explored:
+    """The explorer's data of an experiment: its first entity is new to a random Θ⁰, in which others are trained."""
+    graph = build_graph(experiment.entities, experiment.triples)
+    splits = np.zeros((1, len(graph.triples)), np.int8)
+    points = GridPoints(experiment.name, graph, 1, [0], splits, np.array([[[0]]]), np.array([[1, 0, 0, 0]]))
+    rng = np.random.default_rng(3)
+    entity, relation = (torch.as_tensor(rng.normal(size=(1, number, dimension)), dtype=torch.float32)
+                        for number in (len(graph.entities), len(graph.relations)))  # fmt: skip
+    theta0 = Embedding(entity * points.session(0).entities[..., None], relation, ANALOGY)
+    words = rng.normal(size=(len(graph.entities), 5)).astype(np.float32)
+    return Explored(points, theta0, Embedding(entity + 0.1, relation, ANALOGY), words)
 
 
 @contextmanager

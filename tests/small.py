@@ -18,7 +18,7 @@ NAME = "published"
 SMALL: dict[str, Any] = {
     f"experiments.{NAME}.sessions.seeds": 2, f"experiments.{NAME}.sessions.sizes": [1, 2],
     "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 1,
-    "final_model.experiments": [NAME], "explorer.experiments": [NAME], "explorer.size": 1, "explorer.epochs": 1,
+    "final_model.experiments": [NAME], "explorer.experiments": [NAME], "explorer.size": 1, "explorer.seed": 0,
     "compute.stack": 2, "compute.workers": 1, "words.text": "glove",
 }  # fmt: skip
 STAGES = (

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from isi.analyses.single_insertions import SHOWN, ExplorerParams, first_seeds
 from isi.config import Option
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
@@ -97,27 +96,6 @@ def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
     entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
     vectors = np.concatenate([result.vectors for result in inserted])
     return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
-
-
-#: Params of the explorer.
-EXPLORER = ExplorerParams(
-    experiments=["home"], size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3
-)
-SOFT = InsertConfig("soft_hybrid", {"word_weight": 3.0, "relation_weight": 5.0}, 0, SAMPLED, OPTIMIZER, MARGIN)
-
-
-def explorer_task(
-    height: int = 4, number: int = 0, configs: int = 5
-) -> tuple[GridPoints, Embedding, Embedding, np.ndarray, list[InsertConfig], dict[int, int], ExplorerParams]:
-    """Arguments of ``single_insertions`` for the stack ``number``; each entity is shown in its first seed."""
-    trained, (stack,), points = theta0(), stacks(4), stacks(height)[number]
-    models = slice(number * height, (number + 1) * height)
-    joint = some_models(train_stack(stack.all_known, LEARNING).theta, models)
-    shown = [insert_tasks(height, name, trained)[number][-1] for name in SHOWN]
-    novel = [(2, seed, entity, 1) for seed, row in zip(stack.seeds, stack.novel[:, 0], strict=True)
-             for entity in row.tolist()]  # fmt: skip
-    seeds = first_seeds(pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), 2)
-    return points, some_models(trained, models), joint, WORDS, [*shown, SOFT][:configs], seeds, EXPLORER
 
 
 def csv(table: pd.DataFrame) -> bytes:

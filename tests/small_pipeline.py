@@ -23,7 +23,7 @@ SMALL: dict[str, Any] = {
     "cross_validation.folds": 3, "cross_validation.dimension": [12], "cross_validation.ratio": [],
     "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [], "compare_models.seeds": 2,
     "compare_models.models": {"transe": {"learning_rate": 0.1, "weight_decay": 0.0001}}, "explorer.size": 2,
-    "explorer.epochs": 2, "explorer.best": "iu", "explorer.answers": 3,
+    "explorer.seed": 0,
     # The published graph goes through DVC in tests of killed runs.
     "experiments.published": workspace.DROP, "sources.published": workspace.DROP,
     **{f"initializers.{name}": workspace.DROP for name in (

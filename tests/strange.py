@@ -48,7 +48,7 @@ def of_experiments(results: Results, change: Callable[[Experiment], Experiment])
 
 
 def one_seed(results: Results) -> Results:
-    """Results with the first seed alone, except in the tables of the explorer."""
+    """Results with the first seed alone, except in the explorer."""
     first = changed(results, lambda frame: frame[frame["seed"] == 0] if {"seed", "mrr_star"} <= set(frame) else frame)
     return of_experiments(first, lambda one: replace(
         one, **{name: frame[frame["seed"] == 0] for name in ("novel", "splits", "insert_triples", "ties")
@@ -68,12 +68,6 @@ def without_rooms(results: Results) -> Results:
     observed = {name: replace(one, observations=one.observations.assign(room=None))
                 for name, one in results.observed.items()}  # fmt: skip
     return replace(results, observed=observed)
-
-
-def empty_explorer(experiment: Experiment) -> Experiment:
-    """An experiment whose explorer, if it was run, has no entities."""
-    tables = {name: frame.head(0) for name, frame in experiment.analyses.get("explorer", {}).items()}
-    return replace(experiment, analyses={**experiment.analyses, "explorer": tables} if tables else experiment.analyses)
 
 
 def empty_analyses(experiment: Experiment) -> Experiment:
@@ -125,7 +119,6 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     ),
     "nothing to go by": lambda one: of_experiments(one, uncovered),
     "no rooms": without_rooms,
-    "an empty explorer": lambda one: of_experiments(one, empty_explorer),
     "studies without rows": lambda one: of_experiments(one, empty_analyses),
     "a paper that states nothing": lambda one: replace(one, paper=VALUES().model_dump()),
     "a vocabulary without words": lambda one: replace(one, vocabulary=VOCABULARY().model_dump()),

@@ -23,7 +23,7 @@ from tests.broken_tables import CASES, TENSOR_CASES, Tensors, put
 from tests.example_tables import ROWS, Change, change_table, change_tensors
 from tests.small import NAME, for_a_while
 
-FILES = 30  #: Of the pipeline, of the final model and of single insertions.
+FILES = 30  #: Of the pipeline, and of the final model.
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small.run_all(folder)
     with chdir(folder):
         small.run(f"train_final {NAME}")
-        small.run(f"single_insertions {NAME}")
     return folder
 
 

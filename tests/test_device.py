@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from isi.analyses.single_insertions import single_insertions, trace_trajectory
+from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack
@@ -28,7 +28,6 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
     "tracing": (trace_trajectory, (*grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
                                    grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1], 1)),
-    "single insertions": (single_insertions, grid.explorer_task()),
 }  # fmt: skip
 
 

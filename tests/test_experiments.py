@@ -11,7 +11,7 @@ import torch
 
 from isi.analyses.finetuning import finetune_only
 from isi.analyses.joint_models import CrossValidation, Setting, best_validations, changed_config, compare, fold_points
-from isi.analyses.single_insertions import place_of_traced, trace_trajectory
+from isi.analyses.trajectory import place_of_traced, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING, novel_query_set
 from isi.evaluation.ranking import evaluate, measure_rows

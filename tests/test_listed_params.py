@@ -41,7 +41,7 @@ BEYOND: dict[str, Any] = {
 COMMANDS = (
     *small.STAGES, f"insert {NAME} xavier", f"insert {NAME} ers", f"finetune_only {NAME}", f"rank_affordances {NAME}",
     f"break_down_queries {NAME}", f"sweep_indicators {NAME} es", f"sweep_rates {NAME} rs", f"cross_validate {NAME}",
-    f"trace_trajectory {NAME}", f"compare_models {NAME} distmult", f"train_final {NAME}", f"single_insertions {NAME}",
+    f"trace_trajectory {NAME}", f"compare_models {NAME} distmult", f"train_final {NAME}",
     "vary rate", "explore again", "insert_hidden nations",
 )  # fmt: skip
 

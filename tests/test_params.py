@@ -74,7 +74,7 @@ WRONG: list[tuple[str, object]] = [
     ("training.weight_decay", -1e-3), ("convergence.margin", 1),
     ("initializers", {}), ("initializers.xavier", {"k": 3}), ("initializers.es", {}),
     ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"), ("sweep.initializers", {}), ("sweep.k", []),
-    ("cross_validation.experiments", "ai2thor"), ("cross_validation.folds", 1), ("explorer.answers", 0),
+    ("cross_validation.experiments", "ai2thor"), ("cross_validation.folds", 1), ("explorer.seed", -1),
     ("compute.workers", 0), ("compute.engine", "threads"),
     ("compute.scheduler", "localhost:8786"), ("compute.scheduler", "tcp://localhost"),
 ]  # fmt: skip
@@ -100,8 +100,7 @@ DISAGREEING: list[tuple[str, object]] = [
     ("cross_validation.dimension", [30]),
     ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
     ("trajectory.size", 11), ("trajectory.seed", 30), ("explorer.size", 11),
-    ("explorer.best", "ers"),  # which is shown anyway
-    ("explorer.best", "best"), ("compare_models.seeds", 31),
+    ("explorer.seed", 30), ("compare_models.seeds", 31),
     ("compare_models.models", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
     ("query_breakdown.experiments", ["ai2thor", "ai2thor"]), ("affordances.entities", ["fan", "fan"]),
     ("compute.engine", "dask"),  # and no scheduler

@@ -26,11 +26,11 @@ from tools import workspace
 ISI = ("es", "rs", "ers")
 SWEPT, RATED = ("es", "ers"), ("xavier", "es")
 ANALYSES = (
-    "sweep_indicators", "sweep_rates", "cross_validate", "trace_trajectory", "single_insertions", "rank_affordances",
+    "sweep_indicators", "sweep_rates", "cross_validate", "trace_trajectory", "rank_affordances",
     "break_down_queries", "finetune_only", "compare_models", "train_final",
 )  # fmt: skip
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses, sweeps, the report.
-STAGES = 2 * (6 + len(INITIALIZERS)) + 8 + len(SWEPT) + len(RATED) + 1
+STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 1
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -268,8 +268,7 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
 
 def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(folder: Path) -> None:
     insertion = {f"insert@ai2thor-{name}" for name in INITIALIZERS}
-    of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "single_insertions@ai2thor",
-             "rank_affordances@transfer"}  # fmt: skip
+    of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "rank_affordances@transfer"}  # fmt: skip
     edits: dict[str, tuple[object, set[str]]] = {
         "initializers.es.k": (3, {
             *(f"insert@{name}-es" for name in EXPERIMENTS), "sweep_rates@ai2thor-es", *of_es,
@@ -282,7 +281,6 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(fol
         "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
         "rate_sweep.factors": ([3.0], {f"sweep_rates@ai2thor-{name}" for name in RATED}),
         "trajectory.epochs": (3, {"trace_trajectory@ai2thor"}),
-        "explorer.answers": (4, {"single_insertions@ai2thor"}),
         "compare_models.models.transe.learning_rate": (0.3, {"compare_models@ai2thor-transe"}),
         "experiments.ai2thor.full_curves.sizes": ([1], {"finetune_only@ai2thor", *insertion}),
     }  # fmt: skip
@@ -292,7 +290,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(fol
             *(f"sweep_indicators@ai2thor-{name}" for name in SWEPT),
             *(f"sweep_rates@ai2thor-{name}" for name in RATED), *of_es,
         },
-        "isi/analyses/single_insertions.py": {"trace_trajectory@ai2thor", "single_insertions@ai2thor"},
+        "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
         "isi/report/sections/__init__.py": set(),
         "isi/errors.py": set(),
         "isi/cli/__init__.py": set(),

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.report import data, page, paper_values
-from isi.report.sections import insertions
 from isi.tables import paths
-from tests.reports import INITIALIZERS, ROOT, of_experiment, part_of, shown, small_results, svg_alone
+from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results, svg_alone
 from tests.strange import STRANGE, changed, of_experiments, tied
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
@@ -66,21 +65,6 @@ def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFa
 @pytest.mark.parametrize("what", ["there are no queries", "a paper that states nothing", "studies without rows"])
 def test_analyses_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
     assert "–" in words(written(tmp_path, STRANGE[what](few_results())))
-
-
-@pytest.mark.parametrize("table", ["places", "answers"])
-@pytest.mark.parametrize("left", [0, -1], ids=["none", "one less"])
-def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left: int) -> None:
-    found = few_results()
-    analyses = found.experiments["home"].analyses
-    of_models = analyses["explorer"][table]
-    if table == "answers":  # without one of the best answers the report is still complete
-        of_models = of_models[of_models["entity"] == of_models["entity"].iloc[-1]] if left else of_models
-        left = 0
-    rows = {**analyses["explorer"], table: of_models.iloc[:left]}
-    lacking = of_experiment(found, "home", analyses={"explorer": rows})
-    with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected positions and answers"):
-        list(insertions.explorer(lacking))
 
 
 def test_a_collapsed_model_is_named() -> None:

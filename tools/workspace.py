@@ -33,7 +33,7 @@ QUICK: dict[str, Any] = {
     "experiments.ai2thor.sessions.seeds": 4, "experiments.ai2thor.sessions.sizes": [1, 5],
     "experiments.transfer.sessions.seeds": 4, "training.max_epochs": 60, "finetuning.max_epochs": 40,
     "sweep.k": [1, 4, 8, 18, 30], "sweep.seeds": 3, "trajectory.epochs": 40, "compare_models.seeds": 2,
-    "explorer.size": 5, "explorer.epochs": 40,
+    "explorer.size": 5, "explorer.seed": 3,
     "cross_validation.folds": 3, "cross_validation.dimension": [40], "cross_validation.ratio": [],
     "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
 }  # fmt: skip

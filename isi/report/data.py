@@ -9,11 +9,10 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-from isi.analyses import single_insertions
 from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.single_insertions import TRACED, TRAJECTORY
+from isi.analyses.trajectory import TRACED, TRAJECTORY
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.experiment.insert import is_listed
@@ -22,7 +21,7 @@ from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES, Mi
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
-from isi.report import paper_values, stats
+from isi.report import explorer, paper_values, stats
 from isi.report.stats import DIRECTIONS, ByScope
 from isi.report.tables import Estimate
 from isi.report.words import JOINT
@@ -316,7 +315,7 @@ def _experiment(params: Params, name: str) -> Experiment:
         "compare_models": lambda: table(MODEL_COMPARISON, params.compare_models.models, column="family"),
         "trajectory": lambda: {part: tensor.numpy() for part, tensor in
                                 TRAJECTORY.read(traced, experiment=name).items()},
-        "explorer": lambda: {part: table(of_part) for part, (of_part, _) in single_insertions.TABLES.items()},
+        "explorer": lambda: explorer.read(params, name),
         "query_breakdown": lambda: table(USED_COORDINATES),
         "finetune_only": lambda: table(FINETUNE_ONLY),
     }  # fmt: skip

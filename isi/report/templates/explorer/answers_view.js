@@ -1,0 +1,107 @@
+/* What the vectors answer: a summary, indicators, and answers with rank and mark, side by side with the joint model. */
+import { at, fixed, html } from "./elements.js";
+import { insertion, queriesOf, relationalRanks } from "./insertion.js";
+import { length } from "./linear_algebra.js";
+
+/** @import { World } from "./data.js" */
+/** @import { Insertion, Query } from "./insertion.js" */
+/** @import { State } from "./state.js" */
+
+const FIRST = 6, MOST_ROWS = 18, MOST_TRUE = 8;
+
+/** @param {World} world @param {State} state @param {Insertion[]} shown @param {(id: number) => void} point */
+export function drawAnswers(world, state, shown, point) {
+  const { subject, given, choices } = state;
+  const labels = choices.map(({ name }) => world.initializers.find((one) => one.name === name)?.label ?? name);
+  const joint = subject.id < 0 ? [] : [insertion(world, subject, given, null)];
+  const names = [...labels, ...joint.map(() => "Joint model")], columns = [...shown, ...joint];
+  drawSummary(world, state, columns, names);
+  at("indicators", HTMLElement).replaceChildren(...shown.map((one, number) =>
+    indicatorTable(world, state, one, labels[number], number, point)));
+  const groups = queriesOf(world, subject).map((query) => ({ query, node: html("div", { class: "ex-query" },
+    html("h5", {}, asked(world, query, subject.name, "?")),
+    html("div", { class: "ex-columns" }, ...columns.map((one, number) => answerList(world, state, query, one, names[number], number)))) }));
+  const vain = groups.filter(({ query }) => !query.true.size).map(({ node }) => node);
+  at("answers", HTMLElement).replaceChildren(...groups.filter(({ query }) => query.true.size).map(({ node }) => node));
+  if (vain.length) {
+    const folded = document.querySelector("#explorer-box .ex-vain");
+    const others = html("details", { class: "ex-vain" }, html("summary", {}, "Questions without a true answer"), ...vain);
+    others.open = folded instanceof HTMLDetailsElement && folded.open;
+    at("others", HTMLElement).replaceChildren(others);
+  } else at("others", HTMLElement).replaceChildren();
+}
+
+/** @param {World} world @param {Query | {relation: number, isTail: boolean}} query @param {string} own
+ * @param {string} other */
+export function asked(world, { relation, isTail }, own, other) {
+  return (isTail ? [other, world.relations[relation], own] : [own, world.relations[relation], other]).join(" ");
+}
+
+/** @param {World} world @param {State} state @param {Insertion[]} columns @param {string[]} names */
+function drawSummary(world, { subject, given }, columns, names) {
+  const lengths = subject.before.known.map((id) => length(world.theta0.entity[id]));
+  const usual = lengths.reduce((sum, one) => sum + one, 0) / lengths.length, left = subject.facts.length - given.length;
+  at("name", HTMLElement).textContent = `MRR* of this insertion`;
+  at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
+    html("dt", {}, names[number]), html("dd", {}, html("strong", {}, mrrStar === null ? "–" : fixed(100 * mrrStar, 1)),
+      number < 2 ? ` length ${fixed(own, 1)}` : " trained with all its facts"))));
+  at("status", HTMLElement).textContent = left
+    ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
+      + `end hidden; 100 is perfect. Known vectors have a mean length of ${fixed(usual, 1)}; a long one scores high against everything.`
+    : `All facts of ${subject.name} are given, so none is left to ask for. Known vectors have a mean length of ${fixed(usual, 1)}.`;
+}
+
+/** @param {number} number */
+const style = (number) => ["ex-first", "ex-second", "ex-third"][number];
+
+/** @param {World} world @param {State} state @param {Insertion} one @param {string} label @param {number} number
+ * @param {(id: number) => void} point */
+function indicatorTable(world, { subject, given, choices }, one, label, number, point) {
+  const heading = html("h5", {}, label), total = one.weights?.filter(Boolean).length ?? 0;
+  if (!one.weights) return html("div", { class: style(number) }, heading, html("p", {}, "Random: it has no indicators."));
+  const ranks = relationalRanks(world, subject, given), even = new Set(one.indicators.map(({ weight }) => weight)).size < 2;
+  /** @param {number} id how near it is, for entities of equal weight */
+  const near = (id) => (ranks && choices[number].name !== "es" ? -(ranks.get(id) ?? 0) : subject.cosines?.[id] ?? 0);
+  const order = one.indicators.slice().sort((a, b) => b.weight - a.weight || near(b.id) - near(a.id));
+  const rows = order.slice(0, MOST_ROWS).map(({ id, weight }) => {
+    const button = html("button", { type: "button", "data-entity": id }, world.names[id]);
+    const row = html("tr", { "data-entity": id }, html("th", { scope: "row" }, button),
+      ...(even ? [] : [html("td", {}, `${fixed(100 * weight, 0)} %`)]),
+      html("td", {}, subject.cosines && world.worded[id] ? fixed(subject.cosines[id], 2) : "–"),
+      html("td", {}, ranks ? String(ranks.get(id)) : "–"));
+    row.addEventListener("pointerenter", () => point(id));
+    row.addEventListener("pointerleave", () => point(-1));
+    button.addEventListener("focus", () => point(id));
+    button.addEventListener("blur", () => point(-1));
+    button.addEventListener("click", () => point(id));
+    return row;
+  });
+  const heads = ["entity", ...(even ? [] : ["weight"]), "words", "relations"].map((head) => html("th", { scope: "col" }, head));
+  const table = html("table", {}, html("caption", { class: "hidden" }, `Indicators of ${label}`),
+    html("thead", {}, html("tr", {}, ...heads)), html("tbody", {}, ...rows));
+  const notes = total > rows.length ? [html("p", {}, `${total} entities in all.`)] : [];
+  if (one.fallback) notes.push(html("p", {}, `For lack of data it uses ${one.fallback}.`));
+  return html("div", { class: style(number) }, heading, table, ...notes);
+}
+
+/** @param {World} world @param {State} state @param {Query} query @param {Insertion} one @param {string} label
+ * @param {number} number */
+function answerList(world, { subject, given }, query, one, label, number) {
+  const order = one.answers(query);
+  const lines = order.flatMap((id, place) => {
+    const fact = query.true.get(id);
+    return place < FIRST || fact !== undefined ? [{ id, rank: place + 1, fact }] : [];
+  });
+  const shown = lines.slice(0, FIRST + MOST_TRUE), rest = lines.length - shown.length;
+  return html("div", { class: style(number) }, html("p", { class: "ex-by" }, label), html("ol", {}, ...shown.map(({ id, rank, fact }) => {
+    const words = fact === undefined ? [world.names[id]]
+      : [html("strong", {}, `✓ ${world.names[id]}`), " ", markOf(subject.facts[fact].split, given.includes(fact))];
+    return html("li", { value: rank, "data-entity": id }, ...words);
+  })), ...(rest ? [html("p", {}, `and ${rest} more true ones below`)] : []));
+}
+
+/** @param {number} split @param {boolean} given */
+function markOf(split, given) {
+  if (given) return html("span", { class: "ex-mark ex-given" }, "given");
+  return html("span", { class: split ? "ex-mark ex-held" : "ex-mark" }, split ? "held out" : "trained");
+}

@@ -1,0 +1,113 @@
+/* The data of the page: Θ⁰ of one seed, its graph, and what is known of an entity that is inserted into it. */
+
+/** A triple of the graph; ``split``: 0 training, 1 validation, 2 test, -1 not of this seed.
+ * @typedef {{head: number, relation: number, tail: number, count: number, split: number}} Triple */
+/** A triple of an inserted entity, seen from it; ``triple``: its id, -1 for a reader's own.
+ * @typedef {{triple: number, relation: number, isTail: boolean, other: number, count: number, split: number}} Fact */
+/** Vectors of entities by id, and the maps of relations.
+ * @typedef {{entity: Float64Array[], map: Float64Array[]}} Embedding */
+/** JSON of the page; arrays of numbers are base64.
+ * @typedef {{
+ *   seed: number, model: string, scalars: number, dimension: number, names: string[], kinds: string[], kind: number[],
+ *   relations: string[], known: number[], novel: number[], theta0: string, map: string, cosines: string,
+ *   worded: number[], triples: number[][], given: Object<string, number[]>, joint: string, jointScale: number,
+ *   jointMap: string, jointPlaces: number[][], uniform: Object<string, string>, plane: string, shown: number,
+ *   fitted: number, initializers: {name: string, label: string, options: Object<string, number>}[], start: number,
+ * }} Payload */
+/** @typedef {ReturnType<typeof decode>} World */
+
+/** @param {string} text base64 of little-endian numbers @param {typeof Float32Array | typeof Int16Array} kind */
+function numbers(text, kind) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return Float64Array.from(new kind(bytes.buffer));
+}
+
+/** @param {Float64Array} values @param {number} width */
+function rows(values, width) {
+  return Array.from({ length: values.length / width }, (_, row) => values.slice(row * width, (row + 1) * width));
+}
+
+/** @param {Payload} payload */
+export function decode(payload) {
+  const { names, dimension } = payload, entity = names.map(() => new Float64Array(dimension));
+  rows(numbers(payload.theta0, Float32Array), dimension).forEach((v, place) => { entity[payload.known[place]] = v; });
+  const cosines = names.map(() => new Float64Array(names.length)), upper = numbers(payload.cosines, Float32Array);
+  let place = 0;
+  names.forEach((_, row) => {
+    for (let column = row; column < names.length; column++) {
+      cosines[row][column] = cosines[column][row] = upper[place++];
+    }
+  });
+  const worded = names.map(() => false);
+  for (const id of payload.worded) worded[id] = true;
+  const joint = numbers(payload.joint, Int16Array).map((value) => value * payload.jointScale);
+  const [centre, ...axes] = rows(numbers(payload.plane, Float32Array), dimension);
+  return {
+    ...payload, cosines, worded, centre, axes,
+    triples: payload.triples.map(([head, relation, tail, count, split]) => ({ head, relation, tail, count, split })),
+    theta0: { entity, map: rows(numbers(payload.map, Float32Array), dimension) },
+    joint: { entity: rows(joint, dimension), map: rows(numbers(payload.jointMap, Float32Array), dimension) },
+    uniform: Object.fromEntries(Object.entries(payload.uniform).map(([name, text]) => [name, numbers(text, Float32Array)])),
+  };
+}
+
+/** What is known before an insertion: D⁰ without the entity that is inserted.
+ * @typedef {{known: number[], eligible: boolean[], trained: Triple[], triples: Triple[]}} Before */
+/** An entity to insert; ``id``: -1 for a reader's own; ``cosines``: of its words with those of each entity, or null;
+ * ``given``: places in ``facts`` of what is ticked at first.
+ * @typedef {{id: number, name: string, kind: number, cosines: Float64Array | null, facts: Fact[], given: number[],
+ *   before: Before}} Subject */
+
+/** @type {WeakMap<World, Map<number, Before>>} */
+const GROUNDS = new WeakMap();
+
+/** D⁰ without the entity ``id`` (-1: all of it), computed once. @param {World} world @param {number} id
+ * @returns {Before} */
+export function beforeOf(world, id) {
+  const made = GROUNDS.get(world) ?? new Map(), key = world.known.includes(id) ? id : -1;
+  GROUNDS.set(world, made);
+  if (!made.has(key)) {
+    const known = world.known.filter((one) => one !== key), there = new Set(known);
+    const triples = world.triples.filter(({ head, tail, split }) => split >= 0 && there.has(head) && there.has(tail));
+    const trained = triples.filter(({ split }) => split === 0), eligible = world.names.map(() => false);
+    for (const { head, tail } of trained) eligible[head] = eligible[tail] = true;
+    made.set(key, { known, eligible, trained, triples });
+  }
+  return made.get(key);
+}
+
+/** An entity of the graph. @param {World} world @param {number} id @returns {Subject} */
+export function subjectOf(world, id) {
+  const before = beforeOf(world, id), there = new Set(before.known);
+  const facts = world.triples.flatMap(({ head, relation, tail, count, split }, triple) => {
+    const isTail = tail === id, other = isTail ? head : tail;
+    const own = split >= 0 && (isTail || head === id) && there.has(other);
+    return own ? [{ triple, relation, isTail, other, count, split }] : [];
+  });
+  const given = world.given[id] ?? [];
+  return {
+    id, name: world.names[id], kind: world.kind[id], cosines: world.worded[id] ? world.cosines[id] : null, facts,
+    given: facts.flatMap(({ triple }, place) => (given.includes(triple) ? [place] : [])), before,
+  };
+}
+
+/** The entity whose name shares most letters of whole words with ``name``, or -1. @param {World} world
+ * @param {string} name */
+export function nearestByName(world, name) {
+  const words = new Set(name.toLowerCase().split(/\s+/));
+  const shared = world.names.map((known, id) => (world.worded[id] ? known.toLowerCase().split(/\s+/) : [])
+    .filter((word) => words.has(word)).join("").length);
+  const most = Math.max(...shared), alike = shared.flatMap((count, id) => (count === most ? [id] : []));
+  return most > 0 ? alike.reduce((a, b) => (world.names[b].length < world.names[a].length ? b : a)) : -1;
+}
+
+/** A reader's own entity: words and kind of the entity with the nearest name, else no words and the most common kind.
+ * @param {World} world @param {string} name @param {Fact[]} facts @returns {Subject} */
+export function ownSubject(world, name, facts) {
+  const near = nearestByName(world, name), number = world.kinds.map((_, kind) => world.kind.filter((k) => k === kind).length);
+  return {
+    id: -1, name, kind: near < 0 ? number.indexOf(Math.max(...number)) : world.kind[near],
+    cosines: near < 0 ? null : world.cosines[near], facts, given: facts.map((_, place) => place),
+    before: beforeOf(world, -1),
+  };
+}

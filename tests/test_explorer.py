@@ -1,0 +1,385 @@
+"""The explorer of the page, in a real browser, against Python: vectors, indicators, scores and MRR*."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import chdir
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
+from isi.experiment.grid import GridPoints
+from isi.experiment.store import Store
+from isi.experiment.train import train_stack
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
+from isi.initializers.api import INITIALIZERS, InitResult, context_of
+from isi.models.stack import Embedding
+from isi.params import Params
+from isi.report import explorer, page
+from isi.report.explorer import COMPUTED, MODULES, Explored
+from isi.report.words import TEMPLATES
+from isi.tables import paths
+from tests import small_grid
+from tests.browser import Opened, opened
+from tests.reports import ROOT, of_experiment, small_params, small_results
+from tests.small_graphs import points_of
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+#: A folder with the outputs of the pipeline: the explorer of its run is tested, too.
+RUN = Path(os.environ.get("ISI_RUN", ROOT))
+NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup", "cup board", "mug", "pan",
+         "pot", "sofa", "shelf"]  # fmt: skip
+CASES = """cases => cases.map(({entity, given, name, dial}) => {
+  const {world, subjectOf, insertion} = window.explorer, subject = subjectOf(world, entity);
+  const places = subject.facts.flatMap(({triple}, place) => given.includes(triple) ? [place] : []);
+  const one = insertion(world, subject, places, name && {name, dial});
+  const scores = world.relations.map((_, relation) =>
+    [false, true].map((isTail) => [...one.scoreOf(relation, isTail)]));
+  return {vector: [...one.vector], weights: one.weights && [...one.weights], mrrStar: one.mrrStar, scores};
+})"""
+
+
+def small() -> tuple[Explored, pd.Series, Params]:
+    """Three of 14 entities are new; one has no word vector; one new entity has no facts."""
+    points = points_of(small_grid.GRAPH, 3, [5])
+    points = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] < 2])
+    result = train_stack(points, small_grid.LEARNING)
+    joint = train_stack(points.all_known, small_grid.LEARNING).theta
+    words = small_grid.WORDS.copy()
+    words[[points.novel[0, 0, 1], 4]] = 0
+    params = small_params(["home"])
+    listed = {name: INITIALIZERS.get(name, name).defaults for name in COMPUTED}
+    changed = {"ers": {"k": 3, "candidates": 5}, "es": {"k": 3}, "rs": {"k": 4}}
+    params = params.model_copy(update={"initializers": {**listed, **changed}})
+    named = replace(points, graph=replace(points.graph, entities=NAMES))
+    kinds = pd.Series([f"kind {kind}" for kind in points.graph.kinds.tolist()])
+    return Explored(named, result.theta, joint, words), kinds, params
+
+
+def of_run() -> tuple[Explored, pd.Series, Params]:
+    params = page_params()
+    with chdir(RUN):
+        found = explorer.read(params, "ai2thor")
+        assert found is not None
+        return found, Store("ai2thor").entities()["kind"], params
+
+
+def page_params() -> Params:
+    from isi import params
+
+    return params.load(ROOT / paths.PARAMS)
+
+
+@pytest.fixture(scope="module", params=["small", "run"])
+def shown(request: pytest.FixtureRequest) -> tuple[Explored, pd.Series, Params]:
+    if request.param == "small":
+        return small()
+    if not (RUN / "data/embeddings/ai2thor/joint.safetensors").exists():
+        pytest.skip("the pipeline has not run")
+    return of_run()
+
+
+def written(folder: Path, explored: Explored, kinds: pd.Series, params: Params) -> Path:
+    """A page whose only section is the explorer."""
+    section = next(section for section in page.SECTIONS if section.name == "explorer")
+    entities = pd.DataFrame({"entity": explored.points.graph.entities, "kind": kinds})
+    results = of_experiment(small_results(["home"]), "home", entities=entities, analyses={"explorer": explored})
+    page.write(folder, replace(results, params=params.model_copy(update={"plots": results.params.plots})), [section])
+    return folder / "index.html"
+
+
+@pytest.fixture
+def found(
+    chromium: Browser, shown: tuple[Explored, pd.Series, Params], tmp_path: Path
+) -> Iterator[tuple[Opened, Explored, Params]]:
+    path = written(tmp_path, *shown)
+    with opened(chromium, path, fragment="explorer") as opened_page:
+        yield opened_page, shown[0], shown[2]
+        assert opened_page.errors == opened_page.requests == []
+
+
+# Python's side: one entity is inserted, alone, into Θ⁰ without it
+
+
+def alone(points: GridPoints, entity: int) -> tuple[Session, Session]:
+    """The sessions before and after the insertion of one entity into D⁰ without it."""
+    before = points.session(0).entities.clone()
+    before[0, entity] = False
+    after = before | membership(torch.tensor([[entity]]), before.shape[1])
+
+    def session(entities: torch.Tensor) -> Session:
+        inside = entities[:, points.graph.triples[:, 0]] & entities[:, points.graph.triples[:, 2]]
+        return Session(points.graph, entities, torch.as_tensor(points.splits).masked_fill(~inside, OUT))
+
+    return session(before), session(after)
+
+
+def other_end(points: GridPoints, entity: int, triple: int) -> int:
+    head, _, tail = points.graph.triples[triple].tolist()
+    return int(head if tail == entity else tail)
+
+
+def inserted(
+    explored: Explored, params: Params, entity: int, given: list[int], name: str, k: int | None = None
+) -> InitResult:
+    """An initializer's result, from the facts ``given``."""
+    points, (before, _) = explored.points, alone(explored.points, entity)
+    without = explored.theta0.entity.clone()
+    without[0, entity] = 0
+    rows = torch.tensor([[0, 0, triple] for triple in sorted(given)], dtype=torch.int64).reshape(-1, 3)
+    context = context_of(replace(explored.theta0, entity=without), before, torch.tensor([[entity]]), rows,
+                         torch.as_tensor(explored.words), params.seed, points.keys())  # fmt: skip
+    options = dict(params.initializers[name]) | ({} if k is None else {"k": k})
+    return INITIALIZERS.get(name, name).initialize(context, options)
+
+
+def mrr_star(explored: Explored, embedding: Embedding, entity: int, given: list[int]) -> float | None:
+    """MRR* over the true triples that are not given, with the entity given and the other end hidden."""
+    points, (before, after) = explored.points, alone(explored.points, entity)
+    told = torch.zeros(1, len(points.graph.triples), dtype=torch.bool)
+    told[0, given] = True
+    of = touches(points.graph, membership(torch.tensor([[entity]]), len(points.graph.entities)))
+    loop = points.graph.triples[:, 0] == points.graph.triples[:, 2]
+    queried = after.members(TRAIN, VALID, TEST) & of & ~told & ~loop
+    if not queried.any():
+        return None
+    filtered = (after.members(TRAIN, VALID) & ~of) | told
+    queries = make_queries(after, padded_ids(queried), queried, filtered, before.entities)
+    (ranked,) = rank_queries(embedding, {"all": queries})
+    head, _, tail = ranked["all"].slots
+    is_tail = ranked["all"].rows.ids[2] == entity
+    closeness = torch.where(is_tail, head.closeness, tail.closeness)
+    weight = 2 * ranked["all"].rows.entity_weight[:, : closeness.shape[1]]
+    return float((weight * closeness).sum() / weight.sum())
+
+
+def scores(embedding: Embedding, entity: int) -> np.ndarray:
+    """Scores of all entities as tail and as head of each relation; shape (R, 2, E)."""
+    relations = torch.arange(embedding.relation.shape[1])[None]
+    given = torch.full_like(relations, entity)
+    both = embedding.score_tails(given, relations)[0], embedding.score_heads(relations, given)[0]
+    return torch.stack(both, 1).numpy()
+
+
+def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened, Explored, Params]) -> None:
+    opened_page, explored, params = found
+    points, rng = explored.points, np.random.default_rng(0)
+    known, novel = (np.flatnonzero(session.entities[0]) for session in (points.session(0), points.session(1)))
+    cases: list[dict[str, Any]] = []
+    for entity in novel.tolist():
+        _, after = alone(points, entity)
+        ends = points.graph.triples[:, [0, 2]] == entity
+        facts = np.flatnonzero((after.members(TRAIN)[0] & (ends[:, 0] ^ ends[:, 1])).numpy()).tolist()
+        some = sorted(rng.choice(facts, rng.integers(len(facts) + 1), replace=False).tolist())
+        for number, name in enumerate(COMPUTED):
+            if name == "map" and len(novel) > 20 and entity not in points.novel and entity % 24:
+                continue  # takes Python long
+            usual = params.initializers[name].get("k", 1)
+            for given, dial in ((facts, usual), (some, usual), (some, int(rng.integers(1, 6)))):
+                if dial == usual or "k" in params.initializers[name]:
+                    cases.append({"entity": entity, "given": given, "name": name, "dial": dial})
+            if not number:
+                cases.append({"entity": entity, "given": some, "name": None, "dial": 0})
+    answers = opened_page.page.evaluate(CASES, cases)
+    assert len(known) < len(novel)
+    data = json.loads(opened_page.page.locator("#explorer-data").text_content() or "")
+    rounded = np.frombuffer(base64.b64decode(data["joint"]), "<i2").reshape(explored.joint.entity.shape)
+    joint = replace(explored.joint, entity=torch.as_tensor(rounded * data["jointScale"], dtype=torch.float32))
+    for case, answer in zip(cases, answers, strict=True):
+        entity, given, name = case["entity"], case["given"], case["name"]
+        embedding = joint
+        if name:
+            k = case["dial"] if "k" in params.initializers[name] else None
+            result = inserted(explored, params, entity, given, name, k)
+            assert answer["vector"] == pytest.approx(result.vectors[0, 0].tolist(), abs=1e-4), case
+            assert (answer["weights"] is None) == (result.weights is None)
+            if result.weights is not None:
+                assert answer["weights"] == pytest.approx(result.weights[0, 0].tolist(), abs=1e-4), case
+            table = explored.theta0.entity.clone()
+            table[0, entity] = result.vectors[0, 0]
+            embedding = replace(explored.theta0, entity=table)
+        assert np.array(answer["scores"]) == pytest.approx(scores(embedding, entity), abs=1e-3, rel=1e-4), case
+        assert answer["mrrStar"] == pytest.approx(mrr_star(explored, embedding, entity, given), abs=1e-4), case
+
+
+def test_what_is_given_at_first_is_what_the_run_gives(found: tuple[Opened, Explored, Params]) -> None:
+    opened_page, explored, _ = found
+    points = explored.points
+    first = opened_page.page.evaluate("""() => explorer.world.novel.map((id) => {
+      const {given, facts} = explorer.subjectOf(explorer.world, id);
+      return [id, given.map((place) => facts[place].triple)];
+    })""")
+    rows = points.insert_triples_in(1)
+    assert dict(first) == {
+        int(entity): rows[rows[:, 1] == place, 2].tolist() for place, entity in enumerate(points.novel[0, 0])
+    }
+
+
+def test_a_change_is_shown_within_50_ms(found: tuple[Opened, Explored, Params]) -> None:
+    opened_page, _, _ = found
+    took = opened_page.page.evaluate("""() => explorer.world.novel.flatMap((id) => [1, 2].map((less) => {
+      const choices = [{name: "map", dial: 0}, {name: "ers", dial: 5}];
+      const subject = explorer.subjectOf(explorer.world, id);
+      explorer.change({subject, given: subject.given.slice(less), choices});
+      return explorer.took();
+    }))""")
+    assert np.median(took) < 50
+
+
+# What is shown
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("report"), *small())
+
+
+def numbers(found: Opened) -> list[str]:
+    return found.page.locator("#explorer-numbers strong").all_inner_texts()
+
+
+def state(found: Opened) -> Any:
+    return found.page.evaluate("(({subject, given, choices}) => [subject.name, subject.facts.length, given, choices])"
+                               "(explorer.state())")  # fmt: skip
+
+
+def test_choices_stand_in_the_address_and_come_back_from_it(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer") as found:
+        control, started = found.page.get_by_label, numbers(found)
+        control("New entity").select_option("50% / half")
+        control("First initializer").select_option("RS")
+        found.page.locator("#explorer-dial-0").focus()
+        found.page.keyboard.press("ArrowLeft")
+        control("Second initializer").select_option("Kind mean")
+        found.page.locator("#explorer-facts input").first.click()
+        before = state(found)
+        assert (before[0], before[3]) == ("50% / half", [{"name": "rs", "dial": 3}, {"name": "kind_mean", "dial": 0}])
+        with opened(chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")) as again:
+            assert state(again) == before
+            assert numbers(again) == numbers(found) != started
+            assert again.errors == []
+        found.page.evaluate("location.hash = '#explorer/no such/thing/xavier~x/8.9.77/1.1.99'")
+        found.page.evaluate("location.hash = '#else'")
+        assert state(found)[0] == before[0]
+        assert found.errors == []
+
+
+def test_a_reader_inserts_an_entity_of_their_own(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer") as found:
+        found.page.get_by_label("New entity").select_option("own")
+        found.page.get_by_label("Its name").fill("wine bottle")
+        about = found.page.locator("#explorer-about")
+        assert "“bottle”" in about.inner_text()
+        found.page.get_by_label("Its name").fill("zzz")
+        assert "no word vector" in about.inner_text()
+        other = found.page.get_by_label("Other entity")
+        for direction, end in (("0", 1), ("1", 2), ("1", 2)):  # the last one is there already
+            found.page.get_by_label("Direction").select_option(direction)
+            other.select_option(index=end)
+            found.page.get_by_role("button", name="Add").click()
+        assert found.page.locator("#explorer-facts label").count() == 2
+        found.page.locator("#explorer-facts input").first.uncheck()
+        assert len(numbers(found)) == 2  # it is not in the joint model
+        assert numbers(found) != ["–", "–"]
+        before = state(found)
+        with opened(chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")) as again:
+            assert state(again) == before
+        assert found.errors == []
+
+
+def test_answers_are_ranked_marked_and_never_the_entity_itself(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer/pan/ers/xavier") as found:
+        facts = found.page.evaluate("explorer.state().subject.facts")
+        given = found.page.evaluate("explorer.state().given")
+        for summary in found.page.locator("#explorer-others summary").all():
+            summary.click()
+        texts = found.page.locator(".ex-query li").all_inner_texts()
+        assert not any(text.removeprefix("✓ ").startswith("pan") for text in texts)
+        marks = found.page.locator(".ex-query .ex-first .ex-mark").all_inner_texts()
+        expected = ["given" if place in given else "held out" if fact["split"] else "trained"
+                    for place, fact in enumerate(facts)]  # fmt: skip
+        assert sorted(marks) == sorted(expected)
+        for text in found.page.locator(".ex-query ol").all():
+            ranks = [int(item.get_attribute("value") or 0) for item in text.locator("li").all()]
+            assert ranks == sorted(set(ranks))
+
+
+def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
+        button = found.page.locator("#explorer-indicators button").first
+        name = button.inner_text()
+        button.focus()
+        pointed = found.page.locator("#explorer-map-name")
+        assert pointed.inner_text().startswith(name)
+        assert found.page.locator(".ex-dot.ex-lit").count() == 1
+        assert found.page.locator(".ex-lines .ex-first").count() == 3
+        found.page.locator("#explorer-map").focus()
+        found.page.keyboard.press("ArrowRight")
+        first = pointed.inner_text()
+        found.page.keyboard.press("ArrowRight")
+        assert first
+        assert pointed.inner_text() != first
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_sticks_out_and_nothing_is_requested(chromium: Browser, report: Path, width: int, scheme: str) -> None:
+    with opened(chromium, report, width=width, scheme=scheme, fragment="explorer") as found:
+        assert found.overflow == 0
+        assert found.page.locator("#explorer-box").is_visible()
+        assert found.errors == found.requests == []
+
+
+def test_paper_and_readers_without_scripts_have_a_sentence(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer") as found:
+        found.page.emulate_media(media="print")
+        assert found.page.locator(".ex-paper").is_visible()
+        assert not found.page.locator("#explorer-box").is_visible()
+    with opened(chromium, report, script=False) as found:
+        found.page.locator("#explorer summary").first.click()
+        assert found.page.locator(".ex-paper").is_visible()
+        assert not found.page.locator("#explorer-box").is_visible()
+
+
+# The data, and the modules
+
+
+def test_a_turned_scaled_and_moved_joint_model_lies_on_theta0() -> None:
+    rng = np.random.default_rng(1)
+    onto, known = rng.normal(size=(9, 4)), np.arange(9) < 6
+    rotation = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    turned, fitted = explorer.procrustes(0.3 * onto @ rotation + 7, onto, known)
+    assert turned == pytest.approx(onto)
+    assert fitted == pytest.approx(1)
+
+
+def test_another_model_leaves_the_explorer_out() -> None:
+    results = of_experiment(small_results(["home"]), "home", analyses={"explorer": None})
+    section = next(section for section in page.SECTIONS if section.name == "explorer").filled(results)
+    assert section is not None
+    assert [block.kind for block in section.blocks] == ["paragraph"]
+
+
+def test_types_of_the_modules_agree() -> None:
+    compiler = os.environ.get("TSC") or shutil.which("tsc")
+    if compiler is None:
+        pytest.skip("no TypeScript: tsc is not on the path, and TSC names none")
+    folder = TEMPLATES / "explorer"
+    assert {path.stem for path in folder.glob("*.js")} == set(MODULES)
+    options = ("--allowJs", "--checkJs", "--strict", "--noUnusedLocals", "--noEmit", "--target", "es2022", "--module",
+               "es2022", "--moduleResolution", "bundler", "--lib", "es2022,dom,dom.iterable")  # fmt: skip
+    checked = subprocess.run([compiler, *options, *sorted(folder.glob("*.js"))], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
