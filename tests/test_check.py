@@ -23,7 +23,7 @@ from tests.broken_tables import CASES, TENSOR_CASES, Tensors, put
 from tests.example_tables import ROWS, Change, change_table, change_tensors
 from tests.small import NAME, for_a_while
 
-FILES = 30  #: Of the pipeline, and of the final model.
+FILES = 26  #: Of the pipeline, and of the final model.
 
 
 @pytest.fixture(scope="module")

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 #: A folder with the outputs of the pipeline: the explorer of its run is tested, too.
 RUN = Path(os.environ.get("ISI_RUN", ROOT))
+#: Of a run's known entities, each so-manyth is compared, and of small graphs all; 1: each one, in about 80 seconds.
+EVERY = int(os.environ.get("ISI_EVERY", 12))
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup", "cup board", "mug", "pan",
          "pot", "sofa", "shelf"]  # fmt: skip
 CASES = """cases => cases.map(({entity, given, name, dial}) => {
@@ -177,16 +179,15 @@ def scores(embedding: Embedding, entity: int) -> np.ndarray:
 def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened, Explored, Params]) -> None:
     opened_page, explored, params = found
     points, rng = explored.points, np.random.default_rng(0)
-    known, novel = (np.flatnonzero(session.entities[0]) for session in (points.session(0), points.session(1)))
+    everyone = np.flatnonzero(points.session(1).entities[0])
     cases: list[dict[str, Any]] = []
-    for entity in novel.tolist():
+    step = EVERY if len(everyone) > len(NAMES) else 1
+    for entity in (entity for entity in everyone.tolist() if entity in points.novel or entity % step == 0):
         _, after = alone(points, entity)
         ends = points.graph.triples[:, [0, 2]] == entity
         facts = np.flatnonzero((after.members(TRAIN)[0] & (ends[:, 0] ^ ends[:, 1])).numpy()).tolist()
         some = sorted(rng.choice(facts, rng.integers(len(facts) + 1), replace=False).tolist())
         for number, name in enumerate(COMPUTED):
-            if name == "map" and len(novel) > 20 and entity not in points.novel and entity % 24:
-                continue  # takes Python long
             usual = params.initializers[name].get("k", 1)
             for given, dial in ((facts, usual), (some, usual), (some, int(rng.integers(1, 6)))):
                 if dial == usual or "k" in params.initializers[name]:
@@ -194,7 +195,6 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened,
             if not number:
                 cases.append({"entity": entity, "given": some, "name": None, "dial": 0})
     answers = opened_page.page.evaluate(CASES, cases)
-    assert len(known) < len(novel)
     data = json.loads(opened_page.page.locator("#explorer-data").text_content() or "")
     rounded = np.frombuffer(base64.b64decode(data["joint"]), "<i2").reshape(explored.joint.entity.shape)
     joint = replace(explored.joint, entity=torch.as_tensor(rounded * data["jointScale"], dtype=torch.float32))
@@ -204,14 +204,14 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened,
         if name:
             k = case["dial"] if "k" in params.initializers[name] else None
             result = inserted(explored, params, entity, given, name, k)
-            assert answer["vector"] == pytest.approx(result.vectors[0, 0].tolist(), abs=1e-4), case
+            assert np.allclose(answer["vector"], result.vectors[0, 0], rtol=0, atol=1e-4), case
             assert (answer["weights"] is None) == (result.weights is None)
             if result.weights is not None:
-                assert answer["weights"] == pytest.approx(result.weights[0, 0].tolist(), abs=1e-4), case
+                assert np.allclose(answer["weights"], result.weights[0, 0], rtol=0, atol=1e-4), case
             table = explored.theta0.entity.clone()
             table[0, entity] = result.vectors[0, 0]
             embedding = replace(explored.theta0, entity=table)
-        assert np.array(answer["scores"]) == pytest.approx(scores(embedding, entity), abs=1e-3, rel=1e-4), case
+        assert np.allclose(answer["scores"], scores(embedding, entity), rtol=1e-4, atol=1e-4), case
         assert answer["mrrStar"] == pytest.approx(mrr_star(explored, embedding, entity, given), abs=1e-4), case
 
 

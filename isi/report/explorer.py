@@ -67,7 +67,7 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "theta0": packed(vectors[known]), "map": packed(model.maps(theta0.relation[0])),
         "cosines": packed(cosines(words)[upper]), "worded": np.flatnonzero((explored.words != 0).any(1)).tolist(),
         "triples": np.c_[graph.triples, graph.counts, points.splits[0]].tolist(),
-        "given": given(points, params.seed, params.sessions.insert_fraction),
+        "given": insert_triples(points, params.seed, params.sessions.insert_fraction),
         "joint": packed(np.round(joint / scale), "<i2"), "jointScale": scale,
         "jointMap": packed(model.maps(explored.joint.relation[0])),
         "jointPlaces": ((turned - centre) @ axes.T).round(3).tolist(), "fitted": round(100 * fitted),
@@ -83,7 +83,7 @@ def packed(values: Any, kind: str = "<f4") -> str:
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
 
-def given(points: GridPoints, root: int, fraction: float) -> dict[str, list[int]]:
+def insert_triples(points: GridPoints, root: int, fraction: float) -> dict[str, list[int]]:
     """Insert triples by entity: of novel ones those of the run, of known ones drawn by the same rule."""
     splits, rows = points.session(0).splits[0].numpy(), points.insert_triples_in(1)
     triples = {int(entity): rows[rows[:, 1] == place, 2].tolist() for place, entity in enumerate(points.novel[0, 0])}
