@@ -17,7 +17,6 @@ FILE = Path("data/a.parquet")
 GRAPH: Graph = graph_of(
     {(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 3): 1, (3, 0, 0): 1, (0, 0, 2): 1, (1, 1, 1): 1}, entities=4, relations=2
 )
-HOME = np.array(["home"] * 4)
 
 
 def novel(*rows: tuple[int, int, int, int]) -> pd.DataFrame:
@@ -32,63 +31,15 @@ def split(*codes: int) -> dict[int, np.ndarray]:
     return {0: np.array(codes, dtype=np.int8)}
 
 
-def splits_are_whole(
-    splits: dict[int, np.ndarray], graph: Graph = GRAPH, sources: np.ndarray = HOME, drawn: pd.DataFrame | None = None
-) -> None:
-    agreement.splits_are_whole(FILE, splits, graph, sources, novel() if drawn is None else drawn)
-
-
 def refused(says: str) -> pytest.RaisesExc[InputError]:
     return pytest.raises(InputError, match=rf"^data/a\.parquet: {says}")
-
-
-def test_every_triple_of_the_graph_has_a_split() -> None:
-    splits_are_whole(split(0, 1, 2, 0, 0, 0))
-    with refused("seed 0, triple 2: has no split"):
-        splits_are_whole(split(0, 1, OUT, 0, 0, OUT))
-
-
-def test_triples_of_added_entities_have_a_split_where_they_are_drawn_and_nowhere_else() -> None:
-    sources, drawn = np.array(["home", "home", "shop", "shop"]), novel((1, 0, 3, 1), (1, 1, 2, 1))
-    graph = graph_of(
-        {(0, 0, 1): 1, (1, 0, 0): 1, (1, 0, 2): 1, (0, 0, 3): 1, (3, 0, 1): 1, (3, 0, 0): 1}, entities=4, relations=1
-    )
-    ids = {(h, t): row for row, (h, _, t) in enumerate(graph.triples.tolist())}
-
-    def of(**codes: int) -> dict[int, np.ndarray]:
-        """Splits of seed 0; ``codes``: by head and tail. Defaults: e12 out, e01 valid, e31 test, others train."""
-        whole = np.full(len(ids), TRAIN, dtype=np.int8)
-        for name, code in {"e12": OUT, "e01": VALID, "e31": TEST, **codes}.items():
-            whole[ids[int(name[1]), int(name[2])]] = code
-        return {0: whole}
-
-    splits_are_whole(of(), graph, sources, drawn)
-    with refused(rf"seed 0, triple {ids[1, 2]}: has a split"):
-        splits_are_whole(of(e12=TRAIN), graph, sources, drawn)
-    with refused(rf"seed 0, triple {ids[0, 3]}: has no split"):
-        splits_are_whole(of(e03=OUT), graph, sources, drawn)
-
-
-@pytest.mark.parametrize(
-    ("codes", "untrained"),
-    [
-        ((TRAIN, TRAIN, VALID, TEST, TRAIN, TRAIN), "entity 3"),
-        ((TRAIN, TRAIN, TRAIN, TEST, TRAIN, VALID), "relation 1"),
-    ],
-)
-def test_every_entity_and_relation_that_takes_part_has_a_training_triple(
-    codes: tuple[int, ...], untrained: str
-) -> None:
-    splits_are_whole(split(TRAIN, VALID, TRAIN, TEST, TRAIN, TRAIN))
-    with refused(f"seed 0: expected a triple of '{untrained}' in train"):
-        splits_are_whole(split(*codes))
 
 
 @pytest.mark.parametrize("missing", [TRAIN, VALID, TEST])
 def test_every_seed_has_triples_in_every_split(missing: int) -> None:
     others = [code for code in (TRAIN, VALID, TEST) if code != missing]
     with refused(f"seed 0: expected at least one triple in {SPLIT_NAMES[missing]}"):
-        splits_are_whole(split(*others, *[others[0]] * 4))
+        agreement.splits_are_whole(FILE, split(*others, *[others[0]] * 4))
 
 
 def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -> None:

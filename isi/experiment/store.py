@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from isi.errors import InputError
+from isi.errors import InputError, short
 from isi.evaluation.ranking import MEASURES
 from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
@@ -126,8 +126,7 @@ class Store:
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "the graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))
-        sources = self.entities()["source"].to_numpy(str)
-        agreement.splits_are_whole(self._path(SPLITS), splits, graph, sources, novel)
+        agreement.splits_are_whole(self._path(SPLITS), splits)
         chosen = novel if size is None else novel[novel["size"] == size]
         chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
@@ -168,7 +167,8 @@ class Store:
         path, session = self._path(file, size=points.size), points.session(number)
         names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
         *tensors, seed = self._arrays(file, *names, size=points.size)
-        agreement.seeds_are(path, seed, self._seeds, *tensors)
+        if seed.tolist() != self._seeds or any(len(tensor) != len(seed) for tensor in tensors):
+            raise InputError(path, "", f"expected the sessions' seeds, {short(self._seeds)}, in every tensor")
         entity, relation, known = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
         shape, dimension = session.entities.shape, entity.shape[-1]
         width = len(points.graph.relations), model.width(dimension)
