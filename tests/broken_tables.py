@@ -39,14 +39,6 @@ def doubled(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([frame[:1], frame])
 
 
-def swapped(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.iloc[[1, 0, *range(2, len(frame))]]
-
-
-def shuffled(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.sample(frac=1, random_state=0)
-
-
 def less(rows: int) -> Change:
     return lambda frame: frame[rows:]
 
@@ -74,10 +66,9 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("no relation", OBSERVATIONS, put("relation", None), "a value in column"),
     ("a kind twice", KINDS, doubled, "only one row with the same entity"),
     ("no kind", KINDS, put("kind", None), "a value in column 'kind'"),
-    ("entities swapped", ENTITIES, swapped, "row 1 .*ascending order of entity"),
     ("an entity renamed", ENTITIES, put("entity", "aaa"), "a name in entities"),
     ("a control character", ENTITIES, put("entity", "a\tb"), "no control character"),
-    ("a triple doubled", TRIPLES, doubled, "row 1 .*ascending order of head"),
+    ("a triple doubled", TRIPLES, doubled, "only one row with the same head"),
     ("an unknown tail", TRIPLES, put("tail", "0", 0), "a name in entities"),
     ("a triple's count of 2e9", TRIPLES, put("count", 2 * 10**9), "1,000,000,000"),
     ("both train and test", SPLITS, as_test_and_train, "row 1 .*each once"),
@@ -96,7 +87,6 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("told of a known entity", NOVEL, another_novel, "insert_triples.* an entity that the session inserts"),
     ("told triple above all", INSERT_TRIPLES, at_end("triple"), "expected ids below"),
     ("MRR* of 1.5", RUNS, put("mrr_star", 1.5), "row 0 .*'mrr_star' from 0 to 1"),
-    ("MRR* not the mean", RUNS, put("mrr_star", 0.0), "'mrr_star' to be the mean of"),
     ("MRR* null", RUNS, put("mrr_star", None), "null where 'queries' is 0"),
     ("an unknown scope", RUNS, put("scope", "some"), "'scope' among all, known"),
     ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of seed"),

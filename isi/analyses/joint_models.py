@@ -14,7 +14,7 @@ from isi.errors import InputError
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
 from isi.experiment.grid import GridPoints
-from isi.experiment.store import HALVES, MEASURE_COLUMNS
+from isi.experiment.store import MEASURE_COLUMNS
 from isi.experiment.train import TrainConfig, TrainResult, run_rows, train_stack, training_start
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID, folds
@@ -30,13 +30,13 @@ CROSS_VALIDATION = Table(
     "data/analyses/cross_validation/{experiment}.parquet",
     {"dimension": FROM_1, "ratio": FROM_1, "learning_rate": RATE, "weight_decay": RATE, "fold": FROM_0,
      **dict.fromkeys(MEASURES, SHARE), "epoch": FROM_1},
-    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"], ordered=True, checks=[HALVES],
+    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"], ordered=True,
 )  # fmt: skip
 #: Test measures of the joint model with one scoring function, by seed.
 MODEL_COMPARISON = Table(
     "data/analyses/models/{experiment}/{model}.parquet",
     {"seed": FROM_0, "epochs": FROM_1, **MEASURE_COLUMNS, "valid_mrr_star": SHARE, "queries": FROM_0},
-    key=["seed"], checks=[null_without("queries", *MEASURES), HALVES],
+    key=["seed"], checks=[null_without("queries", *MEASURES)],
 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from isi.graph.sessions import TEST, TRAIN, VALID, membership
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, not_above, one_of
+from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, one_of
 from isi.tables.table import Table, concat
 
 NOVEL_AT = ("none", "given", "answer", "both")  #: Slots with a novel entity; index: 1 if given, plus 2 if answer.
@@ -51,7 +51,7 @@ QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.pa
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
-    key=["seed", "model", "relation", "part"], checks=[not_above("used", "of")],
+    key=["seed", "model", "relation", "part"],
 )  # fmt: skip
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(

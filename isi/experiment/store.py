@@ -17,13 +17,12 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
 from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, mean_of, null_without, one_of
+from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, null_without, one_of
 from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
 FALLBACK_NAMES = ("es", "rs", "centroid")  #: Methods for entities without the data that their initializer needs.
 
-HALVES = mean_of(*MEASURES[:3])  #: MRR* is the mean of its halves.
 #: Columns of measures, null without queries; of a grid point; and of a session.
 MEASURE_COLUMNS = dict.fromkeys(MEASURES, SHARE.optional)
 SIZE_AND_SEED = {"size": FROM_1, "seed": FROM_0}
@@ -37,7 +36,7 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
         {**(by or {}), **SIZE_AND_SEED, "epoch": FROM_0, "scope": one_of(*SCOPES), **MEASURE_COLUMNS, "queries": FROM_0,
          **SESSION},
         key=[*(by or {}), "size", "seed", "session", "epoch", "scope"], ordered=True,
-        checks=[null_without("queries", *MEASURES), HALVES],
+        checks=[null_without("queries", *MEASURES)],
     )  # fmt: skip
 
 
@@ -49,7 +48,7 @@ JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
     {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType("bool")},
-    key=["size", "seed", "epoch"], ordered=True, checks=[HALVES],
+    key=["size", "seed", "epoch"], ordered=True,
 )  # fmt: skip
 #: Measures of an initializer or of the joint model. ``queries`` counts triples; each triple gives three queries.
 RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
@@ -60,7 +59,7 @@ INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
     {**SIZE_AND_SEED, "entity": ENTITY, "kind": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, **MEASURE_COLUMNS,
      "queries": FROM_0, "ties": FROM_0, **SESSION},
-    key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES), HALVES],
+    key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES)],
 )  # fmt: skip
 #: Number of candidates whose score is tied with the answer's, summed over queries, at epoch 0.
 TIES = Table(

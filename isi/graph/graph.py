@@ -17,19 +17,19 @@ from isi.config import Count, EachOnce, Name, Section
 from isi.errors import InputError
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, in_blocks, refuse
+from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, refuse
 from isi.tables.table import Table, as_text
 
 #: Row numbers are ids, here and in ``TRIPLES``. Rows are grouped by source; the extended source is first.
 ENTITIES = Table(
     "data/graph/{experiment}/entities.parquet",
     {"entity": TEXT, "kind": NAME, "source": NAME, "phrase": TEXT},
-    key=["entity"], checks=[in_blocks("source", "entity")],
+    key=["entity"],
 )  # fmt: skip
 TRIPLES = Table(
     "data/graph/{experiment}/triples.parquet",
     {"head": NAME, "relation": NAME, "tail": NAME, "count": COUNT, "source": NAME},
-    key=["head", "relation", "tail"], checks=[in_blocks("source", "head", "relation", "tail")],
+    key=["head", "relation", "tail"],
 )  # fmt: skip
 #: ``ENTITIES`` and ``TRIPLES`` of a graph of the second pipeline.
 GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")

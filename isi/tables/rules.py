@@ -111,18 +111,13 @@ def unique(*key: str) -> Rule:
 
 def ascending(*key: str) -> Rule:
     """Rows ascend strictly, in the lexicographic order of these columns; text by code points, null first."""
-    expected = f"expected rows in ascending order of {', '.join(key)}, each once"
-    return Rule(expected, key, lambda frame: _descending([_ranks(frame[name]) for name in key]))
-
-
-def in_blocks(block: str, *key: str) -> Rule:
-    """Rows with the same value of ``block`` are adjacent, and ascend within it (see ``ascending``)."""
-    expected = f"expected rows of each {block} together, in ascending order of {', '.join(key)}"
 
     def broken(frame: pd.DataFrame) -> np.ndarray:
-        return _descending([pd.factorize(frame[block])[0], *(_ranks(frame[name]) for name in key)])
+        steps = np.stack([np.sign(np.diff(_ranks(frame[name]))) for name in key])
+        first = np.take_along_axis(steps, (steps != 0).argmax(0)[None], 0)[0]
+        return np.concatenate([np.zeros(min(len(frame), 1), dtype=bool), ~(first > 0)])
 
-    return Rule(expected, (block, *key), broken)
+    return Rule(f"expected rows in ascending order of {', '.join(key)}, each once", key, broken)
 
 
 def null_without(queries: str, *measures: str) -> Rule:
@@ -132,29 +127,6 @@ def null_without(queries: str, *measures: str) -> Rule:
         return frame[list(measures)].isna().ne(frame[queries] == 0, axis=0).any(axis=1)
 
     return Rule(f"expected null where {queries!r} is 0, and nowhere else", (*measures, queries), broken)
-
-
-def mean_of(whole: str, *halves: str) -> Rule:
-    """``whole`` is the mean of ``halves``, with the tolerance ``ROUNDING``; rows with a null pass."""
-
-    def broken(frame: pd.DataFrame) -> np.ndarray:
-        mean = frame[list(halves)].to_numpy(np.float64).mean(1)
-        return np.asarray(np.abs(frame[whole].to_numpy(np.float64) - mean) > ROUNDING)
-
-    return Rule(f"expected {whole!r} to be the mean of {' and '.join(halves)}", (whole, *halves), broken)
-
-
-def not_above(lesser: str, greater: str) -> Rule:
-    """The number ``lesser`` is at most ``greater``."""
-    expected = f"expected {lesser!r} to be at most {greater!r}"
-    return Rule(expected, (lesser, greater), lambda frame: frame[lesser] > frame[greater])
-
-
-def _descending(columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows not above the previous row in the lexicographic order of these columns; shape: (rows,), bool."""
-    steps = np.stack([np.sign(np.diff(values)) for values in columns])
-    first = np.take_along_axis(steps, (steps != 0).argmax(0)[None], 0)[0]
-    return np.concatenate([np.zeros(min(len(columns[0]), 1), dtype=bool), ~(first > 0)])
 
 
 def _ranks(values: pd.Series) -> np.ndarray:
