@@ -56,7 +56,6 @@ class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-    renamed: ClassVar[dict[str, str]] = {}  #: new name of a renamed key, by old name
     rules: ClassVar[Sequence[tuple[Callable[[Any], bool], str]]] = ()  #: condition, message
 
     @model_validator(mode="before")
@@ -65,8 +64,7 @@ class Section(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         for key in values if isinstance(values, dict) else ():
             if key not in known:
-                new = cls.renamed.get(key)
-                message = f"renamed; use {new}" if new else f"unknown key{suggestion(key, known)}"
+                message = f"unknown key{suggestion(key, known)}"
                 raise PydanticCustomError("unknown_key", "{message}", {"key": key, "message": message})
         return values
 

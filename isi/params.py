@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field
 
@@ -40,7 +40,6 @@ MOST_SETTINGS = 13  #: Maximum number of settings in cross-validation; a setting
 class ExperimentOf(Section):
     """An entry under ``experiments``."""
 
-    renamed: ClassVar = {"at_once": "immediate_only", "followed": "full_curves"}
     rules = (
         (lambda entry: (entry.sessions.novel == "added") == (entry.graph.extend is not None),
          "expected sessions.novel: added with graph.extend, and another value without it"),
@@ -65,10 +64,6 @@ class Plots(Section):
 class Params(Section):
     """All sections of ``params.yaml``."""
 
-    renamed: ClassVar = {
-        "families": "models", "nothing": "finetune_only", "rates": "rate_sweep", "approach": "trajectory",
-        "compare_families": "compare_models", "asking": "query_breakdown", "kept": "final_model",
-    }  # fmt: skip
     seed: Seed
     sources: dict[Name, dict[str, Any]]
     experiments: Annotated[dict[Name, ExperimentOf], Field(min_length=1)]

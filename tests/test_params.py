@@ -168,21 +168,6 @@ def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order
     assert params.initializers_of("transfer") == ["iu", "mean"]
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("experiments.ai2thor.at_once", "immediate_only"), ("experiments.ai2thor.followed", "full_curves"),
-        ("families", "models"), ("nothing", "finetune_only"), ("rates", "rate_sweep"), ("approach", "trajectory"),
-        ("asking", "query_breakdown"), ("kept", "final_model"), ("compare_families", "compare_models"),
-        ("compare_models.families", "models"), ("embedding.family", "model"),
-    ],
-)  # fmt: skip
-def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path, old: str, new: str) -> None:
-    with pytest.raises(InputError) as refused:
-        changed(tmp_path, {old: {}})
-    assert str(refused.value) == f"{tmp_path / 'params.yaml'}: {old}: renamed; use {new}"
-
-
 # Options from a signature
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -53,7 +53,6 @@ class HiddenTraining(Section):
 class Hidden(Section):
     """An entry of ``hidden`` in the params of the second pipeline: a graph, and which of its entities are hidden."""
 
-    renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
     title: str  #: in the table of the documentation
     graph: Name
     #: where ``graph`` is: PyKEEN's datasets, the entries of ``graphs``, or ``data/raw/GRAPH/triples.csv``

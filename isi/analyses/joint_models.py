@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from statistics import median_low
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
@@ -74,7 +74,6 @@ class ModelTraining(Section):
 class ModelComparison(Study):
     """``compare_models`` in params: the number of seeds, and training options by embedding model."""
 
-    renamed: ClassVar = {"families": "models"}
     seeds: Count
     models: dict[Name, ModelTraining]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -44,7 +44,6 @@ Changes = Annotated[dict[str, Any], Field(default_factory=dict)]  #: New values 
 class Variant(Section):
     """An entry of ``variants`` in the params of the second pipeline."""
 
-    renamed: ClassVar = {"told": "max_insert_triples", "followed": "full_curves"}
     title: str  #: in the report
     group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]  #: section of the report
     experiments: Annotated[list[Name], Field(min_length=1)]

@@ -145,7 +145,6 @@ MODELS: Plugins[type[Model]] = Plugins("isi.models")
 class EmbeddingParams(Section):
     """``embedding`` in params: the model, the dimension, and how tables are initialized."""
 
-    renamed: ClassVar = {"family": "model"}
     model: Name
     dimension: Count
     init_range: Positive
