@@ -1,4 +1,4 @@
-"""A substitute for the simulator's player: it speaks its protocol over HTTP or named pipes, with recorded scenes.
+"""A substitute for the simulator's player: it speaks its protocol over HTTP, with recorded scenes.
 
 It is a separate program (``install`` writes it), which the simulator's own controller starts.
 """
@@ -7,19 +7,15 @@ import json
 import os
 import random
 import shlex
-import struct
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from http.client import HTTPConnection
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 BOUNDARY = "a-line-that-is-in-no-message"
-#: Header of a message on a pipe: type and length.
-FRAME = struct.Struct("!BI")
-METADATA, ACTION, IMAGE, END = 1, 2, 4, 255
 
 
 def install(folder: Path, scenes: Mapping[str, object], *misbehaviours: Mapping[str, object]) -> Path:
@@ -158,40 +154,10 @@ def form(metadata: Mapping[str, Any], image: bytes) -> bytes:
     return "".join(parts).encode() + f"{frame}\r\n\r\n".encode() + image + f"\r\n--{BOUNDARY}--\r\n".encode()
 
 
-def over_pipes(player: Player) -> None:
-    """Write each answer to one pipe, and read the next action from the other."""
-    import msgpack  # not needed over HTTP
-
-    metadata, reading = player.hello(), None
-    with Path(os.environ["AI2THOR_FIFO_SERVER_PIPE_PATH"]).open("wb") as writing:
-        while True:
-            for kind, body in ((METADATA, msgpack.dumps(metadata)), (IMAGE, player.image), (END, b"")):
-                writing.write(FRAME.pack(kind, len(body)) + body)
-            writing.flush()
-            reading = reading or Path(os.environ["AI2THOR_FIFO_CLIENT_PIPE_PATH"]).open("rb")  # noqa: SIM115
-            action = received(reading)
-            if "action" not in action:
-                return
-            metadata = player.answer(action)
-
-
-def received(pipe: BinaryIO) -> dict[str, Any]:
-    """The action of the next message; an empty mapping at the end of the pipe."""
-    action: dict[str, Any] = {}
-    while header := pipe.read(FRAME.size):
-        kind, length = FRAME.unpack(header)
-        body = pipe.read(length)
-        if kind == ACTION:
-            action = json.loads(body)
-        elif kind == END:
-            break
-    return action
-
-
 def main() -> None:
     folder, *arguments = sys.argv[1:]
     player = Player(Path(folder), arguments)
-    {"WSGI": over_http, "FIFO": over_pipes}[os.environ["AI2THOR_SERVER_TYPE"]](player)
+    over_http(player)
 
 
 if __name__ == "__main__":

@@ -68,13 +68,9 @@ def _at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
 
 
-both = pytest.mark.parametrize("server", ["wsgi", "fifo"])
-
-
-@both
-def test_scenes_are_recorded_as_the_simulator_gives_them(tmp_path: Path, server: str) -> None:
+def test_scenes_are_recorded_as_the_simulator_gives_them(tmp_path: Path) -> None:
     program, output = player.install(tmp_path / "a player's", SCENES), tmp_path / "out" / "r.jsonl.gz"
-    assert recorded(program, output, server=server) == list(SCENES)
+    assert recorded(program, output) == list(SCENES)
     header, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
     digits = hashlib.sha256(program.read_bytes()).hexdigest()[:16]
     assert header == {"format": "isi recording", "version": 1, "simulator": "ai2thor",
@@ -105,44 +101,39 @@ def test_a_run_records_only_what_is_not_there(tmp_path: Path) -> None:
     assert not (tmp_path / "player" / "actions").exists()  # no player was started
 
 
-@pytest.mark.parametrize(("server", "at"), [("wsgi", "Reset"), ("fifo", "Initialize")])
-def test_a_scene_is_tried_again_by_another_player_when_the_first_has_died(tmp_path: Path, server: str, at: str) -> None:
+@pytest.mark.parametrize("at", ["Reset", "Initialize"])
+def test_a_scene_is_tried_again_by_another_player_when_the_first_has_died(tmp_path: Path, at: str) -> None:
     dies = {"at": at, "scene": "FloorPlan2", "does": "die", "times": 1}
     program = player.install(tmp_path / "player", SCENES, dies)
-    assert recorded(program, tmp_path / "r", server=server) == list(SCENES)
+    assert recorded(program, tmp_path / "r") == list(SCENES)
     processes = [line.split()[-1] for line in player.actions(tmp_path / "player")]
     assert len(set(processes)) == 2
 
 
-@both
-def test_a_player_that_dies_too_often_ends_the_run_in_one_line_and_what_was_recorded_stays(
-    tmp_path: Path, server: str
-) -> None:
+def test_a_player_that_dies_too_often_ends_the_run_in_one_line_and_what_was_recorded_stays(tmp_path: Path) -> None:
     program = player.install(tmp_path / "player", SCENES, {"at": "Initialize", "scene": "FloorPlan2", "does": "die"})
-    line = refusal(program, tmp_path / "r", server=server)
+    line = refusal(program, tmp_path / "r")
     assert line == f"{program}: FloorPlan2: the player died 2 times (recorder.retries)"
     assert names(tmp_path / "r") == ["FloorPlan1"]
 
 
-@both
-def test_a_player_that_dies_at_its_start_ends_the_run_with_a_hint(tmp_path: Path, server: str) -> None:
+def test_a_player_that_dies_at_its_start_ends_the_run_with_a_hint(tmp_path: Path) -> None:
     program = player.install(tmp_path / "player", SCENES, {"at": "Start", "does": "die"})
-    assert "device and, except with CloudRendering, a display" in refusal(program, tmp_path / "r", server=server)
+    assert "device and, except with CloudRendering, a display" in refusal(program, tmp_path / "r")
     assert not (tmp_path / "r").exists()
 
 
 @pytest.mark.parametrize(
-    ("server", "at", "limits"),
-    [("wsgi", "Start", {"start_seconds": 1.0}), ("fifo", "Start", {"start_seconds": 1.0}),
-     ("wsgi", "Reset", {"seconds": 1.0}), ("fifo", "Initialize", {"seconds": 1.0})],
+    ("at", "limits"),
+    [("Start", {"start_seconds": 1.0}), ("Reset", {"seconds": 1.0}), ("Initialize", {"seconds": 1.0})],
 )  # fmt: skip
 def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_and_is_ended(
-    tmp_path: Path, server: str, at: str, limits: Mapping[str, float]
+    tmp_path: Path, at: str, limits: Mapping[str, float]
 ) -> None:
     scene = {} if at == "Start" else {"scene": "FloorPlan2"}
     program = player.install(tmp_path / "player", SCENES, {"at": at, **scene, "does": "hang"})
     began = time.monotonic()
-    line = refusal(program, tmp_path / "r", server=server, **limits)
+    line = refusal(program, tmp_path / "r", **limits)
     assert time.monotonic() - began < 20  # the other limit, which the line tells as well, is 60 s
     allowed = {"seconds": 60.0, "start_seconds": 60.0, **limits}
     start = f"{allowed['start_seconds']:g} s at the start (recorder.start_seconds)"
@@ -161,10 +152,9 @@ def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_a
         (SCENES, [], {"scenes": ["FloorPlan3", "FloorPlan30"]},
          "FloorPlan30: the simulator answers: Scene 'FloorPlan30_physics' not contained in build"),
         ({"FloorPlan1": ["Mug"]}, [], {}, "FloorPlan1: the simulator answers: it has no list of objects"),
-        *((SCENES, [{"at": "Initialize", "scene": "FloorPlan2", "does": "fail", "code": "",
-                     "message": "Agent could not be placed.\nat Unity.Frame\n" + "x" * 10_000}],
-           {"server": server}, "FloorPlan2: the simulator answers: Agent could not be placed.")
-          for server in ("wsgi", "fifo")),
+        (SCENES, [{"at": "Initialize", "scene": "FloorPlan2", "does": "fail", "code": "",
+                   "message": "Agent could not be placed.\nat Unity.Frame\n" + "x" * 10_000}],
+         {}, "FloorPlan2: the simulator answers: Agent could not be placed."),
     ],
 )  # fmt: skip
 def test_an_answer_without_the_scene_ends_the_run_in_the_simulators_words(

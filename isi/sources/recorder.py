@@ -9,7 +9,6 @@ import json
 import os
 import platform
 import shlex
-import signal
 import tempfile
 import warnings
 import zlib
@@ -18,14 +17,11 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event
-from time import monotonic
-from types import FrameType
 from typing import Any
 
 from ai2thor.build import COMMIT_ID, build_name
 from ai2thor.controller import Controller
 from ai2thor.exceptions import RestartError, UnityCrashException
-from ai2thor.fifo_server import FifoServer
 from ai2thor.platform import STR_PLATFORM_MAP, Request
 from ai2thor.wsgi_server import WsgiServer
 
@@ -36,7 +32,6 @@ from isi.sources.recordings import MOST_BYTES, Layout, Recorder
 from isi.tables import io, paths
 
 Reported = Mapping[str, Any]  #: An object as the simulator reports it.
-LOOK = 0.2  #: Interval between checks that the player is alive (seconds).
 _LONGEST = 300  #: Maximum number of characters of a simulator's message.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
 #: Errors that are raised after the player has died.
@@ -180,8 +175,8 @@ class Simulator:
             build |= {"commit_id": settings.build} if settings.build else {}
         self._player = Player(
             Path(self._folder.name) if program else None, self._started, scene=plan, width=settings.width,
-            height=settings.width, server_class=FifoServer if settings.server == "fifo" else WsgiServer,
-            server_timeout=settings.seconds, server_start_timeout=settings.start_seconds, **build,
+            height=settings.width, server_class=WsgiServer, server_timeout=settings.seconds,
+            server_start_timeout=settings.start_seconds, **build,
         )  # fmt: skip
         return self._player.last_event
 
@@ -239,8 +234,6 @@ class Player(Controller):  # type: ignore[misc]
         if self._served:  # the controller would restart and stay in the previous scene
             self.server = self._served
             raise UnityCrashException("the player has died")
-        if self.server_class is FifoServer and "FIFO" in self._build.server_types:
-            self.server = Fifo(width, height, self.server_timeout)
         super()._build_server(host, port, width, height)
         self._served = self.server
 
@@ -252,33 +245,3 @@ class Player(Controller):  # type: ignore[misc]
             process.wait()
         with suppress(Exception):
             self.stop()
-
-
-class Fifo(FifoServer):  # type: ignore[misc]
-    """Named pipes; in the main thread, a timer signal raises an error once the player has ended or time is up."""
-
-    def receive(self, timeout: float | None = None) -> Any:
-        with self._watched(timeout or self.timeout):
-            return super().receive(timeout)
-
-    def send(self, action: dict[str, Any]) -> None:
-        with self._watched(self.timeout):
-            super().send(action)
-
-    @contextmanager
-    def _watched(self, seconds: float) -> Iterator[None]:
-        latest = monotonic() + seconds
-
-        def look(_signal: int, _frame: FrameType | None) -> None:
-            if self.unity_proc is not None and self.unity_proc.poll() is not None:
-                raise UnityCrashException(f"the player has ended with status {self.unity_proc.returncode}")
-            if monotonic() > latest:
-                raise TimeoutError
-
-        before = signal.signal(signal.SIGALRM, look)
-        signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
-        try:
-            yield
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, before)

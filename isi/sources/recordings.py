@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, Field, create_model
 
@@ -198,7 +198,6 @@ class Recorder(Section):
     #: commit of the build to download; null: the package's own
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
     width: Count  #: width and height of a frame (pixels)
-    server: Literal["wsgi", "fifo"]
     retries: Annotated[int, Field(ge=0)]  #: further attempts at a scene after the player has died
     seconds: Positive  #: timeout of an action (s)
     start_seconds: Positive  #: timeout of the start (s)
