@@ -114,18 +114,13 @@ def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> 
     assert left == [19, 13, 7, 5]
 
 
-@pytest.mark.parametrize(
-    ("kind", "records"),
-    [("I", "images"), ("P 0f3a", "panoramas"), ("P 0 0", "portals"), ("V", "vertices"), ("S", "surfaces"),
-     ("E", "segments"), ("O", "objects"), ("C", "categories"), ("R", "regions"), ("L", "levels")],
-)  # fmt: skip
-def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str, records: str) -> None:
+@pytest.mark.parametrize("kind", ["I", "P 0f3a", "P 0 0", *"VSEOCRL"])
+def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str) -> None:
     lines = house().splitlines()
     first = next(number for number, line in enumerate(lines) if line.startswith(f"{kind} "))
     write(tmp_path / "x.house", "\n".join(lines[:first] + lines[first + 1 :]))
-    with pytest.raises(InputError, match=rf"^{tmp_path}/x\.house: line 2: .*{records}") as refused:
+    with pytest.raises(InputError, match=rf"^{tmp_path}/x\.house: line 2: .* records {kind[0]}"):
         mined_houses(tmp_path)
-    assert f"({kind[0]})" in str(refused.value)
 
 
 # Tallies

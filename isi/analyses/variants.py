@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import Field
 
 from isi.analyses.query_breakdown import break_down, breakdown_table
-from isi.config import Count, Name, Option, Section, check
+from isi.config import Count, Name, Option, Section, check, ensure
 from isi.errors import InputError
 from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import InsertConfig, insert_config, insert_stack, joint_targets
@@ -62,10 +62,6 @@ class Variant(Section):
         return any(key.partition(".")[0] in sections for key in self.changes)
 
 
-class OneSize(SessionsOf):
-    sizes: Annotated[list[Count], Field(min_length=1, max_length=1)]
-
-
 class GraphExperiment(Section):
     """An entry of ``graphs`` in the params of the second pipeline: an experiment on a graph of its own."""
 
@@ -73,7 +69,7 @@ class GraphExperiment(Section):
     source: dict[str, Any]  #: a reader and its settings, as under ``sources``
     min_count: Count = 1  #: unique triples observed less often are dropped
     words: Words
-    sessions: OneSize
+    sessions: Annotated[SessionsOf, ensure(lambda sessions: len(sessions.sizes) == 1, "one size")]
     initializers: Annotated[list[Name], Field(min_length=1)]
     changes: Changes
 

@@ -82,8 +82,8 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
              grid={})  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
     """ERAvg (Albooyeh et al. 2020): the mean of the insert triples' known ends, each taken through its relation."""
-    observed = context.observed[..., None]
-    mapped = (similarity.insert_triple_ends(context) * observed).sum(2) / observed.sum(2).clamp(min=1)
+    observed, to_head = context.observed[..., None], context.theta0.model.transform_tail
+    mapped = (similarity.insert_triple_ends(context, to_head) * observed).sum(2) / observed.sum(2).clamp(min=1)
     return _or_centroid(context, mapped, triples=lambda: similarity.all_known(context))
 
 

@@ -26,19 +26,16 @@ def word_similarity(context: InitContext) -> Tensor:
 
 def insert_triple_alpha(context: InitContext) -> Tensor:
     """α of each insert triple, (M, n, I, d): the expected vector of its novel end (equation 4), or NoRelationMap."""
-    theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
-    if not theta0.model.invertible:
+    if not context.theta0.model.invertible:
         raise NoRelationMap
-    known, relation = theta0.entity[models, context.other], theta0.relation[models, context.relation]
-    as_tail, as_head = theta0.model.transform(known, relation), theta0.model.inverse(known, relation)
-    return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
+    return insert_triple_ends(context, context.theta0.model.inverse)
 
 
-def insert_triple_ends(context: InitContext) -> Tensor:
-    """Known end u of each insert triple, mapped: Wu if the novel entity is its head, else uᵀW; (M, n, I, d)."""
+def insert_triple_ends(context: InitContext, to_head: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """Known end u of each insert triple, mapped: by ``to_head`` if the novel entity is its head, else uᵀW; as α."""
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     known, relation = theta0.entity[models, context.other], theta0.relation[models, context.relation]
-    as_tail, as_head = theta0.model.transform(known, relation), theta0.model.transform_tail(known, relation)
+    as_tail, as_head = theta0.model.transform(known, relation), to_head(known, relation)
     return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
 
 

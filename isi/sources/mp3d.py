@@ -21,10 +21,7 @@ from isi.tables import paths
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
 #: By version of the format: kinds of records in the order of the header's counts (``P`` occurs twice).
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
-RECORD_KINDS = {
-    "I": "images", "P": "panoramas and portals", "V": "vertices", "S": "surfaces", "E": "segments", "O": "objects",
-    "C": "categories", "R": "regions", "L": "levels",
-}  # fmt: skip
+RECORD_KINDS = tuple("IPVSEOCRL")
 #: Place of a category's name among the fields of a record ``C``; 0 is the field after the letter.
 CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
 #: Scene and instance (null in published tallies), region and category (empty if unknown), and the number of objects.
@@ -150,7 +147,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
         too_few = f"{len(fields) + 1} fields are too few for a record {kind}"
         raise InputError(path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)) from error
     if wrong := next((kind for kind in expected if counts[kind] != expected[kind]), None):
-        problem = f"the header counts {expected[wrong]} {RECORD_KINDS[wrong]} ({wrong}), the file has {counts[wrong]}"
+        problem = f"the header counts {expected[wrong]} records {wrong}, the file has {counts[wrong]}"
         raise InputError(path, f"line {header}", problem)
     tallies: list[Tally] = []
     for number, (line, *ends) in numbered["O"].items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -70,11 +71,8 @@ def one_of(*names: str) -> ColumnType:
 
 def _nameless(values: pd.Series) -> pd.Series:
     """Whether a text is blank, too long, or contains control characters; shape: (rows,), bool."""
-
-    def is_nameless(name: str) -> bool:
-        return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
-
-    return values.isin([*filter(is_nameless, values.dropna().unique())])
+    names = values.dropna().unique()
+    return values.isin([name for name in names if not re.fullmatch(rf"(?!\s*$)[^\0-\x1f\x7f]{{1,{LONGEST}}}", name)])
 
 
 _NAMED = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
