@@ -174,7 +174,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("variants", {"seed": 3}, "seed: unknown key"),
         ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),
         ("graphs", {"source": {"reader": "published", "path": "x"}}, "source.path: unknown key"),
-        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: "),
+        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions: "),
         ("graphs", {"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
         ("graphs", {"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
         ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: "),

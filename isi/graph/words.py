@@ -114,14 +114,10 @@ def read_vectors(path: Path) -> KeyedVectors:
     try:
         with at(path):
             for unit, number, token, values in _entries(path):
-                try:
+                with at("", f"{unit} {number}"):
                     name = token.decode()
-                except UnicodeDecodeError:
-                    with at("", f"{unit} {number}"):
-                        raise
-                if not 0 < len(name) <= LONGEST:
-                    expected = f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}"
-                    raise InputError("", f"{unit} {number}", expected)
+                    if not 0 < len(name) <= LONGEST:
+                        raise InputError("", "", f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
                 if name not in rows:
                     rows[name] = len(rows)
                     numbers += values
