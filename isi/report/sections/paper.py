@@ -60,7 +60,7 @@ def comparison(paper: float, ours: float) -> str:
 
 def _scatter(numbers: Sequence[tuple[str, float, float]]) -> Canvas:
     """The paper's results (across) and ours (up) on logarithmic axes, with a colour for each part of the paper."""
-    canvas, (axes,) = panels(1, 1, 4.4, 5.6)
+    canvas, (axes,) = panels(1, 1, 4.4, 6.4)
     for where in dict.fromkeys(where for where, *_ in numbers):
         pairs = np.array([(theirs, ours) for place, theirs, ours in numbers if place == where])
         axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=where)
@@ -85,7 +85,7 @@ def own_graph(results: Results) -> Iterator[Content]:
             Column("mean", experiment.title, title="epochs"): experiment.epochs_means(),
         }  # fmt: skip
         if "kind_mean" in experiment.initializers and experiment is not graphs[0]:
-            cells = experiment.cells("given")
+            cells = experiment.cells("novel")
             below = {name: stats.difference(stats.by_seed(cells[name], cells["kind_mean"]))
                      for name in isi(experiment.initializers)}  # fmt: skip
             found.append((experiment, [name for name, points in below.items() if points.high < 0], "kind_mean"))

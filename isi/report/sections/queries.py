@@ -140,10 +140,13 @@ class AffordanceAnswers:
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Rows of ``top`` answers about entities, a column for each initializer, then the paper's.
 
-        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity.
+        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity. An entity that
+        the paper does not have stands beside one of the paper's that is not among ``entities``.
         """
-        rows = []
+        rows, named = [], list(dict.fromkeys(entity for words in paper.values() for entity in words))
+        replaced = iter([entity for entity in named if entity not in entities])
         for entity in entities:
+            other = entity if entity in named else next(replaced, entity)
             number, likely = self.about(entity)["seed"].nunique(), afforded.get(entity)
 
             def marked(answer: str, kind: str, likely: Sequence[str] | None = likely) -> str:
@@ -151,8 +154,9 @@ class AffordanceAnswers:
                 return f"{'× ' if wrong else '? ' if likely is not None and answer not in likely else ''}{answer}"
 
             answers = {label(model): [marked(*answer) for answer in self.top(model, entity)] for model in models}
-            theirs = {f"paper: {name}": words.get(entity, []) for name, words in paper.items()}
-            rows += [{"entity": f"{entity} (n = {number})", "": f"{place + 1}."}
+            theirs = {f"paper: {name}": words.get(other, []) for name, words in paper.items()}
+            title = f"{entity} (n = {number}{f'; paper: {other}' if other != entity else ''})"
+            rows += [{"entity": title, "": f"{place + 1}."}
                      | {name: [*words, *TOP * ["–"]][place] for name, words in (answers | theirs).items()}
                      for place in range(TOP)]  # fmt: skip
         return rows

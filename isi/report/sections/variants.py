@@ -84,7 +84,10 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
                  "worse": worse}  # fmt: skip
         table = [{"insert triples": number, **{label(model): estimate for model, estimate in estimates.items()}}
                  for number, estimates in given.items()]  # fmt: skip
-        figure = by_row({"": given}, first.models, "insert triples of each novel entity, at most")
+        figure = by_row(
+            {"": {f"at most {number}".replace("at most all", "all"): row for number, row in given.items()}},
+            first.models,
+        )
         yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
 
 
