@@ -140,8 +140,8 @@ class AffordanceAnswers:
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Rows of ``top`` answers about entities, a column for each initializer, then the paper's.
 
-        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity. An entity that
-        the paper does not have stands beside one of the paper's that is not among ``entities``.
+        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity. An entity
+        that the paper lacks stands beside one of the paper's that is not among ``entities``.
         """
         rows, named = [], list(dict.fromkeys(entity for words in paper.values() for entity in words))
         replaced = iter([entity for entity in named if entity not in entities])
