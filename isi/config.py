@@ -20,6 +20,7 @@ Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within the range of single precision.
+LARGEST = 1e11  #: Largest |x| of a vector: a score sums products of three coordinates, and could overflow float32.
 NotNegative = Annotated[float, Field(ge=0, le=1e30)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: Name of an experiment, source or initializer; names of files and stages contain it.

@@ -382,8 +382,9 @@ def test_a_file_of_words_serves_all_names_and_is_recorded(tmp_path: Path) -> Non
     again = isi.open(tmp_path / "copy")
     assert vector(again).tobytes() == vector(live).tobytes() == by_library([]).tobytes()
     path.unlink()  # then the vocabulary that ships takes its place, for all
-    later = isi.open(tmp_path / "copy")
-    assert vector(later).tobytes() == vector(live).tobytes()
+    later, fresh = isi.open(tmp_path / "copy"), isi.open(folder)
+    fresh.insert("stove")
+    assert vector(later).tobytes() == vector(fresh).tobytes() != vector(live).tobytes()
     assert later.base.words.shape != (6, 3)  # type: ignore[union-attr]
 
 

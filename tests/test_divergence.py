@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from isi.config import Option
+from isi.config import LARGEST, Option
 from isi.errors import InputError
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, run
 from isi.experiment.train import train_stack
-from isi.models.stack import LARGEST, Embedding, NotFinite, check_finite
+from isi.models.stack import Embedding, NotFinite, check_finite
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all

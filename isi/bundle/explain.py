@@ -11,7 +11,7 @@ import torch
 from torch.nn.functional import cosine_similarity
 
 from isi.bundle.answers import Answers, completed
-from isi.bundle.inserter import InsertedEntity, Inserter
+from isi.bundle.inserter import InsertedEntity, Inserter, Method
 from isi.bundle.journal import Additions, NewEntity
 from isi.bundle.query import Fact, OpenBundle, Query, queries_of
 from isi.errors import InputError
@@ -171,9 +171,9 @@ def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
     row = live.inserted[name]
     known = live.base.entity_ids.keys() | {name}
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
-    key = (0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
+    method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
     words = {name: row.words}
-    result = live.inserter.insert(key, [name], facts, words, {name: (row.kind, "")})
+    result = live.inserter.insert(method, [name], facts, words, [row.kind])
     return indicators(live.base, result, live.inserter.word_rows([name], words))
 
 

@@ -22,9 +22,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from isi.config import Name, Option, Seed
+from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short, unwritable
-from isi.models.stack import LARGEST
 
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
-import networkx as nx
 import numpy as np
 
 from isi.bundle.folder import InsertionRecord
@@ -19,7 +18,7 @@ from isi.bundle.query import Fact, OpenBundle
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS
 from isi.insertion import api
-from isi.insertion.choice import HIDDEN, calibrated, hide
+from isi.insertion.choice import HIDDEN, hide
 from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.result import Inserted
@@ -29,6 +28,16 @@ from isi.models.stack import Embedding, without_denormals
 PREPARED = (0, 1, 2, 3, 5, 8)
 TOLERANCE, BUDGET = 0.02, 3.0  #: Of the choice, as in ``isi.insert``.
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
+
+
+class Method(NamedTuple):
+    """How entities are inserted together."""
+
+    facts: int  #: with known entities; one of ``PREPARED``
+    words: bool  #: whether all have word vectors
+    initializer: str | None  #: null: the choice for so many facts
+    options: tuple[tuple[str, Any], ...]
+    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,51 +60,24 @@ class Inserter:
     chosen: dict[tuple[int, bool], Chosen] = field(default_factory=dict)  #: by number of facts, and whether with words
     _curves: dict[tuple[Any, ...], Curves | None] = field(default_factory=dict)
 
-    @cached_property
-    def _known(self) -> tuple[Embedding, np.ndarray, np.ndarray]:
-        """What entities are hidden from: the embedding, its triples, and kinds as numbers."""
-        model = api.one_score(self.base.model)
-        return replace(self.base.embedding, model=model), self.base.triples, self.base.kind_ids + 1
-
     def rows(self, additions: Additions, names: Collection[str]) -> dict[str, InsertedEntity]:
         """The entities ``names``, and all that share facts with them, inserted from all their facts.
 
         An ``InputError`` names an entity that has neither facts nor words nor an initializer of its own.
         """
-        graph = nx.Graph()
-        graph.add_nodes_from(additions.entities)
-        graph.add_edges_from(
-            (head, tail) for head, _, tail in additions.facts if {head, tail} <= additions.entities.keys()
-        )
-        groups = dict[tuple[Any, ...], list[str]]()
-        words, facts = dict[str, PhraseVector](), self.facts_of(additions)
-        for component in nx.connected_components(graph.subgraph(_reached(graph, names))):
-            listed = sorted(component)
-            words |= {name: self.words(name, additions.entities[name]) for name in listed}
-            key = self._method(listed, additions, facts, words)
-            groups.setdefault(key if len(listed) == 1 else (*key, listed[0]), []).extend(listed)
+        groups, done, facts = dict[tuple[Any, ...], list[str]](), set[str](), self.facts_of(additions)
+        words = dict[str, PhraseVector]()
+        for name in additions.entities:
+            if name in names and name not in done:
+                listed = _together(name, facts)
+                done.update(listed)
+                words |= {each: self.words(each, additions.entities[each]) for each in listed}
+                method = self._method(listed, additions, facts, words)
+                groups.setdefault((method,) if len(listed) == 1 else (method, listed[0]), []).extend(listed)
         rows = dict[str, InsertedEntity]()
-        for key, together in groups.items():
-            rows |= self._insert(key, sorted(together), additions, facts, words)
+        for (method, *_), together in groups.items():
+            rows |= self._insert(method, sorted(together), additions, facts, words)
         return rows
-
-    def stored(self, larger: OpenBundle, additions: Additions) -> dict[str, InsertedEntity]:
-        """The inserted entities of a bundle whose input is still the same; no vector has to be computed for them."""
-        first, stored, facts = len(self.base.entities), dict[str, InsertedEntity](), self.facts_of(additions)
-        for row, record in enumerate(larger.manifest.inserted, first):
-            if (about := additions.entities.get(name := record.entity)) is None:
-                continue
-            words, about_kind = self.words(name, about), self._kind(name, about, facts[name], NO_WORDS)
-            defaults = {} if about.initializer is None else INITIALIZERS.get(about.initializer).defaults
-            method = about.initializer, {**defaults, **about.options}
-            if (
-                (record.definition, record.seed) == (about.definition, about.seed)
-                and sorted(record.insert_triples) == facts[name] and about_kind[0] in ("", larger.kinds[row])
-                and method in ((record.requested_initializer, {}), (record.initializer, record.options))
-            ):  # fmt: skip
-                notes = self._notes(name, facts[name], words, about_kind[1])
-                stored[name] = InsertedEntity(record, larger.entities[row], words, larger.kinds[row], notes)
-        return stored
 
     def words(self, name: str, about: NewEntity) -> PhraseVector:
         """The word vector of a new entity, from its definition or its name."""
@@ -112,11 +94,8 @@ class Inserter:
     def _method(
         self, names: Sequence[str], additions: Additions, facts: Mapping[str, list[Fact]],
         words: Mapping[str, PhraseVector],
-    ) -> tuple[Any, ...]:  # fmt: skip
-        """How entities that share facts are inserted: number of facts, with words, initializer, options, seed."""
-        numbers = [
-            sum(not {head, tail} <= additions.entities.keys() for head, _, tail in facts[name]) for name in names
-        ]
+    ) -> Method:  # fmt: skip
+        """How entities that share facts are inserted."""
         requests = {(about.initializer, tuple(sorted(about.options.items())), about.seed) for name in names
                     for about in [additions.entities[name]]}  # fmt: skip
         if len(requests) > 1:
@@ -126,58 +105,57 @@ class Inserter:
         for name in names:
             if not facts[name] and words[name].vector is None and request[0] is None:
                 raise InputError(repr(name)[:80], "", f"expected a fact or a word vector; {words[name].note}")
-        number = max(each for each in PREPARED if each <= np.mean(numbers))
-        return number, all(words[name].vector is not None for name in names), *request
+        known = [sum(not {head, tail} <= facts.keys() for head, _, tail in facts[name]) for name in names]
+        return Method(
+            prepared(sum(known) / len(known)), all(words[name].vector is not None for name in names), *request
+        )
 
     def _insert(
-        self, key: tuple[Any, ...], names: list[str], additions: Additions, facts: Mapping[str, list[Fact]],
+        self, method: Method, names: list[str], additions: Additions, facts: Mapping[str, list[Fact]],
         words: Mapping[str, PhraseVector],
     ) -> dict[str, InsertedEntity]:  # fmt: skip
         """Insert entities by one method, in one call."""
-        number, has_words, initializer, *_ = key
-        kinds = {name: self._kind(name, additions.entities[name], facts[name], words[name]) for name in names}
-        result = self.insert(key, names, sorted({fact for name in names for fact in facts[name]}), words, kinds)
         why, warnings = "as named", list[str]()
-        if initializer is None:
-            choice = self.choice(number, has_words)
+        if method.initializer is None:
+            choice = self.choice(method.facts, method.words)
             why, warnings = choice.why, choice.warnings
-        rows = {}
-        for name, vector, fallback in zip(
-            names, result.entities[len(self.base.entities) :], result.fallback, strict=True
+        abouts = [additions.entities[name] for name in names]
+        kinds = [(about.kind, "") if about.kind else self.base.kind_of(name, facts[name], words[name].nearest)
+                 for name, about in zip(names, abouts, strict=True)]  # fmt: skip
+        every = sorted({fact for name in names for fact in facts[name]})
+        result = self.insert(method, names, every, words, [kind for kind, _ in kinds])
+        rows, vectors = dict[str, InsertedEntity](), result.entities[len(self.base.entities) :]
+        for name, about, (kind, reason), vector, fallback in zip(
+            names, abouts, kinds, vectors, result.fallback, strict=True
         ):
-            about = additions.entities[name]
-            kind, reason = kinds[name]
             record = InsertionRecord(
                 entity=name, insert_triples=facts[name], definition=about.definition,
                 requested_initializer=about.initializer, options=dict(result.options), seed=about.seed,
                 initializer=result.initializer, why=why, fallback=fallback,
             )  # fmt: skip
-            notes = (*self._notes(name, facts[name], words[name], reason), *warnings)
-            rows[name] = InsertedEntity(record, vector.copy(), words[name], kind, notes)
+            note = f"{name} has no words: {words[name].note}" if words[name].vector is None else ""
+            notes = (reason, note, *self.base.kind_notes(facts[name], name), *warnings)
+            rows[name] = InsertedEntity(record, vector.copy(), words[name], kind, tuple(filter(None, notes)))
         return rows
 
-    def _notes(self, name: str, facts: Iterable[Fact], words: PhraseVector, reason: str) -> tuple[str, ...]:
-        """Sentences on the kind of an entity, with its ``reason``, on missing words and on unusual facts."""
-        note = f"{name} has no words: {words.note}" if words.vector is None else ""
-        return tuple(filter(None, (reason, note, *self.base.kind_notes(facts, name))))
-
     def insert(
-        self, key: tuple[Any, ...], names: list[str], facts: Iterable[Fact], words: Mapping[str, PhraseVector],
-        kinds: Mapping[str, tuple[str, str]],
+        self, method: Method, names: list[str], facts: Iterable[Fact], words: Mapping[str, PhraseVector],
+        kinds: Sequence[str],
     ) -> Inserted:  # fmt: skip
-        """``isi.insert`` with the bundle's data; ``key``: as ``_method`` gives it."""
-        number, has_words, initializer, options, seed, *_ = key
+        """``isi.insert`` with the bundle's data."""
+        initializer, options = method.initializer, dict(method.options)
         if initializer is None:
-            choice = self.choice(number, has_words)
+            choice = self.choice(method.facts, method.words)
             initializer, options = choice.initializer, choice.options
-        base, table = self.base, self.word_rows(names, words)
-        ids = base.entity_ids | {name: row for row, name in enumerate(names, len(base.entities))}
+        base, number = self.base, len(self.base.entities)
+        ids = ChainMap({name: row for row, name in enumerate(names, number)}, base.entity_ids)
         triples = [(ids[head], base.relation_ids[relation], ids[tail]) for head, relation, tail in facts]
+        new_kinds = [base.kind_numbers.get(kind, len(base.kind_numbers)) for kind in kinds]
         return api.insert(
             base.entities, base.relations, np.array(triples, np.int64).reshape(-1, 3), new=len(names),
-            model=base.model, known_triples=base.triples, words=table,
-            kinds=[*base.kinds, *(kinds[name][0] for name in names)], initializer=initializer, options=dict(options),
-            seed=seed,
+            model=base.model, known_triples=base.triples, words=self.word_rows(names, words),
+            kinds=np.concatenate([base.kind_ids, new_kinds]), initializer=initializer, options=options,
+            seed=method.seed,
         )  # fmt: skip
 
     def word_rows(self, names: Sequence[str], words: Mapping[str, PhraseVector]) -> np.ndarray | None:
@@ -187,44 +165,43 @@ class Inserter:
             return None
         return with_rows(known, vectors)
 
-    def _kind(self, name: str, about: NewEntity, facts: Iterable[Fact], words: PhraseVector) -> tuple[str, str]:
-        """The kind of a new entity, and where it is from."""
-        return (about.kind, "") if about.kind else self.base.kind_of(name, facts, words.nearest)
-
     def choice(self, number: int, words: bool) -> Chosen:
         """The initializer for so many facts, chosen on hidden known entities and then remembered."""
         if (chosen := self.chosen.get((number, words))) is None:
-            theta0, triples, kinds = self._known
-            name, why = api.best(theta0, number > 0, words)
-            options, warnings = dict(INITIALIZERS.get(name).defaults), list[str]()
-            first = adapted(INITIALIZERS.get(name), self.base.model)
-            listed = [first, *api.compared(theta0, number > 0, words, len(self.base.entities), name)]
-            vectors = self.base.words if words else None
             with without_denormals():
-                best = calibrated(listed, theta0, triples, np.array([number]), vectors, kinds, 0, TOLERANCE, BUDGET)
-            if best is not None:
-                name, options, why = best.chosen.initializer, dict(best.chosen.options), best.why
-                warnings = best.warnings
-            chosen = Chosen(facts=number, words=words, initializer=name, options=options, why=why, warnings=warnings)
-            self.chosen[number, words] = chosen
+                hidden_from = self._hidden_from(number, words)
+                name, options, why, best = api.default(
+                    number > 0, words, *hidden_from, tolerance=TOLERANCE, budget=BUDGET
+                )
+            chosen = self.chosen[number, words] = Chosen(
+                facts=number, words=words, initializer=name, options=options, why=why,
+                warnings=best.warnings if best else [],
+            )  # fmt: skip
         return chosen
 
     def curves(self, row: InsertedEntity) -> Curves | None:
         """The curves that calibrate answers about an inserted entity; null with too few known triples."""
-        record, words = row.record, row.words.vector is not None
-        number = max(each for each in PREPARED if each <= len(record.insert_triples))
-        return self._fit(number, words, record.initializer, record.options)
+        record = row.record
+        number = prepared(len(record.insert_triples))
+        return self._fit(number, row.words.vector is not None, record.initializer, record.options)
 
     def _fit(self, number: int, words: bool, initializer: str, options: Mapping[str, Any]) -> Curves | None:
         """The curves for so many facts and an initializer, fitted once."""
         key = (number, words, initializer, tuple(sorted(options.items())))
         if key not in self._curves:
-            theta0, triples, kinds = self._known
-            vectors, adjusted = self.base.words if words else None, adapted(INITIALIZERS.get(initializer), theta0.model)
+            adjusted = adapted(INITIALIZERS.get(initializer), self.base.model)
             with without_denormals():
-                draws = hide(theta0, triples, np.array([number]), vectors, kinds, 0, HIDDEN) if len(triples) else None
+                draws = hide(*self._hidden_from(number, words), HIDDEN) if len(self.base.triples) else None
                 self._curves[key] = None if draws is None else fit_curves(draws, adjusted, options)
         return self._curves[key]
+
+    def _hidden_from(
+        self, number: int, words: bool
+    ) -> tuple[Embedding, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, int]:
+        """What known entities are hidden from: the first arguments of ``choice.hide``."""
+        base = self.base
+        theta0 = replace(base.embedding, model=api.one_score(base.model))
+        return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids + 1, 0
 
     def prepare(self) -> Iterator[None]:
         """Choose initializers and fit curves for all numbers of facts, a step at each ``next``."""
@@ -235,9 +212,19 @@ class Inserter:
             yield
 
 
-def _reached(graph: nx.Graph, names: Collection[str]) -> set[str]:
-    """The nodes that are connected with one of ``names``."""
-    return set().union(*(nx.node_connected_component(graph, name) for name in names if name in graph))
+def prepared(facts: float) -> int:
+    """The number in ``PREPARED`` that serves so many facts."""
+    return max(number for number in PREPARED if number <= facts)
+
+
+def _together(name: str, facts: Mapping[str, Sequence[Fact]]) -> list[str]:
+    """The inserted entities that a chain of facts joins to one of them, sorted; ``facts``: of each."""
+    found, waiting = {name}, [name]
+    while waiting:
+        others = {end for head, _, tail in facts[waiting.pop()] for end in (head, tail)} & facts.keys() - found
+        found |= others
+        waiting += others
+    return sorted(found)
 
 
 def with_rows(known: np.ndarray, vectors: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
+from isi.bundle import folder as folders
 from isi.bundle.folder import JOURNAL, Bundle, ManifestSection, NamedTriple, Text
 from isi.config import Option, Seed
 from isi.errors import InputError, at, unwritable
@@ -131,6 +132,12 @@ def read(folder: Path) -> list[Change | Chosen] | None:
         with at(path, f"line {number}"):
             lines.append(_LINE.validate_json(line))
     return lines or None
+
+
+def history(folder: Path) -> list[Change]:
+    """All changes of a bundle since training, those that were undone included."""
+    bundle, lines = folders.read(folder), read(folder)
+    return list(from_records(bundle)) if lines is None else [line for line in lines if isinstance(line, Change)]
 
 
 def text_of(lines: Sequence[Change | Chosen]) -> str:

@@ -86,8 +86,7 @@ class LiveEmbedding:
         self.inserter, self._known_curves = Inserter(self.base, phrases, chosen), dict[tuple[int, int], Curve | None]()
         self.additions, self._rows = Additions(), dict[str, InsertedEntity]()
         additions = additions_of(self.changes)
-        stored = {} if vectors else self.inserter.stored(opened, additions)
-        self._accept(additions, stored | self.inserter.rows(additions, additions.entities.keys() - stored.keys()))
+        self._accept(additions, self.inserter.rows(additions, additions.entities.keys()))
         self._journal, self._pending = journal, list[Change | Chosen]()
         self._append(self.changes if lines is None else [])
 

@@ -87,10 +87,13 @@ class OpenBundle(Bundle):
         return np.unique(self.triples[self.triples[:, RELATION] == relation, slot]).tolist()  # type: ignore[no-any-return]
 
     @cached_property
+    def kind_numbers(self) -> dict[str, int]:
+        return {kind: number for number, kind in enumerate(dict.fromkeys(filter(None, self.kinds)))}
+
+    @cached_property
     def kind_ids(self) -> np.ndarray:
         """A number for each entity's kind, (E,); -1 without a kind."""
-        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(filter(None, self.kinds)))}
-        return np.array([numbers.get(kind, -1) for kind in self.kinds])
+        return np.array([self.kind_numbers.get(kind, -1) for kind in self.kinds])
 
     def candidates(self, relation: int, slot: int) -> Tensor:
         """Ids of entities without a kind, or of a kind in this slot of known triples; all if the slot has no kinds."""

@@ -5,6 +5,8 @@ about 1 / E in the mean gradient of a batch; the paper's 0.001 holds rare entiti
 ±``INIT_RANGE`` (in ±0.01 the gradients of product models almost vanish).
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter, ValidationError
 from cyclopts.validators import Number
-from tabulate import tabulate  # type: ignore[import-untyped]
 
 from isi.errors import InputError, cut, short
 from isi.process import errors_in_one_line
@@ -101,6 +100,8 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
 
 def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Format an answer as text, a line per key. Mappings are indented; a list of flat mappings becomes a table."""
+    from tabulate import tabulate  # type: ignore[import-untyped]
+
     for key, value in answer.items():
         label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
         inner = indent + "  "

@@ -6,6 +6,7 @@ broken bundle or an unknown name.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
@@ -98,11 +99,11 @@ def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEF
 
 def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
     """List all changes since training, those that were undone included."""
-    changes = [
-        {"change": change.do, "entities": list(change.entities), "facts": change.facts}
-        for change in open_folder(embedding).history
-    ]
-    show({"changes": changes}, json)
+    from isi.bundle.journal import history
+
+    changes = history(_existing(embedding))
+    listed = [{"change": each.do, "entities": list(each.entities), "facts": each.facts} for each in changes]
+    show({"changes": listed}, json)
 
 
 def interference(
@@ -268,15 +269,24 @@ def changing(
         print(f"written: {written}" if written and not dry_run else f"nothing is written{hint}")
 
 
-def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) -> LiveEmbedding:
-    """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
-    import torch
-
-    from isi.bundle.live import open_live
-
+def _existing(path: Path) -> Path:
+    """The folder; an ``InputError`` says how to get the default one where it is missing."""
     if path == DEFAULT and not path.exists():
         here = "not trained yet: run `dvc repro train_final`"
         away = f"no such folder in {Path.cwd()}: run this in the folder of the project"
         raise InputError(path, "", f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR")
+    return path
+
+
+def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) -> LiveEmbedding:
+    """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
+    _existing(path)
+    gc.disable()  # what is imported stays: without the collector, the imports and the end take 0.2 s less
+    import torch
+
+    from isi.bundle.live import open_live
+
+    gc.freeze()
+    gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
     return open_live(path, vectors=vectors, journal=journal)

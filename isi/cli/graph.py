@@ -13,7 +13,6 @@ from isi.cli import FROM_ONE, Settings, settings, show
 from isi.config import Seed, check
 from isi.graph.files import read_graph, write_graph
 from isi.graph.graph import GraphTables, build_graph
-from isi.graph.sessions import TRAIN, Shares, split
 from isi.graph.words import Words, load_vectors, look_up
 from isi.tables import paths
 
@@ -49,6 +48,8 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
         without = entities.loc[pd.isna(pd.Series(served)), "entity"]
         words = {"without_a_word_vector": _first_names(without.tolist())}
     if "sessions" in values:
+        from isi.graph.sessions import TRAIN, Shares, split  # here, since it loads torch
+
         shares, root = check(values["sessions"], Shares, "sessions"), check(values.get("seed"), Seed, "seed")
         built, held_out = build_graph(entities, triples), (shares.valid, shares.test)
         leaving = [int((split(built, root, seed, *held_out) != TRAIN).sum()) for seed in range(SPLITS)]

@@ -3,14 +3,19 @@
 Two of them say when fine-tuning has converged: when Θ¹ is about as good as the joint model (section 6.2).
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
 
-import pandas as pd
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import torch
 from torch import Tensor
 
 from isi.evaluation.ranking import Queries, make_queries, padded_ids
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Query sets in which a run has to converge.
 CONVERGING = ("all", "novel_heldout")

@@ -4,18 +4,22 @@ A query hides one slot of a triple. Its candidates are the entities of the sessi
 make a triple of the filter. The true answer always stays.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import pandas as pd
 import torch
 from torch import Tensor
 
 from isi.graph.graph import RELATION, Graph
 from isi.graph.sessions import Session
 from isi.models.stack import Embedding
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
 TIE = 1e-5
@@ -92,6 +96,8 @@ class Result:
 
 def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None) -> pd.DataFrame:
     """A row of measures for each query set and model; ``models`` are their places in the stack, null: all."""
+    import pandas as pd
+
     parts = []
     for scope, result in results.items():
         columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))

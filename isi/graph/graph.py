@@ -6,12 +6,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import pandas as pd
-import torch
-from torch import Tensor
 
 from isi.config import Count, EachOnce, Name, Section
 from isi.errors import InputError
@@ -19,6 +16,10 @@ from isi.random import stream
 from isi.tables import paths
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, refuse
 from isi.tables.table import Table, as_text
+
+if TYPE_CHECKING:  # few commands need them: each import takes up to a second
+    import pandas as pd
+    from torch import Tensor
 
 #: Row numbers are ids, here and in ``TRIPLES``. Rows are grouped by source; the extended source is first.
 ENTITIES = Table(
@@ -53,6 +54,8 @@ class Graph:
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
         """Ids, (..., X), of triples that agree with ``triples``, ids (...), outside ``slot``; padded with -1."""
+        import torch
+
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
@@ -61,6 +64,8 @@ class Graph:
     @cached_property
     def _by_other_slots(self) -> dict[int, tuple[Tensor, Tensor, Tensor]]:
         """For each slot: each triple's key (its other slots), triple ids sorted by key, the sorted keys; (T,) each."""
+        import torch
+
         sorted_by_slot = {}
         for slot in (HEAD, RELATION, TAIL):
             first, second = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
@@ -72,6 +77,8 @@ class Graph:
 
 def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
     """The graph of both tables; entity ids are row numbers, relation ids alphabetical; InputError for unknown ends."""
+    import torch
+
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
     heads, tails = (_ids(triples, column, names, path) for column in ("head", "tail"))
@@ -82,6 +89,8 @@ def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str 
 
 
 def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str) -> np.ndarray:
+    import pandas as pd
+
     ids = pd.Index(names).get_indexer(pd.Index(triples[column].astype(str)))
     refuse(path, triples, ids < 0, [column], "expected a name in entities.parquet")
     return ids.astype(np.int64)
@@ -178,6 +187,8 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
     """``home`` with the entities ``added``, and with the triples of ``seen`` from them to entities of the new graph."""
+    import pandas as pd
+
     joined, observed = {*home.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
     more = build_tables(replace(seen, observations=of_added))

@@ -1,12 +1,13 @@
 """Sessions of incremental learning: splits, folds, novel (OOKB) entities and insert triples (sections 5.2, 5.3)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import pandas as pd
 import torch
 from pydantic import Field
 from torch import Tensor
@@ -18,6 +19,9 @@ from isi.random import stream
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, one_of, unique
 from isi.tables.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2  #: Split of a triple in a session; ``OUT`` where it takes no part.
 SPLIT_NAMES = ("train", "valid", "test")
@@ -188,6 +192,8 @@ def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> dict[Table, pd.DataFrame]:
     """Draw a graph's tables; InputError if params do not fit. Triples of added, not novel entities have no split."""
+    import pandas as pd
+
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))

@@ -1,5 +1,7 @@
 """``isi.insert``: vectors for new entities in a trained embedding."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +19,7 @@ from isi.initializers import api as initializers
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, NoRelationMap, Registered
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, argument, stack_of_one, table
-from isi.insertion.choice import HIDDEN, calibrated, hide
+from isi.insertion.choice import HIDDEN, Choice, calibrated, hide
 from isi.insertion.inverses import BothWays, adapted
 from isi.insertion.relations import fit_relations
 from isi.insertion.result import Inserted
@@ -123,13 +125,11 @@ def insert(
         None if kind_ids is None else kind_ids[:known], seed,
     )  # fmt: skip
     if calibrate and initializer is None and not options and len(given.known_triples) and len(new_ids):
-        listed = [chosen, *compared(theta0, has_triples, words_for_all, known, chosen.name)]
-        choice = calibrated(listed, *hidden_from, tolerance, budget)
-    if choice is not None:
-        candidate = choice.chosen
-        chosen, used, _, together = choose(candidate.initializer, candidate.options, theta0, has_triples, words_serve)
-        why = choice.why
-        for sentence in choice.warnings:
+        best, used, why, choice = default(
+            has_triples, words_for_all, *hidden_from, tolerance=tolerance, budget=budget
+        )  # fmt: skip
+        chosen, used, _, together = choose(best, used, theta0, has_triples, words_serve)
+        for sentence in choice.warnings if choice else ():
             warnings.warn(sentence, stacklevel=3)
     name = chosen.name
 
@@ -243,15 +243,6 @@ def fitting(theta0: Embedding, triples: bool, words: bool) -> list[Registered]:
     return [adapted(each, theta0.model) for each in fit]
 
 
-def compared(theta0: Embedding, triples: bool, words: bool, known: int, first: str) -> list[Registered]:
-    """The initializers that the choice compares, without the ``first``: ``BEST``, optima of an objective, own ones.
-
-    On hidden known entities, means of a few known vectors seem to harm less than they do (docs/insert.md).
-    """
-    fit = (each for each in fitting(theta0, triples, words) if not too_large(each, known) and each.name != first)
-    return [each for each in fit if each.cost == "newton" or each.role == "own" or each.name in BEST]
-
-
 def one_score(model: Model) -> Model:
     """The model, with heads scored by the relation and not by its inverse: ``calibrated`` has one score per triple."""
     return replace(model, heads_by_inverse=False) if isinstance(model, BothWays) else model
@@ -262,6 +253,25 @@ def best(theta0: Embedding, triples: bool, words: bool) -> tuple[str, str]:
     names = {each.name for each in fitting(theta0, triples, words)}
     why = "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
     return next(name for name in BEST if name in names), why
+
+
+def default(
+    triples: bool, words: bool, theta0: Embedding, known_triples: np.ndarray, numbers: np.ndarray,
+    vectors: np.ndarray | None, kinds: np.ndarray | None, seed: int, *, tolerance: float, budget: float,
+) -> tuple[str, dict[str, Any], str, Choice | None]:  # fmt: skip
+    """The default initializer, its options, the reason, and the comparison (``calibrated``) if there can be one.
+
+    ``BEST``, optima of an objective and own initializers are compared: on hidden known entities, means of a few known
+    vectors seem to harm less than they do (docs/insert.md). ``triples``, ``words``: whether new entities have any.
+    """
+    name, why = best(theta0, triples, words)
+    fit = {each.name: each for each in fitting(theta0, triples, words)}
+    listed = [each for each in fit.values() if each.cost == "newton" or each.role == "own" or each.name in BEST]
+    listed = [each for each in listed if each.name != name and not too_large(each, theta0.entity.shape[1])]
+    choice = calibrated([fit[name], *listed], theta0, known_triples, numbers, vectors, kinds, seed, tolerance, budget)
+    if choice is None:
+        return name, dict(fit[name].defaults), why, None
+    return choice.chosen.initializer, dict(choice.chosen.options), choice.why, choice
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:

@@ -1,5 +1,7 @@
 """Checks the arguments of ``isi.insert`` and ``isi.fit_new``. An ``InputError`` names the argument."""
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
@@ -8,10 +10,9 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 import torch
 
 from isi.config import check
@@ -22,11 +23,14 @@ from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 #: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
 Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 #: Triples in the forms that ``listed_triples`` describes.
-TripleForms = Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]
+TripleForms: TypeAlias = "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
 SLOTS = ("head", "relation", "tail")
 
 
@@ -197,7 +201,7 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
                 listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
                 rows += [(head, relation, tail) for tail in listed]
         return rows
-    if isinstance(triples, pd.DataFrame):
+    if hasattr(triples, "columns"):
         triples = (triples[list(SLOTS)] if set(SLOTS) <= set(triples.columns) else triples).to_numpy()
     elif isinstance(triples, torch.Tensor):
         triples = triples.cpu().numpy()
@@ -225,9 +229,9 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     ids = ids_of(triples, name, entities, relations)
     head, relation, tail = ids.T
     key = (head * relations.number + relation) * entities.number + tail  # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
-    ordered = np.sort(key)  # much faster than pandas on all triples
+    ordered = np.sort(key)  # faster than ``np.unique`` of all triples
     repeated = np.flatnonzero(np.isin(key, ordered[1:][ordered[1:] == ordered[:-1]]))
-    return np.delete(ids, repeated[pd.Series(key[repeated]).duplicated().to_numpy()], 0) if len(repeated) else ids
+    return np.delete(ids, np.delete(repeated, np.unique(key[repeated], return_index=True)[1]), 0)
 
 
 def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
@@ -254,7 +258,8 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
         if isinstance(kinds, Mapping):
             kind_of = {entities.id(name, ""): kind for name, kind in kinds.items()}
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
-        labels = list(map(str, as_list(kinds, object, "a list of kinds")))
+        numbers = isinstance(kinds, np.ndarray) and kinds.dtype.kind == "i"
+        labels = kinds if numbers else list(map(str, as_list(kinds, object, "a list of kinds")))
         if len(labels) != entities.number:
             expected = f"expected {entities.number} kinds, one for each entity (new ones too), got {len(labels)}"
             raise InputError("", "", expected)

@@ -1,5 +1,7 @@
 """``isi.fit_new``: training of the rows of new entities."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,13 +1,14 @@
 """The result of ``isi.insert``: enlarged tables, a report of each new entity, interference with known answers."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -23,6 +24,9 @@ from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
 from isi.models.model import Model
 from isi.models.stack import Embedding, without_denormals
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BUDGET = 2**24  #: Maximum number of cosines in one table.
 TINY = 1e-12  #: Minimum length of a vector in a cosine.
@@ -126,6 +130,8 @@ class Inserted:
 
     def to_frame(self, nearest: int = 5) -> pd.DataFrame:
         """The report as a table: a row for each new entity, the fields of ``Entity`` as columns."""
+        import pandas as pd
+
         return pd.DataFrame(list(map(vars, self.report(nearest))))
 
     def report(self, nearest: int = 5) -> list[Entity]:

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.config import LARGEST
 from isi.errors import InputError
 from isi.models.model import Model
 from isi.random import stream
@@ -16,7 +17,6 @@ from isi.random import stream
 T = TypeVar("T")
 
 DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
-LARGEST = 1e11  #: Largest valid |x|: a score sums products of three coordinates and could overflow float32 above it.
 
 
 @contextmanager

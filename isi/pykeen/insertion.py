@@ -1,5 +1,7 @@
 """``insert``: a copy of a model of PyKEEN with new entities; ``inserted`` and ``enlarge``: its two steps."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy

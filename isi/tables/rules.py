@@ -5,19 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from isi.errors import InputError
+
+if TYPE_CHECKING:  # few commands need pandas, whose import takes 0.4 s
+    import pandas as pd
 
 LONGEST, SHOWN = 1000, 40  #: Maximum number of characters of a name, and of a value in a message.
 MOST_OBSERVED = 10**9  #: Maximum sum of the counts of a table: an epoch passes over all observations.
 ROUNDING = 1e-6  #: Tolerance for means, which are computed in single precision.
 #: Arrow's type of a column by name; ``category``: text that repeats, dictionary-encoded.
 ArrowType = Literal["bool", "int32", "int64", "float64", "string", "category"]
-Broken = np.ndarray | pd.Series  #: Whether each row breaks a rule; shape: (rows,), bool.
+Broken: TypeAlias = "np.ndarray | pd.Series"  #: Whether each row breaks a rule; shape: (rows,), bool.
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,8 @@ def refuse(path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[s
 
 
 def _shown(value: object) -> str:
+    import pandas as pd
+
     text = "null" if pd.isna(value) else repr(value) if isinstance(value, str) else str(value)  # type: ignore[call-overload]
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
 
@@ -129,4 +133,6 @@ def null_without(queries: str, *measures: str) -> Rule:
 
 def _ranks(values: pd.Series) -> np.ndarray:
     """Numbers in the same order as the values; shape: (rows,). Null is lowest."""
+    import pandas as pd
+
     return values.to_numpy() if values.dtype.kind in "biuf" else pd.factorize(values.astype(object), sort=True)[0]

@@ -10,12 +10,11 @@ from pathlib import Path
 from string import Formatter
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
 from isi.tables import io
 from isi.tables.rules import ColumnType, Rule, ascending, refuse, unique
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
     from torch import Tensor
 
@@ -148,6 +147,8 @@ def as_text(frame: pd.DataFrame) -> pd.DataFrame:
 
 def concat(parts: Iterable[pd.DataFrame], *tables: Table) -> pd.DataFrame:
     """Concatenate ``parts``; without parts, return an empty frame with the columns of ``tables``."""
+    import pandas as pd
+
     frames = list(parts)
     names = dict.fromkeys(name for table in tables for name in table.columns)
     return pd.concat(frames) if frames else pd.DataFrame({name: pd.Series(dtype=object) for name in names})

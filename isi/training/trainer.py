@@ -69,7 +69,7 @@ def train(
     """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
 
     An embedding that stops leaves the stack, without effect on the others. ``NotFinite`` if an embedding diverges:
-    it has NaN, a coordinate above ``stack.LARGEST``, or infinity in Adagrad's sums.
+    it has NaN, a coordinate above ``LARGEST``, or infinity in Adagrad's sums.
     """
     state, result = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
