@@ -46,6 +46,24 @@ def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
     assert answer(looped, Query(KETTLE, AT, TAIL), 1, None).answers[0].entity == "kettle"
 
 
+def test_one_odd_fact_is_an_answer_and_admits_no_other_of_its_kind() -> None:
+    rng = np.random.default_rng(0)
+    names, kinds = [f"e{row}" for row in range(40)], ["object"] * 30 + ["room"] * 10
+    triples = np.array([[row, 0, 30 + row % 10] for row in range(29)])
+    home = replace(
+        opened(), entities=rng.normal(size=(40, 4)).astype(np.float32), entity_names=names, kinds=kinds, phrases=names,
+        triples=triples, words=None,
+    )  # fmt: skip
+    rooms = list(range(30, 40))
+    assert home.candidates(0, TAIL).tolist() == rooms
+    odd = replace(home, triples=np.vstack([triples, [[29, 0, 3], [29, 0, 4]]]))  # two facts of one entity
+    assert odd.candidates(0, TAIL).tolist() == rooms
+    assert sorted(odd.ranked(Query(29, 0, TAIL))[0].tolist()) == [3, 4, *rooms]
+    assert sorted(odd.ranked(Query(5, 0, TAIL))[0].tolist()) == rooms
+    usual = replace(home, triples=np.vstack([odd.triples, [[28, 0, 3]]]))
+    assert usual.candidates(0, TAIL).tolist() == list(range(40))
+
+
 def test_given_facts_stand_first_then_known_ones_and_keep_the_rank_of_their_score() -> None:
     more = opened(kinds=NO_KINDS, triples=np.array([*TRIPLES, (KETTLE, AT, BEDROOM), (KETTLE, AT, TURN_ON)]))
     facts = [("kettle", "atLocation", "turn on"), ("bed", "atLocation", "kitchen")]

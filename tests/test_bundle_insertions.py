@@ -388,6 +388,21 @@ def test_a_file_of_words_serves_all_names_and_is_recorded(tmp_path: Path) -> Non
     assert later.base.words.shape != (6, 3)  # type: ignore[union-attr]
 
 
+def test_of_two_copies_in_memory_one_is_saved_and_the_other_is_refused(tmp_path: Path) -> None:
+    folder = written(tmp_path / "home")
+    first, second = isi.open(folder), isi.open(folder)
+    for live in (first, second):
+        live.insert("hob", [HOB])
+    first.save()
+    before = files(folder)
+    with pytest.raises(InputError):
+        second.save()
+    assert files(folder) == before
+    first.undo()
+    first.save()  # its own changes are no reason
+    assert not isi.open(folder).inserted
+
+
 def test_a_folder_is_open_for_changes_in_one_process_and_stays_as_it_was_without_one(tmp_path: Path) -> None:
     folder = written(tmp_path / "home")
     before = files(folder)

@@ -7,6 +7,7 @@ each other. Those that share a fact are inserted together (``isi.insertion.round
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -87,7 +88,7 @@ class LiveEmbedding:
         self.additions, self._rows = Additions(), dict[str, InsertedEntity]()
         additions = additions_of(self.changes)
         self._accept(additions, self.inserter.rows(additions, additions.entities.keys()))
-        self._journal, self._pending = journal, list[Change | Chosen]()
+        self._journal, self._pending, self._on_disk = journal, list[Change | Chosen](), len(lines or ())
         self._append(self.changes if lines is None else [])
 
     # -- changes -------------------------------------------------------------------------------------------------------
@@ -227,7 +228,8 @@ class LiveEmbedding:
             phrases=base.phrases + [plain(name) for name in names],
             words=None if words is None else with_rows(words, [row.words.vector for row in rows]),
         )  # fmt: skip
-        ids, labels = larger.entity_ids, larger.relation_ids
+        ids = ChainMap({name: row for row, name in enumerate(names, len(base.entities))}, base.entity_ids)
+        labels = base.relation_ids
         facts = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in self.additions.facts]
         return replace(larger, triples=np.concatenate([base.triples, np.array(facts, np.int64).reshape(-1, 3)]))
 
@@ -246,9 +248,12 @@ class LiveEmbedding:
         elif self._pending:
             journal = Journal(path)
             try:
+                if len(journals.read(path) or ()) != self._on_disk:
+                    raise InputError(path, "", "another process has changed this embedding: open it again")
                 journal.append(self._pending)
             finally:
                 journal.close()
+            self._on_disk += len(self._pending)
             self._pending = []
 
     def close(self) -> None:

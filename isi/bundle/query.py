@@ -1,6 +1,6 @@
 """Queries to a bundle: scores, known answers, candidates, nearest entities, and lookup of typed names."""
 
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -21,6 +21,7 @@ from isi.models.model import Model
 from isi.models.stack import Embedding
 
 ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
+USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
 
 
@@ -96,17 +97,23 @@ class OpenBundle(Bundle):
         return np.array([self.kind_numbers.get(kind, -1) for kind in self.kinds])
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """Ids of entities without a kind, or of a kind in this slot of known triples; all if the slot has no kinds."""
-        kinds = np.unique(self.kind_ids[self.in_slot(relation, slot)])
-        kinds = kinds[kinds >= 0]
-        fits = (self.kind_ids < 0) | np.isin(self.kind_ids, kinds) if len(kinds) else np.full(len(self.kinds), True)
+        """Ids of entities without a kind, or of a usual kind in this slot of known triples; all if it has no kinds.
+
+        Usual is a kind that at least two entities, or a tenth of those in the other slot, have in their triples.
+        """
+        triples = self.triples[self.triples[:, RELATION] == relation]
+        others, kinds = triples[:, HEAD + TAIL - slot], self.kind_ids[triples[:, slot]]
+        pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(self.entities)
+        usual, support = np.unique(pairs, return_counts=True)
+        usual = usual[(support > 1) | (support >= USUAL * len(np.unique(others)))]
+        fits = (self.kind_ids < 0) | np.isin(self.kind_ids, usual) if len(pairs) else np.full(len(self.kinds), True)
         return torch.from_numpy(np.flatnonzero(fits))
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """The candidates, best first, and their scores. The given entity is excluded unless it is a known answer."""
+        """Candidates and known answers, best first, and scores. The given entity is excluded unless it is an answer."""
         candidates = self.candidates(query.relation, query.slot)
-        if query.given not in self.answers(query):
-            candidates = candidates[candidates != query.given]
+        others = candidates[candidates != query.given]
+        candidates = torch.tensor(sorted({*others.tolist(), *self.answers(query)}))
         scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
         best = scores.sort(descending=True, stable=True)
         return candidates[best.indices], best.values
@@ -160,7 +167,7 @@ class OpenBundle(Bundle):
 
     def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
         """Facts in any form of ``listed_triples``, by name and once each; InputError for a name that is unknown."""
-        names, listed = {**self.entity_ids, **dict.fromkeys(new, -1)}, dict[Fact, None]()
+        names, listed = ChainMap(dict.fromkeys(new, -1), self.entity_ids), dict[Fact, None]()
         for number, fact in enumerate(listed_triples(facts)):
             whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
             if not (whole and all(isinstance(part, str) for part in fact)):

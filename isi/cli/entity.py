@@ -259,11 +259,12 @@ def changing(
         raise InputError("--vectors", "", "expected --out FOLDER: the vectors of all entities' names change")
     printed = StringIO()  # a command that cannot write prints no result
     with open_folder(path, vectors, journal=in_place) as live, redirect_stdout(printed):
+        before = len(live.changes)
         yield live
         if out and not in_place and not dry_run:
             live.save(out)
     print(printed.getvalue(), end="")
-    if not json:
+    if not json and (len(live.changes) > before or not in_place):
         written = path if in_place else out
         hint = "" if dry_run else ": --out FOLDER writes it"
         print(f"written: {written}" if written and not dry_run else f"nothing is written{hint}")
