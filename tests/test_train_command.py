@@ -12,12 +12,12 @@ import pytest
 import torch
 
 from isi.bundle import folder
-from isi.bundle.train import described, frequencies, held_out, random_ranks, reciprocal_ranks, tables_of, train_bundle
+from isi.bundle.train import described, frequencies, held_out, reciprocal_ranks, tables_of, train_bundle
 from isi.cli import main
 from isi.errors import InputError
 from isi.experiment.train import TrainConfig, warn_of_batch
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.insertion.choice import queries_of
+from isi.insertion.choice import queries_of, random_ranks
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
 from isi.training.trainer import Training
@@ -50,7 +50,9 @@ def test_a_tiny_graph_has_the_ranks_that_a_hand_computes() -> None:
     # (?, 0, 1): answer 3 has no triple in train, as 1 and 2; (3, 0, ?): answer 1 has one, as 2; 0 and 3 have none
     ranks = reciprocal_ranks(queries, frequencies(graph, torch.tensor([True, True, False]), queries))
     assert ranks.tolist() == pytest.approx([1 / 2, 1 / 1.5])
-    assert random_ranks(queries).tolist() == pytest.approx([(1 + 1 / 2 + 1 / 3) / 3, (1 + 1 / 2 + 1 / 3 + 1 / 4) / 4])
+    assert random_ranks(~queries.right, queries).tolist() == pytest.approx(
+        [(1 + 1 / 2 + 1 / 3) / 3, (1 + 1 / 2 + 1 / 3 + 1 / 4) / 4]
+    )
 
 
 def test_measures_agree_with_brute_force() -> None:
@@ -71,7 +73,7 @@ def test_measures_agree_with_brute_force() -> None:
             at_random.append(np.mean(1 / (1 + rng.integers(0, len(wrong) + 1, 20_000))))
     ranks = reciprocal_ranks(queries, frequencies(graph, trained, queries))
     assert ranks.tolist() == pytest.approx(by_frequency)
-    assert random_ranks(queries).tolist() == pytest.approx(at_random, abs=0.02)
+    assert random_ranks(~queries.right, queries).tolist() == pytest.approx(at_random, abs=0.02)
 
 
 def test_draws_share_their_test_triples_and_train_has_every_name() -> None:

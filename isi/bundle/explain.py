@@ -13,12 +13,11 @@ from torch.nn.functional import cosine_similarity
 from isi.bundle.answers import Answers, completed
 from isi.bundle.inserter import InsertedEntity, Inserter, Method
 from isi.bundle.journal import Additions, NewEntity
-from isi.bundle.query import Fact, OpenBundle, Query, queries_of
+from isi.bundle.query import Fact, Query, queries_of
 from isi.errors import InputError
 from isi.initializers import similarity
 from isi.insertion.api import init_context_of
 from isi.insertion.interference import Interference
-from isi.insertion.result import Inserted
 
 if TYPE_CHECKING:
     from isi.bundle.live import LiveEmbedding
@@ -174,19 +173,14 @@ def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
     method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
     words = {name: row.words}
     result = live.inserter.insert(method, [name], facts, words, [row.kind])
-    return indicators(live.base, result, live.inserter.word_rows([name], words))
-
-
-def indicators(base: OpenBundle, result: Inserted, vectors: np.ndarray | None) -> list[Indicator]:
-    """``indicators_of`` the only new entity of a result; ``vectors``: word vectors of all entities, (E + 1, v)."""
     seen = init_context_of(
-        result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples, vectors,
-        None, 0,
+        result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
+        live.inserter.word_rows([name], words), None, 0,
     )  # fmt: skip
-    words, triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
+    has_words, has_triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
     named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
     similar = similarity.word_similarity(seen)[0, 0]
-    likeness = similar * named * words + related * triples
+    likeness = similar * named * has_words + related * has_triples
     weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
     if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # equal weights say nothing
         weight = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
@@ -201,8 +195,8 @@ def indicators(base: OpenBundle, result: Inserted, vectors: np.ndarray | None) -
         best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
     return [
         Indicator(
-            row, base.entity_names[row], None if weight is None else float(weight[row]),
-            float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
+            row, live.base.entity_names[row], None if weight is None else float(weight[row]),
+            float(similar[row]) if has_words and named[row] else None, float(related[row]) if has_triples else None,
         )
         for row in best.tolist()
     ]  # fmt: skip

@@ -65,8 +65,8 @@ class WordSource(ManifestSection):
     model: Text | None  #: the sentence model that made them; null if there was none or it is unknown
 
 
-class InsertionRequest(ManifestSection):
-    """The input of an insertion, except the entity's kind and word vector."""
+class InsertionRecord(ManifestSection):
+    """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``; and the reason."""
 
     entity: Text
     insert_triples: list[NamedTriple]
@@ -74,11 +74,6 @@ class InsertionRequest(ManifestSection):
     requested_initializer: Text | None  #: null: the default for the given data
     options: dict[str, Option]
     seed: Seed
-
-
-class InsertionRecord(InsertionRequest):
-    """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``; and the reason."""
-
     initializer: Text
     why: Text
     fallback: Text | None
@@ -155,7 +150,7 @@ def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
     if journal:
         files[JOURNAL] = journal.encode()
     with at(folder):
-        _refuse_to_replace(folder, bundle.entity_names, files.get(JOURNAL, b""))
+        _refuse_to_replace(folder, files.get(JOURNAL, b""))
     temporary, old = (folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp"))
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -175,21 +170,13 @@ def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def _refuse_to_replace(folder: Path, names: Sequence[str], journal: bytes) -> None:
-    """InputError for a file, a link, files of no bundle, a broken manifest, or a change that would be lost."""
+def _refuse_to_replace(folder: Path, journal: bytes) -> None:
+    """InputError for a file, a link, files of no bundle, or a change that would be lost."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
     for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, *COLUMNS}):
         raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
-    if MANIFEST in present:
-        try:
-            inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
-        except (ValueError, LookupError, TypeError, RecursionError) as error:
-            raise InputError("", "", "already holds a bundle that cannot be read; choose another folder") from error
-        if lost := ", ".join(str(name) for name in inserted if name not in names):
-            expected = f"already holds a bundle with {lost}: choose another folder (isi insert --embedding adds to it)"
-            raise InputError("", "", expected)
     if JOURNAL in present and set((folder / JOURNAL).read_bytes().splitlines()) - set(journal.splitlines()):
         raise InputError("", JOURNAL, "already holds a bundle with other changes: choose another folder")
 

@@ -59,12 +59,8 @@ class Additions:
     entities: dict[str, NewEntity] = field(default_factory=dict)
     facts: dict[tuple[str, str, str], None] = field(default_factory=dict)
 
-    def after(self, change: Change) -> "Additions":
-        """The additions after a change, which is no ``undo``."""
-        return Additions(dict(self.entities), dict(self.facts)).changed(change)
-
     def changed(self, change: Change) -> "Additions":
-        """``after``, in place."""
+        """The same additions after a change, which is no ``undo``."""
         if change.do == "remove":
             for name in change.entities:
                 self.entities.pop(name, None)

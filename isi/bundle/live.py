@@ -22,17 +22,7 @@ from isi.bundle import journal as journals
 from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.bundle.folder import Bundle
 from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
-from isi.bundle.journal import (
-    Additions,
-    Change,
-    Chosen,
-    Effect,
-    Journal,
-    NewEntity,
-    additions_of,
-    from_records,
-    in_force,
-)
+from isi.bundle.journal import Additions, Change, Chosen, Effect, Journal, NewEntity
 from isi.bundle.names import check_new, find, plain
 from isi.bundle.phrases import SAME, phrase_vectors
 from isi.bundle.query import OpenBundle, Query, open_bundle
@@ -67,7 +57,7 @@ class LiveEmbedding:
         """Use ``isi.open``. ``lines``: those of the journal; null: the bundle's own records of insertions."""
         opened = bundle if isinstance(bundle, OpenBundle) else OpenBundle(**vars(bundle))
         records = opened.manifest.inserted
-        listed = list(from_records(opened)) if lines is None else list(lines)
+        listed = list(journals.from_records(opened)) if lines is None else list(lines)
         self.folder, self.changes = folder, [line for line in listed if isinstance(line, Change)]
         known = opened.part(np.arange(len(opened.entities) - len(records)))
         added = {fact for change in self.changes for fact in change.facts}
@@ -76,17 +66,15 @@ class LiveEmbedding:
         phrases = phrase_vectors(known, vectors)
         self._words = known.words  #: as ``save`` writes them
         if phrases and vectors:
-            known, self._words = (
-                replace(known, manifest=known.manifest.model_copy(update={"words": phrases.origin})),
-                phrases.known,
-            )
+            manifest = known.manifest.model_copy(update={"words": phrases.origin})
+            known, self._words = replace(known, manifest=manifest), phrases.known
         #: the known entities, with the triples that the embedding was trained on
         self.base: OpenBundle = known if phrases is None else replace(known, words=phrases.known)
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
         self.inserter, self._known_curves = Inserter(self.base, phrases, chosen), dict[tuple[int, int], Curve | None]()
         self.additions, self._rows = Additions(), dict[str, InsertedEntity]()
-        additions = additions_of(self.changes)
+        additions = journals.additions_of(self.changes)
         self._accept(additions, self.inserter.rows(additions, additions.entities.keys()))
         self._journal, self._pending, self._on_disk = journal, list[Change | Chosen](), len(lines or ())
         self._append(self.changes if lines is None else [])
@@ -145,7 +133,7 @@ class LiveEmbedding:
 
     def undo(self) -> Effect:
         """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
-        if not in_force(self.changes):
+        if not journals.in_force(self.changes):
             raise InputError("undo", "", "there is no change to take back")
         return self._change(Change(do="undo"))
 
@@ -244,7 +232,9 @@ class LiveEmbedding:
         if self.folder is None or path.resolve() != self.folder.resolve():
             words = self._words  # inserted entities have none: their names give them again
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
-            folders.write(path, replace(self.now, words=words), journals.text_of(self._lines()))
+            folders.write(
+                path, replace(self.now, words=words), journals.text_of([*self.inserter.chosen.values(), *self.changes])
+            )
         elif self._pending:
             journal = Journal(path)
             try:
@@ -280,8 +270,9 @@ class LiveEmbedding:
         """Compute what a change alters, write it to an open journal, and only then accept it."""
         if not (change.entities or change.facts or change.do == "undo"):
             return Effect(known=known)
-        after = additions_of([*self.changes, change]) if change.do == "undo" else self.additions.after(change)
         before = self.additions
+        copy = Additions(dict(before.entities), dict(before.facts))
+        after = journals.additions_of([*self.changes, change]) if change.do == "undo" else copy.changed(change)
         touched = {end for fact in before.facts.keys() ^ after.facts.keys() for end in (fact[0], fact[2])}
         touched |= {name for name, about in after.entities.items() if before.entities.get(name) != about}
         computed = self.inserter.rows(after, touched & after.entities.keys())
@@ -299,10 +290,6 @@ class LiveEmbedding:
     def _accept(self, additions: Additions, rows: Mapping[str, InsertedEntity]) -> None:
         self.additions, self._rows = additions, {name: rows[name] for name in additions.entities}
         self.__dict__.pop("now", None)
-
-    def _lines(self) -> list[Change | Chosen]:
-        """The lines of a journal that leads here."""
-        return [*self.inserter.chosen.values(), *self.changes]
 
     def _append(self, changes: Sequence[Change]) -> None:
         """List choices that are new, and changes, in the journal if it is open."""

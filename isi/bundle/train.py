@@ -33,7 +33,7 @@ from isi.graph.files import read_graph
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph, GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.sessions import TEST, TRAIN, VALID, split
 from isi.insertion.arguments import SLOTS, TripleForms, argument, checked_model, listed_triples
-from isi.insertion.choice import Queried, ahead, queries_of
+from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
 from isi.sources.readers import COUNT, check_names
@@ -242,7 +242,10 @@ def test_measures(graph: Graph, splits: Tensor, theta: Embedding) -> dict[str, A
         return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
     queries = queries_of(graph, padded_ids(splits == TEST))
     learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
-    others = reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)), random_ranks(queries)
+    others = (
+        reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)),
+        random_ranks(~queries.right, queries),
+    )
     measures = dict(zip(names, (ranks.mean().item() for ranks in (learned, *others)), strict=True))
     gains = torch.stack([learned - other for other in others])
     clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / gains.shape[1] ** 0.5).all())
@@ -254,12 +257,6 @@ def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
     """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E); one number for each query."""
     answers = scores.gather(-1, queries.answers[..., None])[..., 0]
     return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
-
-
-def random_ranks(queries: Queried) -> Tensor:
-    """Expectation of ``reciprocal_ranks`` for random scores of C candidates: (1 + 1/2 + … + 1/C) / C."""
-    number = (~queries.right).sum(-1)[:, queries.counted].double().flatten() + 1
-    return (torch.digamma(number + 1) + np.euler_gamma) / number
 
 
 def frequencies(graph: Graph, trained: Tensor, queries: Queried) -> Tensor:

@@ -171,13 +171,9 @@ def insert(
 
 
 def in_rounds(
-    theta0: Embedding,
-    known: int,
-    old_relations: int,
-    triples: np.ndarray,
-    known_triples: np.ndarray,
+    theta0: Embedding, known: int, old_relations: int, triples: np.ndarray, known_triples: np.ndarray,
     initialized: Callable[[np.ndarray, np.ndarray], list[InitResult]],
-) -> list[InitResult]:
+) -> list[InitResult]:  # fmt: skip
     """Write the rows of new entities and relations into ``theta0``; the results of the last round.
 
     A new relation is fitted before each round to its triples between entities that have vectors. Until it has a row,

@@ -204,6 +204,12 @@ def ahead(scores: Tensor, answer: Tensor, wrong: Tensor) -> Tensor:
     return ((above & wrong).count_nonzero(dim=-1) + (not_below & wrong).count_nonzero(dim=-1)) / 2
 
 
+def random_ranks(wrong: Tensor, queries: Queried) -> Tensor:
+    """Expected reciprocal rank of each answer beside C - 1 ``wrong`` candidates: (1 + 1/2 + … + 1/C) / C."""
+    number = (wrong.sum(-1) + 1)[:, queries.counted].double().flatten()
+    return (torch.digamma(number + 1) + np.euler_gamma) / number
+
+
 def queries_of(graph: Graph, ids: Tensor) -> Queried:
     """The queries of triples, ids (M, Q), padded with -1; every triple of the graph is right."""
     padded, right = ids.clamp(min=0), torch.zeros(2, *ids.shape, len(graph.entities), dtype=torch.bool)
@@ -243,9 +249,8 @@ class HiddenDraws:
 
     @property
     def random_mrr(self) -> float:
-        """Expected MRR of earlier triples if their ranks were random: the mean of (1 + 1/2 + … + 1/C) / C."""
-        number = (self.competes.sum(-1) + 1).double()[:, self.earlier.counted]
-        return ((torch.digamma(number + 1) + np.euler_gamma) / number).mean().item()
+        """Expected MRR of earlier triples if their ranks were random."""
+        return random_ranks(self.competes, self.earlier).mean().item()
 
     def inserted(self, initializer: Registered, given: Mapping[str, Any]) -> tuple[dict[str, Any], Tensor] | None:
         """The checked options, and the vectors of the hidden entities, (M, n, d); null if not all are finite."""

@@ -21,15 +21,8 @@ from isi.insertion import api
 from isi.insertion.arguments import Names, Source, all_names, argument, listed_triples, triples_of
 from isi.insertion.inverses import BothWays, joined
 from isi.insertion.result import Inserted
-from isi.pykeen.reading import (
-    PykeenModel,
-    constrained,
-    read_model,
-    relation_tables_of,
-    stored,
-    table_rows,
-    tables_of,
-)
+from isi.pykeen import reading
+from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
 
 SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
@@ -52,21 +45,15 @@ def insert(
             initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others with those that need no inverse
             (map_mean, mean, es, ...). Or the result of PyKEEN's pipeline: ``insert(result, triples)``.
         factory: the triples factory that the model was trained on.
-        triples: of the new entities and relations, as labels (if the factory has labels) or ids: (head, relation, tail)
-            in a list, an array or a tensor; a DataFrame with columns head, relation and tail, or three columns; another
-            triples factory; or facts by head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``.
+        triples: of the new entities and relations, as labels (if the factory has labels) or ids, in any form of
+            ``isi.insert``; or another triples factory.
         new: labels of the new entities (null: all labels in ``triples`` that the factory lacks, with a warning if one
             is nearly a known label); their number if the factory has no labels.
         new_relations: labels of the new relations in ``triples``, or their number if the factory has no labels.
             The model needs tables of relations. Triples of new relations may lie between known entities.
-        words: vectors or texts by label, or word vectors of known and new entities; shape (E + n, v), zero if missing.
-        word_source: embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
-        kinds: the kind of each entity, by label or in order.
-        initializer: a name; null: chosen as by ``isi.insert``, which documents ``calibrate``, ``tolerance`` and
-            ``budget``. ``options`` replace its default options.
+        words: see ``isi.insert``, as for all arguments that are not listed here.
         margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; null: estimated
             from scores of the factory's triples and of corrupted ones.
-        seed: root seed of random initializers.
 
     Returns:
         copies of the model, with the vectors of new entities and relations as last rows, and of the factory, with their
@@ -105,7 +92,7 @@ def inserted(
     known_relations = Names("relation_names", model.num_real_relations, relation_labels)
     relations = all_names(known_relations, new_relations, "new_relations")
     if relations.number > known_relations.number:
-        relation_tables_of(model)
+        reading.relation_tables_of(model)
     with argument("triples"):
         rows = labelled(triples)
     near = {}
@@ -139,7 +126,7 @@ def inserted(
         warnings.warn(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)", stacklevel=3
         )
-    vectors = constrained(tables_of(model), torch.from_numpy(done.entities[done.known :])).numpy()
+    vectors = reading.constrained(tables_of(model), torch.from_numpy(done.entities[done.known :])).numpy()
     return replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
 
 
@@ -152,16 +139,15 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
     if isinstance(base, BothWays):
         base, rows, larger.num_relations = base.base, rows.view(-1, rows.shape[1] // 2), 2 * len(done.relations)
     if len(rows):
-        grown += stored(relation_tables_of(larger), table_rows(base, rows))
+        grown += stored(reading.relation_tables_of(larger), reading.table_rows(base, rows))
     for table, added in grown:
         weight = table._embeddings.weight
         weight.data, weight.grad = torch.cat([weight.data, added]), None  # same Parameter: regularizers may refer to it
         table.max_id = table._embeddings.num_embeddings = len(weight)
     new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
     triples = torch.cat([factory.mapped_triples, new])
-    options: dict[str, Any] = {
-        "create_inverse_triples": factory.create_inverse_triples, "metadata": dict(factory.metadata),
-    }  # fmt: skip
+    options: dict[str, Any] = {"metadata": dict(factory.metadata)}
+    options["create_inverse_triples"] = factory.create_inverse_triples
     if not isinstance(factory, TriplesFactory):
         return larger, CoreTriplesFactory(triples, len(done.entities), len(done.relations), **options)
     relation_names = done.relation_names or ()
@@ -172,12 +158,9 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
     }  # fmt: skip
     if not isinstance(factory, TriplesNumericLiteralsFactory):
         return larger, TriplesFactory(**options)
-    literals = np.concatenate([
-        factory.numeric_literals, np.zeros((len(done.new), *factory.literal_shape), factory.numeric_literals.dtype)
-    ])  # fmt: skip
-    return larger, TriplesNumericLiteralsFactory(
-        numeric_literals=literals, literals_to_id=factory.literals_to_id, **options
-    )
+    old = factory.numeric_literals
+    options["numeric_literals"] = np.pad(old, ((0, len(done.new)), *[(0, 0)] * (old.ndim - 1)))
+    return larger, TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
 
 
 def of_result(model: Any, factory: Any, triples: Any) -> tuple[PykeenModel, CoreTriplesFactory, Any]:

@@ -34,11 +34,7 @@ def fit_new(
             new that have no other triple in the factory.
         new: labels or ids of the entities to train, or the number of the last ones. They are trained on their triples
             in ``factory`` and ``triples``.
-        epochs: number of epochs of logistic loss and Adagrad with step size ``learning_rate``; ``weight_decay`` ·
-            parameters is added to each gradient.
-        batch_size: triples per update; ``ratio``: number of corrupted heads, of tails and of relations per triple.
-        margin: see ``insert``.
-        seed: root seed of batches and negatives.
+        margin: see ``insert``; the other arguments are those of ``isi.fit_new``.
 
     Returns:
         a copy of the model.
@@ -101,8 +97,6 @@ def train_on(
         epochs: number of epochs, with the loss and the regularizers of the model.
         training_loop: slcwa (sampled negatives) or lcwa.
         optimizer: a name, with step size ``learning_rate``, or an optimizer of the model's parameters.
-        batch_size: triples per update.
-        progress: whether PyKEEN shows its progress.
 
     Returns:
         the mean loss of each epoch.
