@@ -39,9 +39,10 @@ def inserted(why: str, folder: str = "home", entity: str = NAMES[-1]) -> Callabl
 
 
 def inserted_elsewhere() -> None:
-    """Mark an entity as inserted in another folder."""
-    written(Path("other"), small(entity_names=[*NAMES[:-1], "wash"]))
-    inserted("as asked", "other", "wash")()
+    """Insert an entity in another folder."""
+    live = isi.open(written(Path("other")))
+    live.insert("hob", [("hob", "atLocation", "kitchen")])
+    live.save()
 
 
 def changed() -> None:
