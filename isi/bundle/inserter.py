@@ -219,12 +219,12 @@ def prepared(facts: float) -> int:
 
 def _together(name: str, facts: Mapping[str, Sequence[Fact]]) -> list[str]:
     """The inserted entities that a chain of facts joins to one of them, sorted; ``facts``: of each."""
-    found, waiting = {name}, [name]
+    reached, waiting = {name}, [name]
     while waiting:
-        others = {end for head, _, tail in facts[waiting.pop()] for end in (head, tail)} & facts.keys() - found
-        found |= others
+        others = {end for head, _, tail in facts[waiting.pop()] for end in (head, tail)} & facts.keys() - reached
+        reached |= others
         waiting += others
-    return sorted(found)
+    return sorted(reached)
 
 
 def with_rows(known: np.ndarray, vectors: Sequence[np.ndarray | None]) -> np.ndarray:
