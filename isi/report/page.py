@@ -63,6 +63,8 @@ class Page:
         if self.name == "report":
             files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
             files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
+        if answer:
+            files[folder / "tables" / "answer.md"] = markdown(answer).encode()
         files[folder / "index.html"] = self.html(parts, answer, drawings, results).encode()
         for path, data in files.items():
             atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
@@ -94,12 +96,19 @@ class Page:
         )  # fmt: skip
 
 
+_LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
 #: Kinds of blocks that can be linked to by their names; the files of tables and figures.
 _NAMED = ("table", "figure")
 _FORMS = {"tables": [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")], "figures": [("svg", "SVG"), ("png", "PNG")]}
 #: By column: which value is the best.
 _BEST: dict[str, Any] = dict.fromkeys([*HALVES.values(), *stats.DIRECTIONS.values(), "all", "novel"], max)
 _BEST["mean"] = _BEST["median"] = min  # epochs to convergence
+
+
+def markdown(section: FilledSection) -> str:
+    """The lists of a section in Markdown, without links: the README and the docs have these sentences, too."""
+    items = [item for block in section.blocks for item in block.items]
+    return "".join(f"- {_LINK.sub(lambda place: place[1], item)}\n" for item in items)
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
@@ -110,7 +119,7 @@ def marked_up(text: str, ids: Collection[str]) -> Markup:
         return f'<a href="{place[2]}">{place[1]}</a>' if there else place[1]
 
     text = _ABSENT.sub("–", text)
-    linked = re.sub(r"\[([^\]]+)\]\(([^)\s]+)\)", link, str(escape(text)))
+    linked = _LINK.sub(link, str(escape(text)))
     weighed = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", linked)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", weighed))  # noqa: S704
 
