@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install repro beyond quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
+.PHONY: help install repro beyond quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme site console lock models initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -96,6 +96,11 @@ lock: $(INSTALLED)  ## write requirements.lock, with hashes, from the packages i
 	$(BIN)/pip install --quiet uv
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
 	uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate $(VENV)/frozen -o requirements.lock > /dev/null
+
+site: $(INSTALLED)  ## build the documentation as a site for offline use, site/index.html (installs the extra `site`)
+	$(BIN)/pip install --quiet --editable '.[site]'
+	NO_MKDOCS_2_WARNING=1 mkdocs build --quiet --strict
+	pytest tests/test_site.py
 
 console: $(INSTALLED)  ## run the commands of pages and copy their output there (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'

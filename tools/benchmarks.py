@@ -161,7 +161,7 @@ def main() -> None:
     line = f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {versions}.\n"
     (BENCHMARKS / "machine.md").write_text(line, encoding="utf-8")
     for name, runs in groups.items():
-        write_table(BENCHMARKS / f"{name}.md", pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(runs))), 1)
+        write_table(name, pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(runs))))
     if "growth" in groups:
         rows = pd.DataFrame(groups["growth"])
         same = f"Tables and lists cost the same on a graph of {float(f'{crossing(rows):.2g}'):,.0f} possible triples"

@@ -142,7 +142,7 @@ def main() -> None:
         tasks = tasks_of(params, experiment, given, settings)
         results[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
     table = table_of(settings, results)
-    table.to_csv(BENCHMARKS / "initializers.csv", index=False)
+    table.to_csv(BENCHMARKS / "initializer_options.csv", index=False)
     with mpl.rc_context(STYLE):
         canvas = frontier(table)
         for form in ("svg", "png"):
@@ -150,7 +150,7 @@ def main() -> None:
     of_params = [shown(params.initializers.get(name, {})) for name in table["initializer"]] == table[
         "options"
     ].to_numpy()
-    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | of_params])
+    write_table("initializers", table[~table["initializer"].duplicated() | of_params])
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from isi.experiment.train import train_config
 from isi.models.model import make_model
 from isi.params import load
 from tools.choose_rates import best_valid
-from tools.docs import BENCHMARKS, write_table
+from tools.docs import write_table
 
 
 def main() -> None:
@@ -44,8 +44,7 @@ def main() -> None:
     measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
     table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
     shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
-    shown.to_csv(BENCHMARKS / "models.csv", index=False)
-    write_table(BENCHMARKS / "models.md", shown.groupby("model", sort=False).head(3))
+    write_table("models", shown)
 
 
 def combinations(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:

@@ -1,9 +1,9 @@
 """Update the README and the pages of docs/: tables, numbers within sentences, and output of commands.
 
-A table is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number is inserted between
+A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number is inserted between
 ``<!-- value: PATH | CELL ... | COLUMN -->`` and ``<!-- end -->``: from the table at PATH, in the row that starts with
 these cells, without its interval; or, after ``<!-- value: params | KEY -->``, from ``params.yaml``. A PATH is relative
-to the root and has no suffix ``.md``.
+to the root and has no suffix: ``.md``, or, where there is no such file, ``.csv``.
 
 The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with ``data``,
 ``examples``, ``params.yaml`` and the files of the page: blocks after ``<!-- file: PATH -->``. Where a line ``...``
@@ -17,6 +17,7 @@ python -m tools.docs PAGE ...   run the commands of pages and update their outpu
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 import shlex
@@ -41,6 +42,7 @@ BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
 CHECKED = re.compile(r"^<!-- console:(.*)-->$", re.MULTILINE)
 FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+NUMERIC = re.compile(r"[-+]?[\d,.]+( s| MB| %)?$")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}  #: Numbers in output that another type of processor may give.
 
@@ -55,7 +57,7 @@ def pages(root: Path = ROOT) -> list[Path]:
 
 
 def filled(page: str, root: Path = ROOT) -> str:
-    """The text of a page with the current table or number in every marked place.
+    """The text of a page with the current table, sentence or number in every marked place.
 
     Raises:
         LookupError: if a table lacks the row or column of a number.
@@ -63,10 +65,29 @@ def filled(page: str, root: Path = ROOT) -> str:
 
     def fill(place: re.Match[str]) -> str:
         begin, kind, path, _, end = place.groups()
-        content = "\n" + (root / f"{path}.md").read_text("utf-8") if kind == "table" else value(path.split(" | "), root)
+        content = "\n" + shown(path, root) if kind == "table" else value(path.split(" | "), root)
         return begin + content + end
 
     return PLACE.sub(fill, page)
+
+
+def rows_of(name: str, root: Path = ROOT) -> list[list[str]]:
+    """Header and rows of a table: a Markdown table, or, where there is none, a CSV file."""
+    if (markdown := root / f"{name}.md").exists():
+        head, _, *body = (line.split("|")[1:-1] for line in markdown.read_text(encoding="utf-8").splitlines())
+        return [[cell.strip() for cell in row] for row in (head, *body)]
+    with (root / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def shown(name: str, root: Path = ROOT) -> str:
+    """A file of Markdown as it stands; or a CSV file as a Markdown table, with columns of numbers aligned right."""
+    if (markdown := root / f"{name}.md").exists():
+        return markdown.read_text(encoding="utf-8")
+    head, *body = rows_of(name, root)
+    numeric = [all(not cell or NUMERIC.match(cell) for cell in column) for column in zip(*body, strict=True)]
+    rule = ["---:" if right else "---" for right in numeric]
+    return "".join(f"| {' | '.join(row)} |\n" for row in (head, rule, *body))
 
 
 def value(path: list[str], root: Path = ROOT) -> str:
@@ -74,8 +95,7 @@ def value(path: list[str], root: Path = ROOT) -> str:
     name, *cells = path
     if name == "params":
         return str(value_of(read(root / "params.yaml"), cells[0]))
-    lines = (root / f"{name}.md").read_text(encoding="utf-8").splitlines()
-    head, _, *body = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
+    head, *body = rows_of(name, root)
     rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
     if len(rows) != 1 or cells[-1] not in head:
         raise LookupError(f"{' | '.join(path)}: expected one row, got {len(rows)}; the columns are {', '.join(head)}")
@@ -130,13 +150,11 @@ def alike(new: str, old: str) -> bool:
     return words == others and all(math.isclose(float(number), float(before), **CLOSE) for number, before in pairs)
 
 
-def write_table(path: Path, table: pd.DataFrame, left: int | None = None, behind: str = "") -> None:
-    """Print a table; write it in Markdown, followed by the text ``behind``. The first ``left`` columns align left."""
-    align = None if left is None else ["left"] * left + ["right"] * (table.shape[1] - left)
-    text = table.astype(str).to_markdown(index=False, disable_numparse=True, colalign=align) + "\n"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text + behind, encoding="utf-8")
-    print(text)
+def write_table(name: str, table: pd.DataFrame, folder: Path = BENCHMARKS) -> None:
+    """Print a table, and write it as ``NAME.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+    print(table.to_string(index=False))
 
 
 def main(named: list[str]) -> None:

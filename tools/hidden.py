@@ -1,7 +1,7 @@
-"""Write docs/benchmarks/hidden.md and hidden_methods.md from the results of the stage `insert_hidden`.
+"""Write docs/benchmarks/hidden*.* from the results of the stage `insert_hidden`.
 
-The first table compares the default of ``isi.pykeen.insert`` with the best initializer and with training from scratch;
-the second has every method.
+``hidden.csv`` compares the default of ``isi.pykeen.insert`` with the best initializer and with training from scratch,
+``hidden_summary.md`` sums it up, and ``hidden_methods.csv`` has every method.
 """
 
 import json
@@ -23,7 +23,7 @@ QUERIES = {"known": "known ends", "hidden": "hidden ones"}
 
 def label(method: str, settings: Hidden) -> str:
     """Title of a method."""
-    insert = "`isi.pykeen.insert`"
+    insert = "isi.pykeen.insert"
     return {
         "nothing": "nothing inserted",
         "insert": f"{insert}, its default",
@@ -32,7 +32,7 @@ def label(method: str, settings: Hidden) -> str:
         "own_new_rows": f"PyKEEN's own and {settings.epochs} epochs of the new rows",
         "own_all_rows": f"PyKEEN's own and {settings.epochs} epochs of all rows",
         "retrained": "retrained from scratch",
-    }.get(method, f"{insert}: `{method}`")
+    }.get(method, f"{insert}: {method}")
 
 
 def by_seed(results: pd.DataFrame) -> pd.DataFrame:
@@ -110,18 +110,16 @@ def every_method(mrr: pd.DataFrame, results: pd.DataFrame, seconds: pd.DataFrame
     columns |= {"Hits@10": hits.groupby("method")["hits_at_10"].mean(), "earlier": mean[ALL, "earlier"]}
     took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
     table = pd.DataFrame(columns, mean.index).map(lambda value: "" if pd.isna(value) else f"{value:.3f}")
-    table.insert(0, "", [label(method, settings) for method in mean.index])
+    table.insert(0, "method", [label(method, settings) for method in mean.index])
     return table.assign(
         s=took.map(lambda value: "" if pd.isna(value) else f"{value:{'.3f' if value < 1 else '.1f'}}")
     ).reset_index(drop=True)
 
 
-def headed(table: pd.DataFrame, settings: Hidden, first: Mapping[str, str]) -> pd.DataFrame:
-    """The table behind columns of the embedding model and the graph, which its first row names."""
-    names = {"model": model_of(settings), "graph": settings.title, **first}
-    for place, (column, name) in enumerate(names.items()):
-        table.insert(place, column, [name, *[""] * (len(table) - 1)])
-    return table
+def headed(table: pd.DataFrame, settings: Hidden, **first: str) -> pd.DataFrame:
+    """The table behind columns of the embedding model, the graph and others."""
+    columns = {"model": model_of(settings), "graph": settings.title, **first}
+    return table.assign(**columns)[[*columns, *table.columns]]
 
 
 def main() -> None:
@@ -132,13 +130,14 @@ def main() -> None:
         results = HIDDEN_ENTITIES.read(study=study)
         seconds = pd.DataFrame(json.loads(seconds_path(study).read_text(encoding="utf-8")))
         hidden, mrr = results.drop_duplicates("seed")["entities"], by_seed(results)
-        times = {"hidden": f"{len(hidden)} × {round(hidden.mean())}"}
+        times = f"{len(hidden)} × {round(hidden.mean())}"
         studies[f"{model_of(settings)}, {settings.title}"] = mrr
-        comparison.append(headed(compared(mrr, settings), settings, times))
-        methods.append(headed(every_method(mrr, results, seconds, settings), settings, {}))
+        comparison.append(headed(compared(mrr, settings), settings, hidden=times))
+        methods.append(headed(every_method(mrr, results, seconds, settings), settings))
     if studies:
-        write_table(BENCHMARKS / "hidden.md", pd.concat(comparison), 3, f"\n{summary(studies)}\n")
-        write_table(BENCHMARKS / "hidden_methods.md", pd.concat(methods), 3)
+        write_table("hidden", pd.concat(comparison))
+        (BENCHMARKS / "hidden_summary.md").write_text(f"{summary(studies)}\n", encoding="utf-8")
+        write_table("hidden_methods", pd.concat(methods))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Count the mutants that tests killed (``make mutants``) in docs/benchmarks/mutants.md, and list the others."""
+"""Count the mutants that tests killed (``make mutants``) in docs/benchmarks/mutants.csv, and list the others."""
 
 import json
 from collections import Counter
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tools.docs import BENCHMARKS, write_table
+from tools.docs import write_table
 
 #: Result of a mutant by the exit status in mutmut's files; any other status: killed.
 FATES = {0: "alive", 5: "run by no test", 33: "run by no test", None: "not tried", 34: "not tried"}
@@ -29,7 +29,7 @@ def main() -> None:
         | {"share killed": f"{100 * count['killed'] / count.total():.1f} %"}
         for name, count in counts.items() if count
     ])  # fmt: skip
-    write_table(BENCHMARKS / "mutants.md", table, 1)
+    write_table("mutants", table)
     print(*survivors, sep="\n")
 
 

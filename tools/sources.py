@@ -170,7 +170,7 @@ def main() -> None:
         if docs is None:
             print(table(measured).to_markdown(index=False, disable_numparse=True))
             return
-        write_table(docs / "benchmarks" / "sources.md", table(measured))
+        write_table("sources", table(measured), docs / "benchmarks")
         (docs / "sources").mkdir(parents=True, exist_ok=True)
         for source in measured:
             if drawn := picture(source):

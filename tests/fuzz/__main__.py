@@ -1,4 +1,4 @@
-"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.md: ``make fuzz``.
+"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv: ``make fuzz``.
 
 Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit status is then 1.
 
@@ -19,7 +19,7 @@ from tests.fuzz.campaign import Counts, try_format, try_giants
 from tests.fuzz.formats import FORMATS
 
 FAULTS = Path(".fuzz")
-TABLE = Path("docs/benchmarks/fuzz.md")
+TABLE = Path("docs/benchmarks/fuzz.csv")
 COLUMNS = [
     "file format", "inputs", "read", "refused in one line", "faults", "longest processor time (s)", "peak MiB"
 ]  # fmt: skip
@@ -47,7 +47,8 @@ def main() -> None:
     total = {"file format": "all", **rows[COLUMNS[1:5]].sum(), **{name: rows[name].max() for name in COLUMNS[5:]}}
     if not given.format:
         table = pd.concat([rows, pd.DataFrame([total])])
-        given.out.write_text(table.to_markdown(index=False, intfmt=",", floatfmt=".1f") + "\n", encoding="utf-8")
+        counts = {name: table[name].map("{:,}".format) for name in COLUMNS[1:5]}
+        table.assign(**counts).to_csv(given.out, index=False, float_format="%.1f", lineterminator="\n")
     print(f"{total['inputs']:,} inputs, {total['faults']} faults")
     sys.exit(f"{total['faults']} faults: their files are under {FAULTS}/" if total["faults"] else 0)
 

@@ -35,7 +35,7 @@ class Counts:
         return self.read + self.refused + len(self.faults)
 
     def row(self) -> tuple[object, ...]:
-        """The row of the table in docs/benchmarks/fuzz.md."""
+        """The row of the table in docs/benchmarks/fuzz.csv."""
         faults = len(self.faults)
         return self.format, self.inputs, self.read, self.refused, faults, self.seconds, self.mib
 

@@ -1,4 +1,4 @@
-"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.md: ``make kill-test``.
+"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.csv: ``make kill-test``.
 
 In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a random moment. Further
 runs have a limit on the size of files, or a full file system. After each of them, another run must give every output
@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from tests.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
-TABLE = Path("docs/benchmarks/kills.md")
+TABLE = Path("docs/benchmarks/kills.csv")
 
 
 @contextmanager
@@ -99,7 +99,7 @@ def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> 
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """A Markdown table with a row for each kind of process and signal, and one for all."""
+    """A CSV table with a row for each kind of process and signal, and one for all."""
     rows = pd.DataFrame(map(asdict, faults))
     rows = rows.assign(status=rows["status"] != 0, lost=rows["lost"] != "")
     groups = pd.concat([rows, rows.assign(whom="all", how="")]).groupby(["whom", "how"], sort=False)
@@ -107,7 +107,7 @@ def table(faults: Sequence[Fault]) -> str:
         times=("stage", "size"), stages=("stage", "nunique"), ended=("status", "sum"), lost=("lost", "sum")
     )
     names = ["target", "signal or fault", "trials", "different stages", "run ended", "data lost"]
-    return counts.reset_index().set_axis(names, axis=1).to_markdown(index=False) + "\n"
+    return counts.reset_index().set_axis(names, axis=1).to_csv(index=False, lineterminator="\n")
 
 
 def main() -> None:
