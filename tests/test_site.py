@@ -1,0 +1,109 @@
+"""The site of the documentation: links to files outside of docs/, scripts as pages, and a build without a network."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from isi.initializers.api import INITIALIZERS
+from tools import docs, site
+
+DOCS = docs.ROOT / "docs"
+LOADED = re.compile(r"<(?:script|img|iframe|source)[^>]*\ssrc=\"?([^\s\">]+)|<link([^>]*)>")
+WITHOUT_NETWORK = """
+import socket, sys
+def refuse(*_, **__):
+    raise OSError("no network here")
+socket.socket.connect = socket.getaddrinfo = refuse
+from mkdocs.__main__ import cli
+cli()
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; a warning fails the build."""
+    for package in ("material", "mkdocstrings"):
+        pytest.importorskip(package, reason="make site")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-c", WITHOUT_NETWORK, "build", "--quiet", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(
+        command, cwd=docs.ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder
+
+
+def test_pages_of_the_site_load_nothing_from_elsewhere(built: Path) -> None:
+    pages = list(built.rglob("*.html"))
+    assert len(pages) > 30
+    for page in pages:
+        for source, link in LOADED.findall(page.read_text(encoding="utf-8")):
+            loaded = source or ("" if "canonical" in link else link)
+            assert "//" not in loaded, (page.name, loaded)
+            if source and not source.startswith("data:"):
+                assert (page.parent / source.partition("?")[0]).exists() or page.name == "404.html", source
+    for style in built.rglob("*.css"):
+        assert not re.search(r"url\(['\"]?(?:https?:)?//|@import", style.read_text(encoding="utf-8")), style.name
+
+
+def test_the_site_has_the_signatures_and_the_index_of_its_search(built: Path) -> None:
+    shown = re.sub(r"<[^>]+>", "", (built / "api.html").read_text(encoding="utf-8"))
+    assert "tolerance" in shown
+    assert "loss of the MRR of earlier triples" in shown
+    assert "espresso machine" in (built / "search" / "search_index.js").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("link", "expected"),
+    [
+        ("[a](method.md#models)", "[a](method.md#models)"),
+        ("[a](../params.yaml)", "[a](files/params.yaml.md)"),
+        ("[a](../SECURITY.md)", "[a](files/SECURITY.md)"),
+        ("[a](../README.md)", "[a](README.md)"),
+        ("[a](../reports/tables)", "a"),
+        ("[a](../nowhere.py)", "[a](../nowhere.py)"),
+        ("[a](https://example.org/b.py)", "[a](https://example.org/b.py)"),
+        ("a<!-- value: b | c -->1<!-- end -->", "a1"),
+        ("```\n[a](../params.yaml)\n```", "```\n[a](../params.yaml)\n```"),
+    ],
+)
+def test_links_lead_to_pages_of_the_site(link: str, expected: str) -> None:
+    assert site.rewritten(link, DOCS / "page.md") == expected
+
+
+def test_links_of_files_outside_of_docs_lead_to_the_same_pages() -> None:
+    assert site.rewritten("[a](../docs/method.md)", docs.ROOT / "examples/README.md") == "[a](../../method.md)"
+    assert site.rewritten("[a](home.csv)", docs.ROOT / "examples/README.md") == "[a](home.csv.md)"
+    for path in (DOCS / "method.md", docs.ROOT / "params.yaml", docs.ROOT / "SECURITY.md"):
+        assert site.path_of(site.name_of(path) or "") == path
+
+
+def test_a_script_becomes_prose_and_code(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        '"""What it does."""\n\n# %%\nimport sys\n\n# %% [markdown]\n# A *note*.\n\n# %% Then\nsys.exit()\n'
+    )
+    expected = "What it does.\n\n\n```python\nimport sys\n```\n\nA *note*.\n\n**Then**\n\n```python\nsys.exit()\n```\n"
+    assert site.as_page(script).endswith(expected)
+
+
+def test_the_page_of_initializers_describes_all_with_their_options_and_needs() -> None:
+    sections = dict(
+        re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", (DOCS / "initializers.md").read_text("utf-8"), re.M | re.S)
+    )
+    assert set(sections) == set(INITIALIZERS.names())
+    words = {"words": "words", "insert_triples": "facts", "inverse": "inverse", "linear_score": "linear score"}
+    for name, text in sections.items():
+        registered = INITIALIZERS.get(name, name)
+        options = re.search(r"^- Options: (.*)", text, re.M)
+        shown = re.findall(r"`(\w+)`[^(]*\(([\d.]+)\)", options[1] if options else "")
+        assert {key: float(value) for key, value in shown} == pytest.approx(dict(registered.defaults or {})), name
+        needs = re.search(r"^- Needs: (.*)", text, re.M)
+        assert needs, name
+        assert {need for need, word in words.items() if word in needs[1]} == set(registered.needs), name
+        ((function, path),) = re.findall(r"^- Code: \[`(\w+)`\]\(\.\./(.*)\)$", text, re.MULTILINE)
+        assert f"def {function}(" in (docs.ROOT / path).read_text(encoding="utf-8"), name
