@@ -29,6 +29,17 @@ def test_what_pages_show_is_what_was_made(page: Path) -> None:
     assert docs.filled(text) == text, "make readme"
 
 
+def test_the_documentation_is_short() -> None:
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in (docs.ROOT / "docs").rglob("*.md")) <= 22_000
+
+
+@each_page
+def test_marks_leave_the_cells_of_tables_whole(page: Path) -> None:
+    rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    marks = [mark for row in rows for mark in re.findall(r"<!-- value: (.*?) -->", row)]
+    assert page.name == "README.md" or not [mark for mark in marks if "|" in mark]
+
+
 @each_page
 def test_links_lead_somewhere(page: Path) -> None:
     for path, anchor in LINK.findall(page.read_text(encoding="utf-8")):
@@ -45,28 +56,21 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
-@pytest.mark.parametrize("of_pykeen", [False, True])
 @pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
-def test_code_runs_as_it_stands(page: str, of_pykeen: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    if of_pykeen:
-        pytest.importorskip("pykeen")
+def test_code_runs_as_it_stands(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     left: dict[str, Any] = {}
-    for place, block in enumerate(block for block in blocks(page, "python") if ("pykeen" in block) == of_pykeen):
+    for place, block in enumerate(block for block in blocks(page, "python") if "pykeen" not in block):
         exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
-    if of_pykeen:
-        larger = left["larger" if page == "insert.md" else "model"]
-        assert larger.num_entities == left["more" if page == "insert.md" else "factory"].num_entities > 132
-        if page == "insert.md":
-            parts = left["UMLS"]().factory_dict.values()
-            facts = (triple for part in parts for triple in part.triples)
-            right = {tail for head, relation, tail in facts if (head, relation) == ("antibiotic", "treats")}
-            shown, answers = set(blocks(page, "text")[0].split()), list(left["answers"].tail_label)
-            assert shown <= right
-            assert len(right.intersection(answers[:5])) >= 3
-            assert len(shown.intersection(answers[:10])) >= 3  # the vectors of a model differ between machines
-    else:
-        assert left["done"].entities[:5].tobytes() == left["entities"].tobytes()
-        assert capsys.readouterr().out
+    assert left["done"].entities[:5].tobytes() == left["entities"].tobytes()
+    assert capsys.readouterr().out
+
+
+def test_code_for_pykeen_runs_as_it_stands() -> None:
+    pytest.importorskip("pykeen")
+    left: dict[str, Any] = {}
+    for place, block in enumerate(block for block in blocks("insert_reference.md", "python") if "pykeen" in block):
+        exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
+    assert left["model"].num_entities == left["factory"].num_entities > 132
 
 
 def printed(arguments: list[str], folder: Path) -> str:

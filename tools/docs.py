@@ -1,9 +1,10 @@
 """Update the README and the pages of docs/: tables, numbers within sentences, and output of commands.
 
 A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number is inserted between
-``<!-- value: PATH | CELL ... | COLUMN -->`` and ``<!-- end -->``: from the table at PATH, in the row that starts with
-these cells, without its interval; or, after ``<!-- value: params | KEY -->``, from ``params.yaml``. A PATH is relative
-to the root and has no suffix: ``.md``, or, where there is no such file, ``.csv``.
+``<!-- value: PATH::CELL...::COLUMN -->`` and ``<!-- end -->``: from the table at PATH, in the row that starts with
+these cells, without its interval; or, after ``<!-- value: params::KEY -->``, from ``params.yaml``. Outside of tables,
+`` | `` separates, too; in a row of a table, a forge takes it for the end of a cell. A PATH is relative to the root and
+has no suffix: ``.md``, or, where there is no such file, ``.csv``.
 
 The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with ``data``,
 ``examples``, ``params.yaml`` and the files of the page: blocks after ``<!-- file: PATH -->``. Where a line ``...``
@@ -42,6 +43,7 @@ BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
 CHECKED = re.compile(r"^<!-- console:(.*)-->$", re.MULTILINE)
 FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+SEPARATOR = re.compile(r"::| \| ")
 NUMERIC = re.compile(r"[-+]?[\d,.]+( s| MB| %)?$")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}  #: Numbers in output that another type of processor may give.
@@ -65,7 +67,7 @@ def filled(page: str, root: Path = ROOT) -> str:
 
     def fill(place: re.Match[str]) -> str:
         begin, kind, path, _, end = place.groups()
-        content = "\n" + shown(path, root) if kind == "table" else value(path.split(" | "), root)
+        content = "\n" + shown(path, root) if kind == "table" else value(SEPARATOR.split(path), root)
         return begin + content + end
 
     return PLACE.sub(fill, page)
@@ -91,7 +93,7 @@ def shown(name: str, root: Path = ROOT) -> str:
 
 
 def value(path: list[str], root: Path = ROOT) -> str:
-    """The text of the number at PATH | CELL ... | COLUMN, or at params | KEY."""
+    """The text of the number at PATH, CELL ..., COLUMN, or at params, KEY."""
     name, *cells = path
     if name == "params":
         return str(value_of(read(root / "params.yaml"), cells[0]))
