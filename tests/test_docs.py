@@ -96,6 +96,18 @@ def test_pages_show_what_commands_print(page: Path, tmp_path: Path) -> None:
     assert docs.alike(made, text), f"python -m tools.docs {page.relative_to(docs.ROOT)}"
 
 
+def test_places_are_filled_from_markdown_and_from_csv(tmp_path: Path) -> None:
+    (tmp_path / "speed.csv").write_text('what,ms,by\n"one, two","1,200",a\nthree,7.5 s,\n', encoding="utf-8")
+    (tmp_path / "mrr.md").write_text("| model | MRR |\n| --- | ---: |\n| ES | 72.1 [71, 73] |\n", encoding="utf-8")
+    table = "| what | ms | by |\n| --- | ---: | --- |\n| one, two | 1,200 | a |\n| three | 7.5 s |  |\n"
+    page = "<!-- table: speed -->{}<!-- end --> <!-- value: speed::one, two::ms -->{}<!-- end --> {}"
+    number = "<!-- value: mrr | ES | MRR -->72.1<!-- end -->"
+    stale = page.format("", "1", number.replace("72.1", "70"))
+    assert docs.filled(stale, tmp_path) == page.format("\n" + table, "1,200", number)
+    with pytest.raises(LookupError, match="three::hours"):
+        docs.filled("<!-- value: speed::three::hours --><!-- end -->", tmp_path)
+
+
 SHOWN = """# Page
 
 <!-- console: data/raw -->

@@ -1,5 +1,6 @@
 """The site of the documentation: links to files outside of docs/, scripts as pages, and a build without a network."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -89,6 +90,14 @@ def test_a_script_becomes_prose_and_code(tmp_path: Path) -> None:
     )
     expected = "What it does.\n\n\n```python\nimport sys\n```\n\nA *note*.\n\n**Then**\n\n```python\nsys.exit()\n```\n"
     assert site.as_page(script).endswith(expected)
+
+
+@pytest.mark.parametrize("name", re.findall(r"^::: (\S+)$", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE))
+def test_the_reference_names_what_there_is(name: str) -> None:
+    if ".pykeen." in name:
+        pytest.importorskip("pykeen")
+    module, _, attribute = name.rpartition(".")
+    assert getattr(importlib.import_module(module), attribute).__doc__
 
 
 def test_the_page_of_initializers_describes_all_with_their_options_and_needs() -> None:

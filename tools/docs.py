@@ -100,7 +100,7 @@ def value(path: list[str], root: Path = ROOT) -> str:
     head, *body = rows_of(name, root)
     rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
     if len(rows) != 1 or cells[-1] not in head:
-        raise LookupError(f"{' | '.join(path)}: expected one row, got {len(rows)}; the columns are {', '.join(head)}")
+        raise LookupError(f"{'::'.join(path)}: expected one row, got {len(rows)}; the columns are {', '.join(head)}")
     return rows[0][head.index(cells[-1])].partition(" [")[0]
 
 
