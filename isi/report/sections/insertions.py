@@ -27,7 +27,7 @@ def trajectory(results: Results) -> Iterator[Content]:
             path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
             away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
             moved = float(np.linalg.norm(path[-1] - path[0]))
-            titles[model] = f"{label(model)}: {away:.1f} from the centre, {moved:.1f} to its end"
+            titles[model] = f"{label(model)}: starts {away:.1f} from the centre; training moves it {moved:.1f}"
             rows.append({"initializer": label(model), "from the centre": away, "from where training takes it": moved,
                          "indicators": ", ".join(names[traces[f"{model}.indicators"]])})  # fmt: skip
         numbers = {"share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
@@ -57,6 +57,9 @@ def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
             points = (traces["theta0"][chosen] - centre) @ axes.T
+            start = (traces[f"{model}.path"][0] - centre) @ axes.T
+            for point in points:
+                panel.plot(*np.stack([point, start]).T, color=colour(model, models), lw=0.4, alpha=0.5, zorder=2)
             _indicators(panel, points, names[chosen].tolist(), colour(model, models))
         panel.set(xticks=[], yticks=[])
         panel.set_title("\n".join(titles[model] for model in group), fontsize=9)

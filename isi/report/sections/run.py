@@ -24,6 +24,8 @@ _PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyar
 #: Sections of params that the report's list of params omits.
 UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
 _SOURCES = ("isi", "stages", "data/raw")  # hashed as a whole
+#: The page's words for fallbacks.
+_FALLBACKS = {"centroid": "mean of all known vectors", "es": "ES", "rs": "RS"}
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
@@ -86,7 +88,8 @@ def _training(results: Results) -> list[dict[Any, Any]]:
             best = log[log["kept"]].groupby(["size", "seed"]).last()
             used = experiment.analyses.get("query_breakdown") if name == JOINT else None
             rows.append({
-                _experiment(results.experiments): experiment.name, "model": name, "trained": len(epochs),
+                _experiment(results.experiments): experiment.name,
+                Column("model", words={"theta0": "Θ⁰", JOINT: "joint model"}): name, "trained": len(epochs),
                 "epochs": epochs.mean(), "best epoch": best["epoch"].mean(),
                 **{f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()},
                 "std": 100 * best["mrr_star"].std(ddof=1), **({} if used is None else in_use(used)),
@@ -140,8 +143,8 @@ def run(results: Results) -> Iterator[Content]:
     """Counts by experiment, then hashes, params and versions of the run."""
     experiments = results.experiments
     coverage = pd.concat(experiment.coverage for experiment in experiments.values())
-    sets = {name: len(experiment.novel[["size", "seed"]].drop_duplicates()) for name, experiment in experiments.items()}
-    inserted = {name: experiment.inserted for name, experiment in experiments.items()}
+    sets = {each.title: len(each.novel[["size", "seed"]].drop_duplicates()) for each in experiments.values()}
+    inserted = {each.title: each.inserted for each in experiments.values()}
     numbers = {name: len(rows) // max(rows["model"].nunique(), 1) for name, rows in inserted.items()}
     uncovered = dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], "")
     columns = {Column(name, title=experiment.title): _left_out(experiment) for name, experiment in experiments.items()}
@@ -216,7 +219,7 @@ def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
     inserted = {name: experiment.inserted.groupby(["model", "fallback"]) for name, experiment in experiments.items()}
     rows = [(name, label(model), fallback, number) for name, groups in inserted.items()
             for model, fallback, number in groups.size().reset_index().itertuples(index=False, name=None)]  # fmt: skip
-    columns = [_experiment(experiments), "initializer", "fell back to", "inserted entities"]
+    columns = [_experiment(experiments), "initializer", Column("fell back to", words=_FALLBACKS), "inserted entities"]
     return pd.DataFrame(rows, columns=columns)
 
 
