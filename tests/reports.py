@@ -23,6 +23,7 @@ from isi.report import page
 from isi.report.data import Experiment, Results
 from isi.report.explorer import Explored
 from isi.report.figures import Figure, rendered
+from isi.report.page import Page
 from isi.report.section import FilledSection
 from isi.report.tables import ReportTable
 from isi.report.words import JOINT
@@ -32,6 +33,8 @@ from tests.small_graphs import ANALOGY
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
 EPOCHS = 3
+#: All sections of both pages.
+SECTIONS = [*Page.of("report").sections, *Page.of("beyond").sections]
 #: Graphs of the small results: two of one source each, and one that is extended by a second source.
 GRAPHS = {
     "home": {"source": "home", "min_count": 1},
@@ -257,8 +260,8 @@ def svg_alone() -> Iterator[None]:
 
 
 def part_of(name: str, results: Results) -> FilledSection | None:
-    """A section of the page by its name."""
-    return next(section for section in page.SECTIONS if section.name == name).filled(results)
+    """A section of either page by its name."""
+    return next(section for section in SECTIONS if section.name == name).filled(results)
 
 
 def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:

@@ -68,6 +68,12 @@ def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
     return {name: estimate.mean for name, estimate in estimates.items()}
 
 
+def mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
+    """The mean over the models that have a number; NaN if none has one."""
+    present = [numbers[model] for model in models if model in numbers]
+    return sum(present) / len(present) if present else np.nan
+
+
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
     """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes (section 6.1)."""
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)

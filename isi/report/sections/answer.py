@@ -9,8 +9,7 @@ from isi.report import stats, words
 from isi.report.data import Experiment, ModelRuns, Results
 from isi.report.figures import composed
 from isi.report.section import Content, of_each_graph
-from isi.report.sections.paper import mean_of
-from isi.report.stats import Difference, by_seed, difference, signed
+from isi.report.stats import Difference, by_seed, difference, mean_of, signed
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, isi, joined, label, of_role
 

@@ -18,6 +18,7 @@ from isi.report.figures import by_epoch, legend, panels
 from isi.report.section import Content
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
+from isi.report.stats import mean_of
 from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label
 
@@ -144,12 +145,6 @@ def fewer_epochs(experiment: Experiment) -> dict[str, float]:
     epochs = experiment.epochs().get("all", {})
     base = epochs.get(BASELINE)
     return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
-
-
-def mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
-    """The mean over the models that have a number; NaN if none has one."""
-    present = [numbers[model] for model in models if model in numbers]
-    return sum(present) / len(present) if present else nan
 
 
 def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:
