@@ -268,8 +268,8 @@ def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], li
     """Paragraphs and lists of a section, its tables as in CSV files, its figures; checks that all can be rendered."""
     part = part_of(name, results)
     blocks = part.blocks if part else []
-    tables = [block.content for block in blocks if block.kind == "table"]
-    figures = [block.content for block in blocks if block.kind == "figure"]
+    tables = [block.content for block in blocks if isinstance(block.content, ReportTable)]
+    figures = [block.content for block in blocks if isinstance(block.content, Figure)]
     assert all(table.files["md"] for table in tables)
     assert all(rendered(figure.canvas, "svg") for figure in figures)
     text = [text for block in blocks for text in (block.items if block.kind == "list" else [block.text])

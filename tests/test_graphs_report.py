@@ -47,9 +47,9 @@ def test_every_graph_has_its_row_with_paired_differences_and_epochs() -> None:
     assert "Soft hybrid minus ERS" not in gains
     assert tables["graphs_epochs"].set_index("graph").loc["lab", "ES"] == 1
     assert tables["graphs"]["graph"].tolist()[-2:] == ["lab", "shop"]
-    assert "ERS is above Xavier on 2 of 2 (and below on 0)" in text
-    assert "ERS is above Kind mean on 0 of 2 (and below on 0)" in text
-    assert [tick.get_text() for tick in figure.canvas.axes[0].get_xticklabels()] == ["lab", "shop"]
+    assert "ERS is significantly above Xavier on 2 of 2 graphs and " in text
+    assert "ERS is significantly above Kind mean on 0 of 2 graphs." in text
+    assert [tick.get_text() for tick in figure.canvas.axes[0].get_yticklabels()] == ["lab", "shop"]
 
 
 def test_a_main_experiment_stands_before_the_others_by_its_runs_of_their_size() -> None:
@@ -65,8 +65,14 @@ def test_a_main_experiment_stands_before_the_others_by_its_runs_of_their_size() 
     assert tables["graphs_immediate"].set_index("graph").loc[[title, "lab"], "ES"].tolist() == pytest.approx([40, 50])
     assert tables["graphs_gains"].set_index("graph").loc[title, "ERS minus Xavier"] == pytest.approx(40)
     assert tables["graphs_epochs"].set_index("graph").loc[title, "ES"] == 2
-    assert "ERS is above Xavier on 2 of 2 (and below on 0)" in text
-    assert [tick.get_text() for tick in figure.canvas.axes[0].get_xticklabels()] == [title, "lab"]
+    assert "ERS is significantly above Xavier on 2 of 2 graphs" in text
+    assert [tick.get_text() for tick in figure.canvas.axes[0].get_yticklabels()] == [title, "lab"]
+
+
+def test_a_loss_is_called_one() -> None:
+    worse = GIVEN | {"ers": [0.0, 0.1]}
+    text, _, _ = shown("other_graphs", results_with(graph("lab"), graph("shop", worse)))
+    assert "ERS is significantly above Xavier on 1 of 2 graphs (below on 1)" in text
 
 
 def test_nothing_is_said_where_no_graph_has_run() -> None:

@@ -241,18 +241,14 @@ def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -
         ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
         ("known_closed", "es", "finetune_only"): 5, ("known_closed", "xavier", "finetune_only"): -5,
     })  # fmt: skip
-    names = [line.get_label() for line in finetuning.curves_figure(every, ["xavier", "es", "joint"]).axes[1].lines]
+    lines = ["xavier", "es", "finetune_only"]
+    canvas = figures.by_epoch(finetuning.since_before(every), lines, finetuning.EARLIER)
+    names = [line.get_label() for line in canvas.axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
     ended = {(scope, model): of_model for scope, model, of_model in finetuning.end_comparisons(pairs)}
     (es,) = ended["known_closed", "finetune_only"]
     assert es.difference.parts == pytest.approx((5, 5, 5))
     assert not es.significant
-
-
-def test_indicator_set_sizes_are_compared_with_the_one_of_this_run() -> None:
-    swept = runs([("es", "all", 5, seed, 0, value) for seed in (0, 1) for value in (0.5, 0.6 + seed / 10)])
-    found = choices.relative(swept.assign(k=[2, 8] * 2), {"es": 9}).set_index(["k", "seed"])["value"]
-    assert found.to_dict() == pytest.approx({(2, 0): -10, (8, 0): 0, (2, 1): -20, (8, 1): 0})  # 8 is the nearest to 9
 
 
 def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
@@ -269,12 +265,14 @@ def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
 def test_curves_have_bands_but_for_controls() -> None:
     rows = [(model, "all", 5, seed, epoch, 0.5 + 0.1 * seed)
             for model in ("es", "mean", "joint") for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip
-    canvas = figures.by_epoch(runs(rows), ["es", "mean"], ("all", "all"))
+    canvas = figures.by_epoch(runs(rows), ["es", "mean"], ("all", "all"), margin=0.08)
     bands = [to_hex(band.get_facecolor()[0]) for band in canvas.axes[0].collections]
     assert bands == [colour("es", ["es", "mean"])]
-    es, mean, level = canvas.axes[0].lines  # and the joint model's level
-    assert (es.get_linestyle(), mean.get_linestyle(), level.get_linestyle()) == ("-", "--", "-")
+    es, mean, *levels = canvas.axes[0].lines
+    assert (es.get_linestyle(), mean.get_linestyle()) == ("-", "--")
     assert mean.get_linewidth() < es.get_linewidth()
+    heights = [float(np.asarray(level.get_ydata())[0]) for level in levels]
+    assert heights == pytest.approx([55, 47])  # of the joint model, and that of convergence
 
 
 def test_sessions_of_a_seed_are_averaged_before_the_interval() -> None:
@@ -288,7 +286,7 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     models = [*INITIALIZERS, "gaussian", "gaussian_centred", "joint"]
     rows = runs([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
     canvas = figures.by_size(rows, models, ("all", "novel"), ("mrr_star",), entities=50)
-    assert [axes.get_title() for axes in canvas.axes] == ["all queries: MRR*", "novel entities: MRR*"]
+    assert [axes.get_title() for axes in canvas.axes] == ["(a) all queries: MRR*", "(b) novel entities: MRR*"]
     (above,) = canvas.axes[0].child_axes
     assert above.get_xlabel() == "% of |E|"
     canvas.draw_without_rendering()

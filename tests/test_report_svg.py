@@ -33,8 +33,11 @@ def test_figures_share_no_ids_and_what_they_refer_to_is_there() -> None:
 
 def test_a_figure_has_no_style_of_its_own_for_the_page_and_its_text_is_text() -> None:
     text = inline("f0")
-    assert "<style" not in text
-    assert "font-family" not in text
+    assert "font" not in re.sub(r"font-size|font-weight", "", text)
+    assert not re.search(r'<[^>]* style="(?!min-width)', text)  # but for its least width
+    rules = re.findall(r"([^{}]+)\{[^}]*\}", re.search(r"<style>(.*?)</style>", text)[1])  # type: ignore[index]
+    assert set(rules) == {f".{name}" for name in re.findall(r'class="([^"]+)"', text)}
+    assert all(rule.startswith(".f0-") for rule in rules)  # no other figure has them
     assert ">a &lt; b</text>" in text
 
 
@@ -54,10 +57,10 @@ def test_all_colours_are_variables_that_change_sides_where_it_is_dark() -> None:
 
 
 def test_a_figure_is_described_in_its_own_numbers() -> None:
-    lines = "across: novel entities |ξ|; up: points. " + ", ".join(
+    lines = "across: novel entities |ξ|; up: MRR* (points). " + ", ".join(
         f"{name} from 32.5 to 42.5" for name in ("Xavier", "ES", "Joint")
     )
-    assert figures.in_words(drawn()) == f"A < b; {lines}. Novel entities: MRR*; {lines}."
+    assert figures.in_words(drawn()) == f"A < b; {lines}. (b) novel entities: MRR*; {lines}."
 
 
 def test_coordinates_are_rounded_and_texts_are_not() -> None:

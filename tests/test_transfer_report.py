@@ -75,9 +75,12 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
         "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
     }  # fmt: skip
     assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
-    assert [row["entity"] for row in found.ranked(["fan"], ["es"])] == ["fan (n = 2)"] * 4
-    marked = [f"{'' if kind == 'affordance' else '× '}{name} ({kind})" for name, kind in kinds.items()]
-    assert [row["ES"] for row in found.ranked(["fan", "stove"], ["es"])] == [*marked, *["–"] * 4]
+    rows = found.ranked(["fan", "stove"], ["es"], {"fan": ["open"]}, {"theirs": {"stove": ["× shelf", "open"]}})
+    assert [row["entity"] for row in rows] == ["fan (n = 2)"] * 4 + ["stove (n = 0)"] * 4
+    assert [row["ES"] for row in rows] == ["open", "? push", "× shelf", "× kitchen", *["–"] * 4]
+    assert [row["paper: theirs"] for row in rows] == [*["–"] * 4, "× shelf", "open", "–", "–"]
+    unjudged = found.ranked(["fan"], ["es"], {}, {})  # nobody judged the fan
+    assert [row["ES"] for row in unjudged] == ["open", "push", "× shelf", "× kitchen"]
 
 
 def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity() -> None:

@@ -26,7 +26,7 @@ def xavier(context: InitContext) -> InitResult:
 
 @initializer("iu", label="IU", role="paper", colour="#e69f00")
 def informed_uniform(context: InitContext) -> InitResult:
-    """IU, informed uniform: uniform in each coordinate's range over the known vectors (equation 10); longer than most."""
+    """IU, informed uniform: uniform in each coordinate's range over known vectors, longer than most (equation 10)."""
     known, vectors = context.known[..., None], context.theta0.entity
     low = vectors.masked_fill(~known, torch.inf).amin(1, keepdim=True)
     high = vectors.masked_fill(~known, -torch.inf).amax(1, keepdim=True)

@@ -119,7 +119,7 @@ class ModelRuns:
         return {name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
                 for name in DIRECTIONS}  # fmt: skip
 
-    def cells(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
+    def by_grid_point(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
         """A measure (points) right after insertion: a row for each session, size and seed, a column for each model.
 
         In scope ``given``: entity MRR* over the queries that give a novel entity.

@@ -58,11 +58,11 @@ def answer(results: Results) -> Iterator[Content]:
 
 def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
     """Mean MRR* (points) right after insertion, by model that has queries."""
-    return {str(name): float(mean) for name, mean in experiment.cells(scope).mean().dropna().items()}
+    return {str(name): float(mean) for name, mean in experiment.by_grid_point(scope).mean().dropna().items()}
 
 
 def _pair(experiment: ModelRuns, scope: str, first: str, second: str) -> tuple[Any, Any]:
-    cells = experiment.cells(scope)
+    cells = experiment.by_grid_point(scope)
     return cells[first], cells[second]
 
 
@@ -108,7 +108,7 @@ def steps(method: str, models: Sequence[str]) -> list[Step]:
 
 def parts(experiment: ModelRuns, scope: str, half: str = "mrr_star") -> Gains:
     """Gains (points) of each step to an initializer of ISI, of its steps together, and of ``_TWINS``."""
-    cells, models = experiment.cells(scope, half), experiment.initializers
+    cells, models = experiment.by_grid_point(scope, half), experiment.initializers
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
     pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run

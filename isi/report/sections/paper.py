@@ -78,7 +78,7 @@ def own_graph(results: Results) -> Iterator[Content]:
     graphs = [experiment for experiment in results.standalone if experiment.queries is not None]
     if len(graphs) < 2:
         return
-    columns, found = dict[Any, Any](), []
+    columns, compared = dict[Any, Any](), []
     for experiment in graphs:
         columns |= {
             Column("all", experiment.title): experiment.immediate_means("all"),
@@ -86,12 +86,12 @@ def own_graph(results: Results) -> Iterator[Content]:
             Column("mean", experiment.title, title="epochs"): experiment.epochs_means(),
         }  # fmt: skip
         if "kind_mean" in experiment.initializers and experiment is not graphs[0]:
-            cells = experiment.cells("novel")
+            cells = experiment.by_grid_point("novel")
             below = {name: stats.difference(stats.by_seed(cells[name], cells["kind_mean"]))
                      for name in isi(experiment.initializers)}  # fmt: skip
-            found.append((experiment, [name for name, points in below.items() if points.high < 0], "kind_mean"))
+            compared.append((experiment, [name for name, points in below.items() if points.high < 0], "kind_mean"))
     models = list(dict.fromkeys(name for experiment in graphs for name in experiment.models))
-    yield Content({"found": found}, {"standalone_graphs": stats.by_label(models, columns)})
+    yield Content({"compared": compared}, {"standalone_graphs": stats.by_label(models, columns)})
 
 
 def shown(value: float) -> str:
