@@ -37,7 +37,7 @@ _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 #: Colours of the parts of a bar: the start, then each part of the gain.
 _PARTS = ("#bdbdbd", "#9ecae1", "#a1d99b", "#fdae6b")
-_LABELLED = 4  #: Least width (points) of a part that has its number in the bar.
+_LABELLED = 4  #: Least width (points) of a part that has its number above it.
 #: Start of the ``gid`` of what the page shows only on demand.
 OPTIONAL = "optional"
 Names = Sequence[str]
@@ -190,7 +190,7 @@ def composed(
     rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]], models: Names
 ) -> Canvas:
     """Bars of parts (points), one after the other; by title: the parts, marks for models, the interval of the end."""
-    canvas, (axes,) = panels(1, 1, 1.2 + 0.5 * len(rows), 5.4)
+    canvas, (axes,) = panels(1, 1, 1.3 + 0.55 * len(rows), 5.4)
     names = list(dict.fromkeys(name for bars, *_ in rows.values() for name, _ in bars))
     for level, (bars, marks, end) in enumerate(rows.values()):
         left = 0.0
@@ -198,7 +198,7 @@ def composed(
             axes.barh(level, width, 0.55, left, color=_PARTS[min(names.index(name), len(_PARTS) - 1)],
                       label=name, hatch="///" if width < 0 else None, edgecolor="#ffffff", lw=0.6)  # fmt: skip
             if abs(width) >= _LABELLED:
-                axes.text(left + width / 2, level, f"{width:.1f}", ha="center", va="center", fontsize=8)
+                axes.text(left + width / 2, level - 0.3, f"{width:.1f}", ha="center", va="bottom", fontsize=8)
             left += width
         if end is not None and not np.isnan(end.low):
             axes.plot([end.low, end.high], [level, level], color="#000000", lw=1.2)
