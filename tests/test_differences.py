@@ -1,7 +1,6 @@
 """Paired differences, Holm's correction and shares of the gain, against values by hand."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,8 +12,6 @@ from hypothesis import strategies as st
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import stats
 from isi.report.sections import immediate
-from isi.report.tables import ReportTable
-from isi.report.words import HALVES
 from tests.reports import frame_of, runs
 
 #: MRR* of one model by (size, seed).
@@ -208,82 +205,3 @@ def test_tables_are_whole_where_there_is_nothing_to_compare(names: list[str]) ->
     models = {name: constant(0.5) for name in names}
     assert len(stats.pairs_table(pairs_of(models))) == (5 if len(names) == 2 else 0)
     assert short_table(models).empty == (names != ["es", "mean"])
-    assert shares_of(models) == []  # without Xavier and an initializer of ISI there is no gain
-
-
-# Parts of the gain: controls
-
-
-def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFrame:
-    """Runs in scope novel: the entity and the relation half of each model, the same for every seed."""
-    rows = runs_of({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
-    entity, relation = (rows["model"].map({name: two[place] for name, two in models.items()}) for place in (0, 1))
-    return rows.assign(mrr_star_entity=entity, mrr_star_relation=relation)
-
-
-def shares_of(models: dict[str, Cells]) -> list[dict[Any, Any]]:
-    """Rows of the shares of the gain in MRR*, without its halves."""
-    rows = runs_of(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
-    rows_of = ReportTable.of("shares", immediate.shares_of_the_gain(rows, list(models)))
-    return [dict(zip([column.header for column in rows_of.columns], row, strict=True)) for row in rows_of.rows
-            if "MRR*" in row]  # fmt: skip
-
-
-def test_shares_by_hand() -> None:
-    found = shares_of({"xavier": {(1, 0): 0.3, (2, 0): 0.5}, "es": {(1, 0): 0.5, (2, 0): 0.7},
-                       "mean": {(1, 0): 0.5, (2, 0): 0.5}, "gaussian": {(1, 0): 0.3, (2, 0): 0.4}})  # fmt: skip
-    mean, gaussian = found
-    values = [[row[name].mean for name in ("gain over Xavier", "share %", "rest")] for row in (mean, gaussian)]
-    assert values == [pytest.approx([20, 50, 10]), pytest.approx([20, -25, 25])]
-    assert mean["scope"] == gaussian["scope"] == "novel"
-
-
-def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
-    gains = {"xavier": (0.2, 0.2), "es": (0.4, 0.8), "mean": (0.3, 0.5)}  # the mean has half of it in both seeds
-    (share,) = shares_of({name: {(1, seed): value for seed, value in enumerate(two)} for name, two in gains.items()})
-    assert share["share %"].parts == pytest.approx((50, 50, 50))
-    assert share["gain over Xavier"].parts[1:] == pytest.approx((20, 60))
-
-
-@pytest.mark.parametrize(
-    ("models", "expected"),
-    [
-        (["xavier", "es", "mean", "kind_mean"],
-         [("centre", "mean", "xavier"), ("kind", "kind_mean", "mean"), ("meaning", "es", "kind_mean")]),
-        (["xavier", "es", "mean"], [("centre", "mean", "xavier"), ("kind and meaning", "es", "mean")]),
-        (["xavier", "es", "kind_mean"], [("centre and kind", "kind_mean", "xavier"), ("meaning", "es", "kind_mean")]),
-        (["xavier", "es"], [("centre, kind and meaning", "es", "xavier")]),
-    ],
-)  # fmt: skip
-def test_steps_go_over_the_controls_that_were_run(models: list[str], expected: list[tuple[str, str, str]]) -> None:
-    assert immediate.steps("es", models) == expected
-
-
-def test_parts_are_computed_half_by_half() -> None:
-    rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.2, 0.8), "es_permuted": (0.4, 0.6)})
-    found = immediate.parts(rows, ["xavier", "es", "mean", "es_permuted"])
-    points = {(half, part): round(gain.mean, 6) for (_, half), gains in found.items()
-              for (part, *_), gain in gains.items()}  # fmt: skip
-    assert points == {
-        ("mrr_star", "centre"): 10, ("mrr_star", "kind and meaning"): 20, ("mrr_star", "all of it"): 30,
-        ("mrr_star", "words"): 20,
-        ("mrr_star_entity", "centre"): -10, ("mrr_star_entity", "kind and meaning"): 30,
-        ("mrr_star_entity", "all of it"): 20, ("mrr_star_entity", "words"): 10,
-        ("mrr_star_relation", "centre"): 30, ("mrr_star_relation", "kind and meaning"): 10,
-        ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
-    }  # fmt: skip
-    whole, entities, relations = (immediate.composition(found["novel", half], "es") or {} for half in HALVES)
-    shares = [(part, round(points.mean, 6), percent and round(percent)) for part, points, percent in whole["parts"]]
-    assert shares == [("centre", 10, 33), ("kind and meaning", 20, 67)]
-    assert [percent for *_, percent in entities["parts"]] == [None, None]  # the centre loses there
-    assert relations["last"].parts == pytest.approx((10, 10, 10))
-
-
-@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
-@settings(max_examples=15)
-def test_share_and_rest_make_the_gain(xavier: float, es: float, control: float) -> None:
-    (share,) = shares_of({"xavier": constant(xavier), "es": constant(es), "mean": constant(control)})
-    whole, part = share["gain over Xavier"].mean, share["control's gain"].mean
-    assert part + share["rest"].mean == pytest.approx(whole, abs=1e-6)
-    if es > xavier + 0.01:
-        assert share["share %"].mean / 100 * whole == pytest.approx(part, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Labels, glossary and summary of the page."""
+"""Labels, glossary and links of the page."""
 
 from pathlib import Path
 
@@ -6,12 +6,10 @@ import pytest
 
 from isi.errors import InputError
 from isi.report import data, glossary, page
-from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term
-from isi.report.sections import immediate
 from isi.report.tables import Column, ReportTable
 from isi.report.words import SCOPES
-from tests.reports import of_experiment, small_results
+from tests.reports import small_results
 
 
 def test_headers_and_cells_are_words_on_the_page() -> None:
@@ -57,43 +55,6 @@ def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
         '<strong>Yes.</strong> See <a href="#one">this</a>, that and <a href="https://arxiv.org/abs/1">a paper</a>; '
         "2 * 3 ** 2."
     )
-
-
-def test_the_verdict_is_in_numbers_of_the_first_graph() -> None:
-    results = small_results(["home", "away"])
-    part, home = page.VERDICT.filled(results), results.experiments["home"]
-    assert part
-    sentences, figure = part.blocks
-    assert len(sentences.items) == 3  # neither the kind's centre nor any initializer beyond the paper was run
-    given = {model: estimate.mean for model, estimate in home.given_means.items()}
-    best = max(("es", "rs", "ers"), key=lambda name: given[name])
-    assert f"has {given[best]:.1f} in entity prediction, Xavier {given['xavier']:.1f}" in sentences.items[1]
-    now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
-    assert f"{now[best]:.1f} points of 100 and Xavier of {now['xavier']:.1f}" in sentences.items[0]
-    assert f"Joint {given['joint']:.1f}" in in_words(figure.content.canvas)
-
-
-def test_those_that_gain_do_so_with_an_interval_above_zero() -> None:
-    results = small_results(["home"])
-    home = results.experiments["home"]
-    start = home.runs["epoch"] == 0
-
-    def gained(**points: float) -> list[str]:
-        runs = home.runs.copy()
-        for model in ("xavier", "es", "rs", "ers"):
-            runs.loc[start & (runs["model"] == model), "mrr_star"] = 0.5 + points.get(model, 0)
-        (content,) = immediate.verdict(of_experiment(results, "home", runs=runs))
-        return list(content.numbers["answer"])
-
-    assert gained(es=0.2, rs=0.2, ers=0.2) == ["es", "rs", "ers"]
-    assert gained(es=0.2, ers=-0.1) == ["es"]
-    assert gained() == []
-
-
-def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
-    assert page.VERDICT.filled(small_results(["moved"])) is None
-    home = small_results(["home"])
-    assert page.VERDICT.filled(of_experiment(home, "home", initializers=["xavier", "iu"])) is None
 
 
 @pytest.mark.parametrize(

@@ -70,20 +70,24 @@ def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8)
 
 
 def in_words(canvas: Canvas) -> str:
-    """Alternative text by panel: titles; first and last y-value of each line, or without lines the labelled values."""
+    """Alternative text by panel: titles; first and last y-value of each line; of rows with names, their x-values."""
     texts = []
     for axes in canvas.axes:
+        rows = {} if axes.get_ylabel() else {text.get_text(): list[str]() for text in axes.get_yticklabels()}
         lines = []
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
             line = handle[0] if isinstance(handle, Container) else handle
+            if rows:
+                ends = line.get_xydata() if isinstance(line, Line2D) else [(line.get_width(), line.get_y())]
+                for value, level in ends:
+                    list(rows.values())[round(level)].append(f"{name} {value:.1f}")
+                continue
             points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
             heights = points[~np.isnan(points).any(1), 1]
             if len(heights):
                 level = len(np.unique(heights)) == 1
                 lines.append(f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}")
-        names, values = ([text.get_text() for text in group] for group in (axes.get_yticklabels(), axes.texts))
-        if not lines and len(names) == len(values):
-            lines = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+        lines += ["; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())] if rows else []
         sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
         titles = [axes.get_title().replace("\n", ", "), *(f"{side}: {text}" for side, text in sides if text)]
         text = ". ".join(filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines))))

@@ -44,7 +44,7 @@ def convergence(results: Results, experiment: Experiment) -> Content:
         "convergence_by_size": stats.ordered_rows(of_sizes, initializers, "initializer"),
     }
     if len(experiment.curves):
-        numbers["best"] = best_epochs(experiment.curves, initializers)
+        numbers["best"] = [line for line in best_epochs(experiment.curves, initializers) if line[2] < line[4]]
         margin = params.convergence.margin
         curves["figure3b_curves"] = by_epoch(experiment.curves, lines_of(experiment)[:-1], CURVES, margin=margin)
     swept = [name for name in initializers if name in sweep.initializers]
