@@ -28,11 +28,12 @@ from isi.models.stack import Embedding
 from isi.params import Params
 from isi.report import explorer, page
 from isi.report.explorer import COMPUTED, MODULES, Explored
+from isi.report.section import ReportSection
 from isi.report.words import TEMPLATES
 from isi.tables import paths
 from tests import small_grid
 from tests.browser import Opened, opened
-from tests.reports import ROOT, of_experiment, small_params, small_results
+from tests.reports import ROOT, of_experiment, part_of, small_params, small_results
 from tests.small_graphs import points_of
 
 if TYPE_CHECKING:
@@ -96,10 +97,10 @@ def shown(request: pytest.FixtureRequest) -> tuple[Explored, pd.Series, Params]:
 
 def written(folder: Path, explored: Explored, kinds: pd.Series, params: Params) -> Path:
     """A page whose only section is the explorer."""
-    section = next(section for section in page.SECTIONS if section.name == "explorer")
     entities = pd.DataFrame({"entity": explored.points.graph.entities, "kind": kinds})
     results = of_experiment(small_results(["home"]), "home", entities=entities, analyses={"explorer": explored})
-    page.write(folder, replace(results, params=params.model_copy(update={"plots": results.params.plots})), [section])
+    results = replace(results, params=params.model_copy(update={"plots": results.params.plots}))
+    page.Page("report", [ReportSection.of("insertions.explorer")]).write(folder, results)
     return folder / "index.html"
 
 
@@ -368,7 +369,7 @@ def test_a_turned_scaled_and_moved_joint_model_lies_on_theta0() -> None:
 
 def test_another_model_leaves_the_explorer_out() -> None:
     results = of_experiment(small_results(["home"]), "home", analyses={"explorer": None})
-    section = next(section for section in page.SECTIONS if section.name == "explorer").filled(results)
+    section = part_of("explorer", results)
     assert section is not None
     assert [block.kind for block in section.blocks] == ["paragraph"]
 

@@ -170,7 +170,9 @@ def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<figure") == 1 + 9  # of the verdict, and of the first experiment
+    drawn = re.findall(r'<figure id="figure-(\w+)"', page)
+    assert {"answer", "figure3a_immediate", "figure3b_curves", "figure4_transfer"} <= {*drawn}
+    assert len(drawn) == len({*drawn}) == 1 + 10  # of the answer, and of the first experiment
     assert not re.search("src=|<link", page)
     differences = pd.read_csv(folder / "reports/tables/differences.csv")
     assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
@@ -228,6 +230,10 @@ def test_every_number_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
     paper = yaml.safe_load((folder / "data/raw/paper/values.yaml").read_text(encoding="utf-8"))
     rows = pd.read_csv(folder / "reports/tables/paper_against_this_run.csv")
     shown = rows["paper"].value_counts()
+    # rules that this run follows, or that are params, are no results; nor are the texts of Table 3
+    paper["settings"] = paper["settings"]["finetuning_rate"]
+    paper = {part: values for part, values in paper.items() if part != "indicators_rule"}
+    del paper["affordances"]["answers"]
     for number, times in pd.Series(leaves(paper)).value_counts().items():
         assert shown.get(number, 0) >= times or number in (41.4, 37.6, 42.1, 78.2), number
     assert shown[41.4] == 2  # the number of the abstract is that of ES

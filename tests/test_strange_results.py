@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.report import data, page, paper_values
+from isi.report import data, paper_values
+from isi.report.page import Page
 from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results, svg_alone
 from tests.strange import STRANGE, changed, of_experiments, tied
@@ -36,7 +37,8 @@ def words(folder: Path) -> str:
 def written(folder: Path, found: data.Results) -> Path:
     """Write a report into a folder, and check that it has no NaN and no infinity."""
     with svg_alone():
-        page.write(folder, found, page.SECTIONS)
+        Page.of("report").write(folder, found)
+        Page.of("beyond").write(folder / "beyond", found)
     assert not {"nan", "inf", "nan.0"} & set(re.findall(r"[\w.]+", words(folder)))
     assert not re.search(r"NaN|Infinity", (folder / "metrics.json").read_text("utf-8"))
     return folder
@@ -103,7 +105,7 @@ def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_ro
     folders = [tmp_path / name for name in ("plain", "little", "more")]
     with svg_alone():
         for folder, size in zip(folders, (0, 1e-9, 1e-6), strict=True):
-            page.write(folder, noisy(plain, size), page.SECTIONS)
+            Page.of("report").write(folder, noisy(plain, size))
     first, little, more = (lines(folder) for folder in folders)
     assert little == first
     assert first.keys() == more.keys()

@@ -1,12 +1,13 @@
 """Small variants and graphs of the second pipeline for tests of the report."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pandas as pd
 
 from isi.analyses.variants import Variant
-from isi.report.data import VariantRuns
+from isi.report.data import Results, VariantRuns
 from tests.reports import runs, small_params
 
 #: By model: MRR* of queries that give the novel entity, for each seed.
@@ -62,3 +63,12 @@ def variant(
                        runs_of(name, immediate, later), queries_of(name, values))
         for name, values in given.items()
     ]  # fmt: skip
+
+
+def beyond_of(results: Results) -> Results:
+    """Results with a variant of each group, and another graph."""
+    given = {"xavier": [0.1, 0.3], "es": [0.4, 0.5], "ers": [0.6, 0.7], "map": [0.8, 0.8], "joint": [0.9, 0.9]}
+    groups = ("causes", "baselines", "insert_triples", "words", "embeddings")
+    listed = [runs for group in groups for runs in variant(group, {"home": given})]
+    (graph,) = variant("graphs", {"lab": given}, key="lab")
+    return replace(results, variants=listed, other_graphs=[replace(graph, entities=ENTITIES, triples=TRIPLES)])

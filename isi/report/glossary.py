@@ -39,8 +39,7 @@ def of_the_page() -> list[Term]:
 
 def of_models(results: Results) -> list[Term]:
     """A term for each initializer that was run, with its registered description, and one for the joint model."""
-    every_run = [*results.experiments.values(), *results.variants]
-    titles = {name: label(name) for runs in every_run for name in runs.initializers}
+    titles = {name: label(name) for runs in results.experiments.values() for name in runs.initializers}
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
     terms = [Term(title, capitalized(meanings[name]), in_text=title.isupper() or title == "Xavier")
              for name, title in titles.items()]  # fmt: skip

@@ -36,9 +36,10 @@ def answer(results: Results) -> Iterator[Content]:
             {scope: _means(experiment, scope) for scope in (*scopes, "known")},
         )
         asked = means[scopes[1]]
-        if BASELINE not in asked or JOINT not in asked or not {*methods} & set(asked):
+        measured = set(means["all"]) & set(asked)
+        if not {BASELINE, JOINT} <= measured or not {*methods} & measured:
             continue
-        best = max((name for name in methods if name in asked), key=lambda name: asked[name])
+        best = max((name for name in methods if name in measured), key=lambda name: asked[name])
         others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
         gains = {name: difference(by_seed(*_pair(experiment, "all", name, BASELINE))) for name in methods}
         composed_of = {scope: composition(parts(experiment, scope), best) for scope in scopes}
@@ -134,11 +135,10 @@ def _drawn(
     rows = dict[str, tuple[list[tuple[str, float]], Mapping[str, float], Estimate | None]]()
     for scope, names in methods.items():
         means = stats.by_model(experiment.immediate[experiment.immediate["scope"] == scope], "mrr_star", names)
-        means = experiment.given_means if scope == "given" else means
-        for name in names:
+        means, now = experiment.given_means if scope == "given" else means, _means(experiment, scope)
+        for name in (name for name in names if {name, BASELINE} <= now.keys()):
             made = composition(parts(experiment, scope), name)
-            base = _means(experiment, scope)[BASELINE]
-            bars = made["parts"] if made else [(label(name), _means(experiment, scope)[name] - base)]
+            bars = made["parts"] if made else [(label(name), now[name] - now[BASELINE])]
             title = f"{words.capitalized(words.SCOPES[scope])}{f': {label(name)}' if len(names) > 1 else ''}"
-            rows[title] = ([(label(BASELINE), base), *bars], marks.get(scope, {}), means.get(name))
+            rows[title] = ([(label(BASELINE), now[BASELINE]), *bars], marks.get(scope, {}), means.get(name))
     return composed(rows, experiment.models)
