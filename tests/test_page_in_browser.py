@@ -4,24 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 import pytest
 
-from isi.report import page
+from isi.report.page import PAGES, Page
 from isi.report.section import Content, ReportSection
 from tests.browser import Opened, opened
 from tests.reports import small_results, svg_alone
+from tests.variants import beyond_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 #: A table whose numeric order differs from the order of its texts, with a null and a number above 1,000.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
-TEXT = "# Plain\n\n@table plain_table | Plain table\nOf four rows."
-PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME})], TEXT)
+#: Two rows have the name of the row before, which is not written again.
+SAME = pd.DataFrame({"name": ["a", "a", "b", "b"], "points": [1.0, 4.0, 3.0, 2.0]})
+TEXT = """# Plain
+
+@table plain_table | Plain table
+Of four rows.
+
+@table same_names | Names that repeat
+Of two names."""
+PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME, "same_names": SAME})], TEXT)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +39,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole report of small results, and a section with a plain table."""
     folder = tmp_path_factory.mktemp("report")
     with svg_alone():
-        page.write(folder, small_results(["home", "away", "moved"]), (*page.SECTIONS, PLAIN))
+        whole = Page.of("report")
+        results = small_results(["home", "away", "moved"])
+        replace(whole, sections=[*whole.sections, PLAIN]).write(folder, results)
+        Page.of("beyond").write(folder / "beyond", beyond_of(results))
     return folder / "index.html"
 
 
@@ -61,7 +74,7 @@ def test_all_of_it_fits_its_window_and_asks_for_nothing(
 
 def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as window:
-        for selector in (".answer", "#verdict .plot svg"):
+        for selector in (".answer", "#answer .plot svg"):
             box = window.page.locator(selector).bounding_box()
             assert box
             assert box["y"] + box["height"] <= 900
@@ -77,8 +90,8 @@ def test_contents_and_links_open_the_folded_parts_they_lead_to(chromium: Browser
         part.locator("> summary").click()
         window.page.locator("nav a[href='#forgetting']").click()  # again, though the address is the same
         assert part.get_attribute("open") is not None
-    with fine(chromium, report, fragment="table-differences_away") as window:
-        assert window.page.locator("#table-differences_away table").is_visible()
+    with fine(chromium, report, fragment="table-differences_isi") as window:
+        assert window.page.locator("#table-differences_isi table").is_visible()
 
 
 def test_tables_sort_by_click_and_by_keyboard_and_come_back(chromium: Browser, report: Path) -> None:
@@ -137,9 +150,9 @@ def test_figures_are_dark_where_it_is_dark(chromium: Browser, report: Path) -> N
     looks = {}
     for scheme in ("light", "dark"):
         with fine(chromium, report, scheme=scheme) as window:
-            looks[scheme] = window.page.locator("#verdict svg text").first.evaluate("one => getComputedStyle(one).fill")
+            looks[scheme] = window.page.locator("#answer svg text").first.evaluate("one => getComputedStyle(one).fill")
             paper = window.page.evaluate("getComputedStyle(document.body).backgroundColor")
-            behind = window.page.locator("#verdict .plot").evaluate("one => getComputedStyle(one).backgroundColor")
+            behind = window.page.locator("#answer .plot").evaluate("one => getComputedStyle(one).backgroundColor")
             assert behind in ("rgba(0, 0, 0, 0)", paper)
             white = "all => all.filter(one => getComputedStyle(one).fill === 'rgb(255, 255, 255)').length"
             assert window.page.locator(".plot svg path").evaluate_all(white) == 0 or scheme == "light"
@@ -160,7 +173,7 @@ def test_print_opens_what_is_folded_and_closes_it_again(chromium: Browser, repor
 def test_without_a_script_paper_shows_all_and_no_table_is_cut_off(chromium: Browser, report: Path) -> None:
     with opened(chromium, report, width=718, script=False) as window:  # of a sheet, without its margins
         window.page.emulate_media(media="print")
-        folded = window.page.locator("#table-differences table")
+        folded = window.page.locator("#table-differences_isi table")
         assert folded.bounding_box()
         assert window.page.locator("main").bounding_box()["height"] > 3000  # type: ignore[index]
         wide = """all => all.filter(one => one.getBoundingClientRect().right > 719)
@@ -183,5 +196,81 @@ def test_what_the_page_links_to_is_there(chromium: Browser, report: Path) -> Non
     with fine(chromium, report) as window:
         away = window.page.locator("a:not([href^='#'])").evaluate_all("all => all.map(one => one.getAttribute('href'))")
     files = {link for link in away if not link.startswith("https://")}
-    assert {"tables/immediate.csv", "figures/verdict.svg", "figures/verdict.png", "metrics.json"} <= files
-    assert [link for link in files if not (report.parent / link).exists()] == []
+    assert {"tables/immediate.csv", "figures/answer.svg", "figures/answer.png", "metrics.json"} <= files
+    assert [link for link in files if not (report.parent / link.split("#")[0]).exists()] == []
+    beyond = (report.parent / "beyond/index.html").read_text("utf-8")
+    assert all(f'id="{link.split("#")[1]}"' in beyond for link in files if link.startswith("beyond/"))
+
+
+def test_the_entry_of_the_contents_that_was_clicked_is_marked(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report) as window:
+        links = window.page.locator("nav li a")
+        assert links.count() > 15
+        window.page.get_by_role("button", name="Open all parts").click()
+        for link in links.all():
+            link.click()
+            window.page.evaluate("new Promise(done => requestAnimationFrame(() => setTimeout(done, 20)))")
+            marked = window.page.locator("nav a[aria-current]").evaluate_all("all => all.map(one => one.hash)")
+            assert marked == [link.get_attribute("href")]
+
+
+def test_the_strip_of_the_papers_figures_leads_to_what_it_names(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report) as window:
+        links = window.page.locator(".places a")
+        titles = links.all_text_contents()
+        assert {"Figure 1", "2a", "2b", "3a", "3b", "Table 1", "Table 2", "Table 3", "all numbers"} <= {*titles}
+        for link, title in zip(links.all(), titles, strict=True):
+            place = link.get_attribute("href")
+            assert place == f"#{PAGES['paper'][title]}"
+            window.page.get_by_role("button", name="Close all parts").click()
+            link.click()
+            target = window.page.locator(place)
+            target.wait_for()
+            assert target.locator("table, svg").first.is_visible()
+            shown = target.locator("figcaption, summary").first.inner_text()
+            if title.startswith("Table") or title in ("Figure 1", "2a", "2b", "3a", "3b"):
+                assert title.removeprefix("Figure ") in shown.split(".")[0]
+
+
+def test_a_sorted_table_shows_the_names_that_were_not_written_again(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report, fragment="plain") as window:
+        table = window.page.locator("#table-same_names table")
+        names = table.locator("tbody th")
+        hidden = "all => all.filter(one => one.querySelector('.hidden')).length"
+        assert names.evaluate_all(hidden) == 2
+        table.locator("thead th", has_text="points").get_by_role("button").click()
+        assert names.all_text_contents() == ["a", "b", "b", "a"]
+        assert names.evaluate_all(hidden) == 0
+
+
+def test_the_toggle_of_figure_3a_shows_and_hides_lines(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report, fragment="figure-figure3a_immediate") as window:
+        figure = window.page.locator("#figure-figure3a_immediate")
+        toggle, lines = figure.locator(".toggle input"), figure.locator("[id*='-optional']")
+        visible = "all => all.filter(one => getComputedStyle(one).display !== 'none').length"
+        number = lines.count()
+        assert number
+        assert not toggle.is_checked()
+        assert lines.evaluate_all(visible) == 0
+        labels = figure.locator("svg text")
+        assert not labels.get_by_text("Permuted ES").is_visible()
+        assert labels.get_by_text("ES", exact=True).is_visible()
+        toggle.check()
+        assert lines.evaluate_all(visible) == number
+        assert labels.get_by_text("Permuted ES").is_visible()
+        toggle.uncheck()
+        assert lines.evaluate_all(visible) == 0
+
+
+def test_no_two_elements_have_the_same_id(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report) as window:
+        ids = window.page.locator("[id]").evaluate_all("all => all.map(one => one.id)")
+        assert len({*ids}) == len(ids) > 100
+
+
+def test_no_table_scrolls_sideways_on_a_desktop(chromium: Browser, report: Path) -> None:
+    with fine(chromium, report) as window:
+        window.page.get_by_role("button", name="Open all parts").click()
+        wide = """all => all.filter(one => one.scrollWidth > one.clientWidth + 1)
+            .map(one => [one.getAttribute("aria-label"), one.scrollWidth - one.clientWidth])"""
+        assert window.page.locator(".scroll").evaluate_all(wide) == []

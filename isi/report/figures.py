@@ -76,7 +76,7 @@ def in_words(canvas: Canvas) -> str:
         rows = {} if axes.get_ylabel() else {text.get_text(): list[str]() for text in axes.get_yticklabels()}
         lines = []
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            line = handle[0] if isinstance(handle, Container) else handle
+            line: Any = handle[0] if isinstance(handle, Container) else handle
             if rows:
                 ends = line.get_xydata() if isinstance(line, Line2D) else [(line.get_width(), line.get_y())]
                 for value, level in ends:

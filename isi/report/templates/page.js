@@ -16,6 +16,7 @@
     const own = target.querySelector(":scope > details");
     if (own) own.open = true;
     target.scrollIntoView();
+    markRead();
   }
 
   let closed = [];
@@ -131,8 +132,11 @@
   wide.addEventListener("change", unfold);
   const links = new Map(every("nav li a").map((link) => [link.hash.slice(1), link]));
   const sections = Array.from(links.keys(), (id) => document.getElementById(id));
-  function markRead() { /* the last section that begins at the top of the window or above it */
-    const read = sections.filter((section) => section.getBoundingClientRect().top <= 24).pop();
+  function markRead() { /* the last section at the top or above it; at the end of the page the one that was asked for */
+    const top = (section) => section.getBoundingClientRect().top;
+    const atEnd = innerHeight + scrollY >= document.documentElement.scrollHeight - 2;
+    const target = atEnd && sections.find((section) => `#${section.id}` === location.hash && top(section) >= 0);
+    const read = target || sections.filter((section) => top(section) <= 24).pop();
     for (const [id, link] of links) {
       if (read && id === read.id) link.setAttribute("aria-current", "true");
       else link.removeAttribute("aria-current");
