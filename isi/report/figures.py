@@ -78,7 +78,7 @@ def in_words(canvas: Canvas) -> str:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
             line: Any = handle[0] if isinstance(handle, Container) else handle
             if rows:
-                ends = line.get_xydata() if isinstance(line, Line2D) else [(line.get_width(), line.get_y())]
+                ends: Any = line.get_xydata() if isinstance(line, Line2D) else [(line.get_width(), line.get_y())]
                 for value, level in ends:
                     list(rows.values())[round(level)].append(f"{name} {value:.1f}")
                 continue
