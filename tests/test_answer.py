@@ -119,7 +119,7 @@ def test_another_initializer_is_better_only_if_it_is_and_has_its_price(
 ) -> None:
     results = results_of(even(), even(map=asked, rs=0), even(map=known))
     (item,) = (one for one in said(results) if lead(one).startswith(label("map")))
-    assert (lead(item).startswith(f"{label('map')} is better there"), "at a price" in lead(item)) == (better, price)
+    assert (lead(item).startswith(f"{label('map')} is better about the novel entity"), "at a price" in lead(item)) == (better, price)
     assert ("not significantly" in lead(item)) is not better
     assert f"is {asked:.1f} for {label('map')} and 50.0 for ES" in item
     assert f"MRR* is {known:.1f} and 50.0." in item
@@ -150,7 +150,7 @@ def test_no_sentence_says_the_contrary_of_the_numbers(points: list[int], epochs:
     (training,) = (one for one in items if "training" in lead(one))
     assert ("saves no training" in lead(training)) == (takes[best] >= takes["xavier"])
     (other,) = (one for one in items if lead(one).startswith(label("map")))
-    assert ("is better there" in lead(other)) == (asked["map"] > asked[best])
+    assert ("is better about the novel entity" in lead(other)) == (asked["map"] > asked[best])
     mean = 100 * np.mean([everything[name] / everything["xavier"] - 1 for name in ("es", "rs")])
     assert f" and {mean:.0f} % here" in items[-1]
     theirs = (41.4 + 37.6) / 2
