@@ -123,7 +123,7 @@ def test_another_initializer_is_better_only_if_it_is_and_has_its_price(
     assert ("at a price" in lead(item)) is price
     assert ("not significantly" in lead(item)) is not better
     assert f"is {asked:.1f} for {label('map')} and 50.0 for ES" in item
-    assert f"MRR* is {known:.1f} and 50.0." in item
+    assert f"MRR* is {known:.1f} and 50.0;" in item
 
 
 @settings(max_examples=15, deadline=None)

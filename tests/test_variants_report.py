@@ -185,7 +185,7 @@ def test_insert_triples_go_from_the_fewest_to_all() -> None:
     assert "entity MRR* is 20.0 with 0 and 60.0 with all insert triples for ERS." in text
     assert "lower mean" not in text
     (axes,) = figure.canvas.axes
-    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0", "2", "all"]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["at most 0", "at most 2", "all"]
     dots = {str(drawn.get_label()): np.asarray(drawn[0].get_xydata()) for drawn in axes.containers}
     assert dots["ERS"][:, 0] == pytest.approx([20, 40, 60])
     assert dots["ERS"][:, 1].round().tolist() == [0, 1, 2]  # each in its row

@@ -143,7 +143,9 @@ def by_epoch(
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
         panel.axhline(joint, color=colour(JOINT, models), lw=1.2, ls="--", label=label(JOINT))
         if margin is not None:
-            panel.axhline(joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="converged")
+            panel.axhline(
+                joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="margin of convergence"
+            )
         last = int(runs["epoch"].max()) if len(runs) else 0
         panel.set_xscale("symlog", linthresh=10, linscale=1.2)
         ticks = [epoch for epoch in (0, 2, 4, 6, 8, 10, 20, 50, 150) if epoch <= last]

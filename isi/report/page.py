@@ -108,7 +108,8 @@ _BEST["mean"] = _BEST["median"] = min  # epochs to convergence
 def markdown(section: FilledSection) -> str:
     """The lists of a section in Markdown, without links: the README and the docs have these sentences, too."""
     items = [item for block in section.blocks for item in block.items]
-    return "".join(f"- {_LINK.sub(lambda place: place[1], item)}\n" for item in items)
+    unlinked = (re.sub(rf" \({_LINK.pattern}\)", "", item) for item in items)
+    return "".join(f"- {_LINK.sub(lambda place: place[1], item)}\n" for item in unlinked)
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:

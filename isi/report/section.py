@@ -28,7 +28,7 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import words
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure
-from isi.report.stats import LEVEL
+from isi.report.stats import LEVEL, values
 from isi.report.tables import ReportTable
 
 
@@ -152,7 +152,7 @@ _ENVIRONMENT = Environment(
 _FILTERS = (words.joined, words.with_values, words.listed_epochs, words.label, words.described, words.capitalized,
             words.isi, words.contenders, words.controls)  # fmt: skip
 _ENVIRONMENT.filters |= {function.__name__: function for function in _FILTERS} | {
-    "num": format, "labels": lambda models: words.joined(map(words.label, models)),
+    "num": format, "values_of": values, "labels": lambda models: words.joined(map(words.label, models)),
 }  # fmt: skip
 _ENVIRONMENT.globals |= {name: getattr(words, name) for name in ("SCOPES", "BASELINE", "JOINT")} | {
     "LEVEL": LEVEL, "nan": nan,

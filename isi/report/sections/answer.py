@@ -50,6 +50,7 @@ def answer(results: Results) -> Iterator[Content]:
             "better": [name for name in methods if gains[name].low > 0], "methods": methods,
             "other": _against(experiment, others[0], best, scopes) if others else None,
             "epochs": experiment.epochs(),
+            "answered": stats.values(experiment.directions["answer"]) if experiment.queries is not None else {},
             "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
         }  # fmt: skip
         marks = {scope: {name: means[scope][name] for name in ("mean", *others[:1], JOINT) if name in means[scope]}

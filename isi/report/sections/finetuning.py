@@ -23,7 +23,7 @@ AS_CHOSEN = 1.0
 CURVES = ("all", "novel_heldout")
 #: Scopes of earlier knowledge: with the novel entities among the candidates, and without.
 EARLIER = ("known", "known_closed")
-_CHANGE = "change in MRR* since before insertion (points)"
+_CHANGE = "change in MRR* (points)"
 
 
 @of_each_graph

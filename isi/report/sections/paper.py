@@ -46,7 +46,8 @@ def paper(results: Results) -> Iterator[Content]:
         }, "this run is": word, "note": note}
         for (where, title, *numbers, note), word in zip(rows, compared, strict=True)
     ]  # fmt: skip
-    counts = {word: compared.count(word) for word in ("agrees", "larger", "smaller")}
+    like = [word for word, row in zip(compared, rows, strict=True) if "instead" not in row[1]]
+    counts = {word: like.count(word) for word in ("agrees", "larger", "smaller")}
     drawn = _scatter([(where, theirs, of_run) for where, _, theirs, of_run, _ in rows])
     yield Content({"others": others, "counts": counts}, {"paper_against_this_run": table},
                   {"paper_against_this_run": drawn})  # fmt: skip
