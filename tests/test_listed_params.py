@@ -65,10 +65,10 @@ def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str)
 
 
 @pytest.mark.usefixtures("project")
-def test_every_stage_but_the_report_which_lists_nearly_all_is_tried() -> None:
+def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
     pipelines = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)]
     names = {name for pipeline in pipelines for name in pipeline["stages"]}
-    assert {command.split()[0] for command in COMMANDS} == names - {"report"}
+    assert {command.split()[0] for command in COMMANDS} == names - {"report", "report_beyond"}
 
 
 @pytest.mark.usefixtures("project")
