@@ -87,7 +87,7 @@ class Page:
         marker = glossary.Marker([term for term in terms if term.id in ids])
         places = {title: place for title, place in PAGES["paper"].items() if place in ids}
         return environment.get_template("page.html").render(
-            page=PAGES[self.name], answer=answer, places=places, results=results,
+            page=PAGES[self.name], answer=answer, places=places,
             colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words, marker=marker,
             groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)],
             marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704

@@ -31,23 +31,22 @@ def answer(results: Results) -> Iterator[Content]:
     """The answer from the first standalone experiment; nothing unless Xavier and an initializer of ISI were run."""
     for experiment in results.standalone[:1]:
         scopes = ("all", "given" if experiment.queries is not None else "novel")
-        methods, means = (
-            isi(experiment.initializers),
-            {scope: _means(experiment, scope) for scope in (*scopes, "known")},
-        )
+        methods = isi(experiment.initializers)
+        means = {scope: _means(experiment, scope) for scope in (*scopes, "known")}
         asked = means[scopes[1]]
         measured = set(means["all"]) & set(asked)
         if not {BASELINE, JOINT} <= measured or not {*methods} & measured:
             continue
         best = max((name for name in methods if name in measured), key=lambda name: asked[name])
         others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
-        gains = {name: difference(by_seed(*_pair(experiment, "all", name, BASELINE))) for name in methods}
-        composed_of = {scope: composition(parts(experiment, scope), best) for scope in scopes}
+        gains = {scope: parts(experiment, scope) for scope in scopes}
         ours = stats.values(stats.improvements(experiment.immediate, "all"))
         theirs = results.paper["immediate"]["improvement_over_xavier"]
         numbers = {
-            "experiment": experiment, "best": best, "scopes": scopes, "means": means, "parts": composed_of,
-            "better": [name for name in methods if gains[name].low > 0], "methods": methods,
+            "experiment": experiment, "best": best, "scopes": scopes, "means": means, "methods": methods,
+            "parts": {scope: composition(gains[scope], best) for scope in scopes},
+            "better": [name for name in methods if (WHOLE, name, BASELINE) in gains["all"]
+                       and gains["all"][WHOLE, name, BASELINE].low > 0],
             "other": _against(experiment, others[0], best, scopes) if others else None,
             "epochs": experiment.epochs(),
             "answered": stats.values(experiment.directions["answer"]) if experiment.queries is not None else {},
@@ -55,7 +54,7 @@ def answer(results: Results) -> Iterator[Content]:
         }  # fmt: skip
         marks = {scope: {name: means[scope][name] for name in ("mean", *others[:1], JOINT) if name in means[scope]}
                  for scope in scopes}  # fmt: skip
-        yield Content(numbers, figures={"answer": _drawn(experiment, {scope: [best] for scope in scopes}, marks)})
+        yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
 
 
 def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
@@ -63,14 +62,10 @@ def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
     return {str(name): float(mean) for name, mean in experiment.by_grid_point(scope).mean().dropna().items()}
 
 
-def _pair(experiment: ModelRuns, scope: str, first: str, second: str) -> tuple[Any, Any]:
-    cells = experiment.by_grid_point(scope)
-    return cells[first], cells[second]
-
-
 def _against(experiment: ModelRuns, other: str, best: str, scopes: Sequence[str]) -> dict[str, Any]:
     """The initializer ``other`` minus ``best`` of ISI in points: over both query sets and over earlier knowledge."""
-    changes = {scope: difference(by_seed(*_pair(experiment, scope, other, best))) for scope in (*scopes, "known")}
+    cells = {scope: experiment.by_grid_point(scope) for scope in (*scopes, "known")}
+    changes = {scope: difference(by_seed(of_scope[other], of_scope[best])) for scope, of_scope in cells.items()}
     return {"name": other, "changes": changes}
 
 
@@ -83,16 +78,17 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
         return None
     measures = [(scope, half) for scope in ("all", "novel") for half in HALVES]
     measures += [("given", "mrr_star_entity")] if experiment.queries is not None else []
-    rows = dict[tuple[str, ...], dict[Any, Any]]()
-    for scope, half in measures:
-        for (part, first, second), points in parts(experiment, scope, half).items():
+    gains, rows = {of: parts(experiment, *of) for of in measures}, dict[tuple[str, ...], dict[Any, Any]]()
+    for (scope, half), of_steps in gains.items():
+        for (part, first, second), points in of_steps.items():
             key = scope, part, label(first), label(second)
             row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
             row[Column(HALVES[half], form=signed)] = points
-    scopes = list(dict.fromkeys(("all", measures[-1][0])))
-    drawn = _drawn(experiment, dict.fromkeys(scopes, methods), {})
-    composed_of = {scope: {method: composition(parts(experiment, scope), method) for method in methods}
-                   for scope in scopes}  # fmt: skip
+    shown = {"all": gains["all", "mrr_star"]}
+    shown |= {"novel": gains["novel", "mrr_star"]} if experiment.queries is None else {"given": gains[measures[-1]]}
+    drawn = _drawn(experiment, shown, methods, {})
+    composed_of = {scope: {method: composition(of_scope, method) for method in methods}
+                   for scope, of_scope in shown.items()}  # fmt: skip
     return Content({"names": names, "parts": composed_of}, {"parts_of_the_gain": rows.values()},
                    {"parts_of_the_gain": drawn})  # fmt: skip
 
@@ -130,16 +126,17 @@ def composition(gains: Gains, method: str) -> dict[str, Any] | None:
 
 
 def _drawn(
-    experiment: Experiment, methods: Mapping[str, Sequence[str]], marks: Mapping[str, Mapping[str, float]]
-) -> Canvas:
+    experiment: Experiment, gains: Mapping[str, Gains], methods: Sequence[str],
+    marks: Mapping[str, Mapping[str, float]],
+) -> Canvas:  # fmt: skip
     """A bar for each query set and method: Xavier's MRR*, then the parts of the gain; ``marks``: further models."""
     rows = dict[str, tuple[list[tuple[str, float]], Mapping[str, float], Estimate | None]]()
-    for scope, names in methods.items():
-        means = stats.by_model(experiment.immediate[experiment.immediate["scope"] == scope], "mrr_star", names)
-        means, now = experiment.given_means if scope == "given" else means, _means(experiment, scope)
-        for name in (name for name in names if {name, BASELINE} <= now.keys()):
-            made = composition(parts(experiment, scope), name)
+    for scope, of_scope in gains.items():
+        means = experiment.given_means if scope == "given" else experiment.immediate_means(scope)
+        now = _means(experiment, scope)
+        for name in (name for name in methods if {name, BASELINE} <= now.keys()):
+            made = composition(of_scope, name)
             bars = made["parts"] if made else [(label(name), now[name] - now[BASELINE])]
-            title = f"{words.capitalized(words.SCOPES[scope])}{f': {label(name)}' if len(names) > 1 else ''}"
+            title = f"{words.capitalized(words.SCOPES[scope])}{f': {label(name)}' if len(methods) > 1 else ''}"
             rows[title] = ([(label(BASELINE), now[BASELINE]), *bars], marks.get(scope, {}), means.get(name))
     return composed(rows, experiment.models)

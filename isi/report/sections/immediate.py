@@ -28,7 +28,6 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     runs, models, initializers = experiment.immediate, experiment.models, experiment.initializers
     paper = results.paper["immediate"]["improvement_over_xavier"]
     gains = {scope: stats.improvements(runs, scope) for scope in ("all", "novel")}
-    novel = 100 * runs[runs["scope"] == "novel"].groupby("model")[list(HALVES)].mean()
     queried = experiment.inserted[experiment.inserted["queries"] > 0]
     of_kinds = stats.over_seeds(queried, ["kind", "model"], HALVES)
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
@@ -44,7 +43,6 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     numbers = {
         "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}), "gain": stats.values(gains["all"]),
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
-        "novel": {half: novel[column].dropna().to_dict() for column, half in HALVES.items()},
     }  # fmt: skip
     columns = {Column(f"scope {scope}", title=SCOPES[scope]): of_models for scope, of_models in gains.items()}
     others = [name for name in initializers if name != BASELINE]

@@ -33,15 +33,9 @@ def query_breakdown(results: Results) -> Iterator[Content]:
 def _breakdown(experiment: Experiment) -> Content:
     models, given, rows = experiment.models, experiment.directions, pd.DataFrame(experiment.queries)
     pairs, by_filter = by_relation(rows), filters(rows)
-    joint = pairs[pairs["scope"] == "all"]
-    joint = joint.dropna(subset=JOINT).sort_values(JOINT) if JOINT in pairs else joint.head(0)
-    everyone = by_filter["mrr_star"].unstack("filter").reindex(columns=list(_FILTERS)).reset_index("scope")
-    everyone = everyone[everyone["scope"] == "all"]
     numbers = {
         "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
         "joint": {direction: values(estimates).get(JOINT) for direction, estimates in given.items()},
-        "extremes": joint.iloc[[0, -1]][["query", JOINT]].to_numpy().tolist() if len(joint) else [],
-        "filters": [everyone[name].dropna().to_dict() for name in _FILTERS],
     }  # fmt: skip
     canvas = by_size(experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
     for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
