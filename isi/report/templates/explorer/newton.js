@@ -7,6 +7,7 @@ import { transform, transformTail } from "./model.js";
  * @typedef {{alpha: Float64Array, positive: number, negative: number}[]} Evidence */
 
 const SHRINKAGE = 0.1, STEPS = 20, TOLERANCE = 1e-6, ROUNDING = 1e-6, HALVINGS = 10, CLOSE = 3e-3;
+const NEGLIGIBLE = 1e-3; // of the largest curvature: rows below it stay out of the Hessian
 
 /** α of a triple with each entity as the known end, by (relation, whether v is the tail, entity), computed once.
  * @type {WeakMap<World, Map<number, Float64Array>>} */
@@ -120,14 +121,16 @@ export function mostProbable(world, subject, facts, mean, options) {
  * @param {Float64Array} precision @param {Float64Array} apart v - μ */
 function stepOf(evidence, scores, precision, apart) {
   const size = apart.length, gradient = times(precision, apart), hessian = precision.slice();
-  const curvature = evidence.map(({ alpha, positive, negative }, place) => {
+  const rows = evidence.map(({ alpha, positive, negative }, place) => {
     const likely = 1 / (1 + Math.exp(-scores[place])), weight = positive + negative;
     add(gradient, alpha, weight * likely - positive);
-    return weight * likely * (1 - likely);
+    return { alpha, curvature: weight * likely * (1 - likely) };
   });
-  for (let place = 0; place < evidence.length; place += 4) { // four at a time, which is twice as fast
-    const [a, b, c, d] = [0, 1, 2, 3].map((more) => evidence[Math.min(place + more, evidence.length - 1)].alpha);
-    const [p, q, r, s] = [0, 1, 2, 3].map((more) => curvature[place + more] ?? 0);
+  const least = NEGLIGIBLE * Math.max(...rows.map(({ curvature }) => curvature));
+  const curved = rows.filter(({ curvature }) => curvature >= least); // the gradient is exact, so the optimum is the same
+  for (let place = 0; place < curved.length; place += 4) { // four at a time, which is twice as fast
+    const [a, b, c, d] = [0, 1, 2, 3].map((more) => curved[Math.min(place + more, curved.length - 1)].alpha);
+    const [p, q, r, s] = [0, 1, 2, 3].map((more) => curved[place + more]?.curvature ?? 0);
     for (let row = 0; row < size; row++) {
       const start = row * size, ofA = p * a[row], ofB = q * b[row], ofC = r * c[row], ofD = s * d[row];
       for (let column = 0; column <= row; column++) {
