@@ -127,7 +127,7 @@ function stepOf(evidence, scores, precision, apart) {
     return { alpha, curvature: weight * likely * (1 - likely) };
   });
   const least = NEGLIGIBLE * Math.max(...rows.map(({ curvature }) => curvature));
-  const curved = rows.filter(({ curvature }) => curvature >= least); // the gradient is exact, so the optimum is the same
+  const curved = rows.filter(({ curvature }) => curvature >= least); // the gradient is exact: so is the optimum
   for (let place = 0; place < curved.length; place += 4) { // four at a time, which is twice as fast
     const [a, b, c, d] = [0, 1, 2, 3].map((more) => curved[Math.min(place + more, curved.length - 1)].alpha);
     const [p, q, r, s] = [0, 1, 2, 3].map((more) => curved[place + more]?.curvature ?? 0);
