@@ -74,11 +74,6 @@ def test_no_two_classes_have_the_same_name() -> None:
     assert not [name for name in number if number[name] > 1]
 
 
-def test_no_module_is_longer_than_350_lines() -> None:
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "isi").rglob("*.py")}
-    assert not {path: lines for path, lines in lengths.items() if lines > 350}
-
-
 def test_no_test_imports_from_another_test() -> None:
     imports = re.compile(r"^from tests\.(?:\w+\.)*test_|^from tests import .*\btest_", re.MULTILINE)
     assert not [str(path) for path in (ROOT / "tests").rglob("*.py") if imports.search(path.read_text("utf-8"))]
