@@ -14,7 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 import isi
-from isi.bundle.stream import answer
+from isi.bundle.stream import answer, take_step
 
 WAITING = 100  #: Messages that may wait on a topic.
 
@@ -28,8 +28,8 @@ class LiveNode(Node):
         self.answers = self.create_publisher(String, "/isi/answers", WAITING)
         for topic in ("/isi/facts", "/isi/ask"):
             self.create_subscription(String, topic, self.respond, WAITING)
-        steps = home.inserter.prepare()
-        self.create_timer(0.1, lambda: next(steps, None))
+        steps = home.inserter.preparation()
+        self.create_timer(0.1, lambda: take_step(steps))
 
     def respond(self, request: String) -> None:
         """Publish the answer to a request; a change is in the journal by then."""

@@ -23,6 +23,8 @@ from tests.small_live import KINDS, KNOWN, assert_same, chosen, live_of, seen
 
 NEW = [f"new {number}" for number in "abcdef"]
 Fact = tuple[str, str, str]
+State = tuple[dict[str, dict[str, Any]], set[Fact]]
+TRAINED = frozenset(live_of().base.named_triples())
 KNOWN_NAME, LABEL = st.sampled_from(KNOWN.entity_names[:8]), st.sampled_from(["in", "on"])
 ABOUT = st.fixed_dictionaries(
     {}, optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(["map", "rs"]), "new": st.just(True)}
@@ -40,8 +42,8 @@ class LiveMachine(RuleBasedStateMachine):
         self.folder, self.journal, self.saved = Path(self.home.name) / "home", journal, 0
         write(self.folder, KNOWN)
         self.live = isi.open(self.folder, journal=True) if journal else live_of()
-        #: about each inserted entity, and the facts; after each change that is in force
-        self.states: list[tuple[dict[str, dict[str, Any]], set[Fact]]] = [({}, set())]
+        #: about each inserted entity, and the facts that hold; after each change that is in force
+        self.states: list[State] = [({}, set(TRAINED))]
 
     def teardown(self) -> None:
         if hasattr(self, "home"):
@@ -53,8 +55,16 @@ class LiveMachine(RuleBasedStateMachine):
         return self.states[-1][0]
 
     @property
-    def facts(self) -> set[Fact]:
+    def holding(self) -> set[Fact]:
         return self.states[-1][1]
+
+    @property
+    def facts(self) -> set[Fact]:
+        """The added facts."""
+        return self.holding - TRAINED
+
+    def becomes(self, about: dict[str, dict[str, Any]], holding: set[Fact]) -> None:
+        self.states.append((about, holding))
 
     @contextmanager
     def refused_without_a_change(self) -> Iterator[list[bool]]:
@@ -84,7 +94,7 @@ class LiveMachine(RuleBasedStateMachine):
             effect = self.live.insert(name, sorted(facts), **about)
             assert effect.inserted == [name]
         if not refused[0]:
-            self.states.append(({**self.about, name: about}, self.facts | facts))
+            self.becomes({**self.about, name: about}, self.holding | facts)
         else:
             assert not facts or "initializer" in {key for each in [*self.about.values(), about] for key in each}
 
@@ -95,20 +105,20 @@ class LiveMachine(RuleBasedStateMachine):
         facts |= {(one, "on", other) for one, other in pairwise(names)}
         if names:
             self.live.insert(names, sorted(facts))
-            self.states.append((self.about | {name: {} for name in names}, self.facts | facts))
+            self.becomes(self.about | {name: {} for name in names}, self.holding | facts)
 
     @rule(data=st.data(), number=st.integers(1, 3))
     def observe(self, data: st.DataObject, number: int) -> None:
         facts = {(self.name(data), data.draw(LABEL), self.name(data)) for _ in range(number)}
-        trained = set(self.live.base.named_triples())
-        added = facts - self.facts - trained
+        added = facts - self.holding
         with self.refused_without_a_change() as refused:
             effect = self.live.observe(sorted(facts))
             assert effect.known == len(facts) - len(added)
+            assert effect.facts == len(added)
             touched = {end for fact in added for end in (fact[0], fact[2])} & self.about.keys()
             assert touched <= set(effect.updated) <= self.about.keys()
         if not refused[0] and added:
-            self.states.append((self.about, self.facts | added))
+            self.becomes(self.about, self.holding | added)
 
     @precondition(lambda self: self.about)
     @rule(data=st.data())
@@ -118,16 +128,92 @@ class LiveMachine(RuleBasedStateMachine):
             assert self.live.remove(name).removed == [name]
         if not refused[0]:
             about = {other: each for other, each in self.about.items() if other != name}
-            self.states.append((about, {fact for fact in self.facts if name not in (fact[0], fact[2])}))
+            self.becomes(about, {fact for fact in self.holding if name not in (fact[0], fact[2])})
 
-    @precondition(lambda self: self.facts)
-    @rule(data=st.data())
-    def remove_a_fact(self, data: st.DataObject) -> None:
-        fact = data.draw(st.sampled_from(sorted(self.facts)))
+    @rule(data=st.data(), trained=st.booleans())
+    def remove_a_fact(self, data: st.DataObject, trained: bool) -> None:
+        """One that was added, or one of training, which is retracted."""
+        holding = self.holding & TRAINED if trained else self.facts
+        if not holding:
+            return
+        fact = data.draw(st.sampled_from(sorted(holding)))
         with self.refused_without_a_change() as refused:
-            self.live.remove(facts=[fact])
+            effect = self.live.remove(facts=[fact])
+            assert effect.lost == [fact]
+            answers = self.live.ask(*fact[:2], top=99).answers
+            assert fact[2] not in {answer.entity for answer in answers if answer.known}
+            assert not trained or fact[2] not in {answer.entity for answer in answers}
         if not refused[0]:
-            self.states.append((self.about, self.facts - {fact}))
+            self.becomes(self.about, self.holding - {fact})
+
+    @rule(data=st.data())
+    def remove_what_does_not_hold(self, data: st.DataObject) -> None:
+        fact = (self.name(data), data.draw(LABEL), self.name(data))
+        if fact not in self.holding:
+            with self.refused_without_a_change() as refused:
+                self.live.remove(facts=[fact])
+            assert refused[0]
+
+    @rule(data=st.data())
+    def observe_again_what_was_retracted(self, data: st.DataObject) -> None:
+        if retracted := sorted(TRAINED - self.holding):
+            fact = data.draw(st.sampled_from(retracted))
+            assert self.live.observe([fact]).facts == 1
+            self.becomes(self.about, self.holding | {fact})
+
+    @rule(data=st.data(), named=st.booleans())
+    def move(self, data: st.DataObject, named: bool) -> None:
+        head, label, tail = self.name(data), data.draw(LABEL), self.name(data)
+        tails = sorted(fact[2] for fact in self.holding if fact[:2] == (head, label))
+        old = data.draw(st.sampled_from(tails)) if named and tails else None
+        gone = {(head, label, each) for each in tails if old in (None, each)} - {(head, label, tail)}
+        after = self.holding - gone | {(head, label, tail)}
+        with self.refused_without_a_change() as refused:
+            effect = self.live.move(head, label, tail, instead_of=old)
+            assert set(effect.lost) == gone
+            assert effect.facts == len(after - self.holding)
+        if not refused[0] and after != self.holding:
+            self.becomes(self.about, after)
+
+    @rule(data=st.data(), names=st.lists(st.sampled_from(NEW), min_size=1, max_size=2, unique=True))
+    def upsert(self, data: st.DataObject, names: list[str]) -> None:
+        """Observe facts of entities of which some are not known yet."""
+        facts = {(name, data.draw(LABEL), data.draw(KNOWN_NAME)) for name in names}
+        unknown = [name for name in names if name not in self.about]
+        with self.refused_without_a_change() as refused:
+            effect = self.live.observe(sorted(facts), upsert=True)
+            assert set(effect.inserted) == set(unknown)
+        if not refused[0] and (unknown or facts - self.holding):
+            self.becomes(self.about | {name: {} for name in unknown}, self.holding | facts)
+
+    @rule(data=st.data(), name=st.sampled_from(NEW))
+    def insert_what_may_be_known(self, data: st.DataObject, name: str) -> None:
+        facts = {(name, data.draw(LABEL), data.draw(KNOWN_NAME))}
+        with self.refused_without_a_change() as refused:
+            self.live.insert(name, sorted(facts), upsert=True)
+        if not refused[0] and (name not in self.about or facts - self.holding):
+            self.becomes({name: {}} | self.about, self.holding | facts)
+
+    @rule()
+    def compact(self) -> None:
+        """The state stays; what had no effect on it is forgotten, and ``undo`` reaches what is left."""
+        before, about, holding = seen(self.live), self.about, self.holding
+        if not self.journal:
+            return
+        self.live.compact()
+        assert self.live.compact() == 0
+        assert_same(seen(self.live), before)
+        self.states = [({}, set(TRAINED))]
+        for change in self.live.history:
+            names = self.about.keys() | change.entities.keys()
+            lost = change.facts if change.do == "remove" else change.replaced
+            gained = [] if change.do == "remove" else change.facts
+            self.becomes({name: about[name] for name in names}, self.holding - {*lost} | {*gained})
+        assert self.about == about
+        assert self.holding == holding
+        self.live.close()
+        self.live = isi.open(self.folder, journal=True)
+        assert len(self.live.history) == len(self.states) - 1
 
     @precondition(lambda self: "for a moment" not in self.about)
     @rule(data=st.data())
@@ -136,7 +222,7 @@ class LiveMachine(RuleBasedStateMachine):
         self.live.insert(fact[0], [fact])
         self.live.remove(fact[0])
         assert_same(seen(self.live), before)
-        self.states += [(self.about | {fact[0]: {}}, self.facts | {fact}), self.states[-1]]
+        self.states += [(self.about | {fact[0]: {}}, self.holding | {fact}), self.states[-1]]
 
     @rule()
     def undo(self) -> None:
@@ -166,13 +252,16 @@ class LiveMachine(RuleBasedStateMachine):
             assert now.entities[:known].tobytes() == KNOWN.entities.tobytes()
             assert now.relations.tobytes() == KNOWN.relations.tobytes()
             assert now.entity_names[:known] == KNOWN.entity_names
-            assert now.triples[: len(KNOWN.triples)].tolist() == KNOWN.triples.tolist()
+            assert set(now.named_triples()) == self.holding
+            assert len(now.triples) == len(self.holding)
 
     @invariant()
     def all_follows_from_the_set_of_facts(self) -> None:
         if hasattr(self, "live"):
             assert self.live.inserted.keys() == self.about.keys()
             assert self.live.additions.facts.keys() == self.facts
+            assert self.live.additions.retracted.keys() == TRAINED - self.holding
+            assert list(self.live.inserted) == self.live.now.entity_names[len(KNOWN.entities) :]
             assert_same(seen(self.live), seen(self.at_once()))
 
     def at_once(self) -> LiveEmbedding:
@@ -187,10 +276,11 @@ class LiveMachine(RuleBasedStateMachine):
                 kinds = {name: self.about[name]["kind"] for name in names if "kind" in self.about[name]}
                 fresh.insert(names, sorted(of_these, reverse=True), kind=kinds, initializer=initializer, new=True)
         fresh.observe(sorted(self.facts, reverse=True))
+        fresh.remove(facts=sorted(TRAINED - self.holding))
         return fresh
 
 
-LiveMachine.TestCase.settings = settings(max_examples=20, stateful_step_count=10, deadline=None)
+LiveMachine.TestCase.settings = settings(max_examples=25, stateful_step_count=12, deadline=None)
 TestLive = LiveMachine.TestCase
 
 
@@ -233,8 +323,7 @@ def test_a_change_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_line(tm
 def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path: Path) -> None:
     write(tmp_path / "home", KNOWN)
     with isi.open(tmp_path / "home", journal=True) as live:
-        for _ in live.inserter.prepare():
-            pass
+        live.prepare()
         live.insert("new a", [("new a", "in", "e1")])
     lines = [
         json.loads(line) for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()

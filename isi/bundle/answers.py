@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from isi.bundle.query import Fact, OpenBundle, Query
+from isi.bundle.query import Fact, OpenBundle, Query, answers_in
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.probability import PlattCurve, fit_platt
 
@@ -95,6 +95,8 @@ def answer_relation(
     scores = opened.embedding.score_relations(torch.tensor([[head]]), torch.tensor([[tail]]))[0, 0]
     rows = []
     for place, relation in enumerate(scores.sort(descending=True, stable=True).indices.tolist()):
+        if tail in answers_in(opened.retracted, Query(head, relation, TAIL)):
+            continue
         fits = tail in opened.candidates(relation, TAIL) and head in opened.candidates(relation, HEAD)
         (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
         known, fact = tail in opened.answers(Query(head, relation, TAIL)), (names[head], labels[relation], names[tail])

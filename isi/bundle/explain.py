@@ -12,7 +12,7 @@ from torch.nn.functional import cosine_similarity
 
 from isi.bundle.answers import Answers, completed
 from isi.bundle.inserter import InsertedEntity, Inserter, Method
-from isi.bundle.journal import Additions, NewEntity
+from isi.bundle.journal import Additions, Change, NewEntity
 from isi.bundle.query import Fact, Query, queries_of
 from isi.errors import InputError
 from isi.initializers import similarity
@@ -142,11 +142,14 @@ def _ablation(
         definition=record.definition, kind=row.kind or None, initializer=record.initializer, options=record.options,
         seed=record.seed,
     )  # fmt: skip
-    known = {fact: None for fact in facts if {fact[0], fact[2]} <= inserter.base.entity_ids.keys() | {record.entity}}
+    names = inserter.base.entity_ids.keys() | {record.entity}
+    known = [fact for fact in facts if {fact[0], fact[2]} <= names]
     try:
         if not known and (row.words.vector is None or left_out == "words") and record.requested_initializer is None:
             raise InputError("", "", "no input is left")
-        changed = inserter.rows(Additions({record.entity: same}, known), [record.entity])[record.entity]
+        alone = Additions(retracted=dict(live.additions.retracted))
+        alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
+        changed = inserter.rows(alone, [record.entity])[record.entity]
     except InputError:  # nor does an initializer of words alone serve every model
         return Ablation(left_out, piece)
     place = now.entity_ids[record.entity]
@@ -172,7 +175,7 @@ def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
     method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
     words = {name: row.words}
-    result = live.inserter.insert(method, [name], facts, words, [row.kind])
+    result = live.inserter.insert(method, [name], facts, words, [row.kind], live.known_triples)
     seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
         live.inserter.word_rows([name], words), None, 0,

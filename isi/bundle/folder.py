@@ -26,6 +26,7 @@ from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short, unwritable
 
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
+STORED = "inserted.safetensors"  #: Computed from the others (``isi.bundle.stored``).
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
 COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail")}
 MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
@@ -175,7 +176,7 @@ def _refuse_to_replace(folder: Path, journal: bytes) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
-    for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, *COLUMNS}):
+    for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, STORED, *COLUMNS}):
         raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
     if JOURNAL in present and set((folder / JOURNAL).read_bytes().splitlines()) - set(journal.splitlines()):
         raise InputError("", JOURNAL, "already holds a bundle with other changes: choose another folder")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -15,9 +16,11 @@ from isi.bundle.journal import Additions, Chosen, NewEntity
 from isi.bundle.names import plain
 from isi.bundle.phrases import PhraseVector, PhraseVectors
 from isi.bundle.query import Fact, OpenBundle
+from isi.bundle.stored import StoredVector, digest_of, key_of
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS
+from isi.initializers.api import INITIALIZERS, options_of
 from isi.insertion import api
+from isi.insertion.arguments import argument
 from isi.insertion.choice import HIDDEN, hide
 from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
@@ -46,6 +49,7 @@ class InsertedEntity:
 
     record: InsertionRecord  #: its facts are sorted
     vector: np.ndarray  #: shape: (d,)
+    key: str  #: of all inputs of the vector (``isi.bundle.stored``)
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
@@ -58,38 +62,46 @@ class Inserter:
     base: OpenBundle
     phrases: PhraseVectors | None
     chosen: dict[tuple[int, bool], Chosen] = field(default_factory=dict)  #: by number of facts, and whether with words
+    stored: dict[str, StoredVector] = field(default_factory=dict)  #: vectors that were computed before, by key
     _curves: dict[tuple[Any, ...], Curves | None] = field(default_factory=dict)
+
+    @cached_property
+    def _digest(self) -> str:
+        """Of all that vectors depend on beside what is inserted."""
+        base = self.base
+        about = [base.manifest.model_name, base.manifest.model_options, base.kinds, base.entity_names]
+        tables = base.entities, base.relations, base.triples, base.words
+        return key_of(about, digest_of(*tables))
 
     def rows(self, additions: Additions, names: Collection[str]) -> dict[str, InsertedEntity]:
         """The entities ``names``, and all that share facts with them, inserted from all their facts.
 
         An ``InputError`` names an entity that has neither facts nor words nor an initializer of its own.
         """
-        groups, done, facts = dict[tuple[Any, ...], list[str]](), set[str](), self.facts_of(additions)
-        words = dict[str, PhraseVector]()
+        groups = dict[tuple[Any, ...], list[str]]()
+        facts, words = dict[str, list[Fact]](), dict[str, PhraseVector]()
         for name in additions.entities:
-            if name in names and name not in done:
-                listed = _together(name, facts)
-                done.update(listed)
+            if name in names and name not in facts:
+                listed = _together(name, additions.of_entity)
+                facts |= {each: sorted(additions.of_entity[each]) for each in listed}
                 words |= {each: self.words(each, additions.entities[each]) for each in listed}
                 method = self._method(listed, additions, facts, words)
-                groups.setdefault((method,) if len(listed) == 1 else (method, listed[0]), []).extend(listed)
+                group = (method,) if len(listed) == 1 else (method, listed[0])
+                groups.setdefault(group, []).extend(listed)
+        known_triples = self.known_triples(additions)
         rows = dict[str, InsertedEntity]()
-        for (method, *_), together in groups.items():
-            rows |= self._insert(method, sorted(together), additions, facts, words)
+        for (method, *others), listed in groups.items():
+            names, shares = sorted(listed), bool(others)
+            rows |= self._insert(method, names, shares, additions, facts, words, known_triples)
         return rows
+
+    def known_triples(self, additions: Additions) -> np.ndarray:
+        """The triples of training that have not been retracted; ids, shape (T, 3)."""
+        return self.base.triples_without(additions.retracted)
 
     def words(self, name: str, about: NewEntity) -> PhraseVector:
         """The word vector of a new entity, from its definition or its name."""
         return NO_WORDS if self.phrases is None else self.phrases.vector(plain(name), about.definition)
-
-    def facts_of(self, additions: Additions) -> dict[str, list[Fact]]:
-        """The sorted facts of each inserted entity."""
-        facts: dict[str, list[Fact]] = {name: [] for name in additions.entities}
-        for fact in sorted(additions.facts):
-            for end in {fact[0], fact[2]} & facts.keys():
-                facts[end].append(fact)
-        return facts
 
     def _method(
         self, names: Sequence[str], additions: Additions, facts: Mapping[str, list[Fact]],
@@ -105,55 +117,85 @@ class Inserter:
         for name in names:
             if not facts[name] and words[name].vector is None and request[0] is None:
                 raise InputError(repr(name)[:80], "", f"expected a fact or a word vector; {words[name].note}")
-        known = [sum(not {head, tail} <= facts.keys() for head, _, tail in facts[name]) for name in names]
+        inserted = additions.entities.keys()
+        known = [sum(not {head, tail} <= inserted for head, _, tail in facts[name]) for name in names]
         return Method(
             prepared(sum(known) / len(known)), all(words[name].vector is not None for name in names), *request
         )
 
     def _insert(
-        self, method: Method, names: list[str], additions: Additions, facts: Mapping[str, list[Fact]],
-        words: Mapping[str, PhraseVector],
+        self, method: Method, names: list[str], together: bool, additions: Additions,
+        facts: Mapping[str, list[Fact]], words: Mapping[str, PhraseVector], known_triples: np.ndarray,
     ) -> dict[str, InsertedEntity]:  # fmt: skip
-        """Insert entities by one method, in one call."""
+        """Insert entities by one method, in one call; ``together``: they share facts."""
         why, warnings = "as named", list[str]()
         if method.initializer is None:
             choice = self.choice(method.facts, method.words)
             why, warnings = choice.why, choice.warnings
-        abouts = [additions.entities[name] for name in names]
-        kinds = [(about.kind, "") if about.kind else self.base.kind_of(name, facts[name], words[name].nearest)
-                 for name, about in zip(names, abouts, strict=True)]  # fmt: skip
-        every = sorted({fact for name in names for fact in facts[name]})
-        result = self.insert(method, names, every, words, [kind for kind, _ in kinds])
-        rows, vectors = dict[str, InsertedEntity](), result.entities[len(self.base.entities) :]
-        for name, about, (kind, reason), vector, fallback in zip(
-            names, abouts, kinds, vectors, result.fallback, strict=True
-        ):
+        initializer, options = self._resolved(method)
+        kinds, reasons = dict[str, str](), dict[str, str]()
+        for name in names:
+            about = additions.entities[name]
+            kinds[name], reasons[name] = about.kind or "", ""
+            if not about.kind:
+                kinds[name], reasons[name] = self.base.kind_of(name, facts[name], words[name].nearest)
+        inputs = {name: [name, facts[name], kinds[name], digest_of(words[name].vector)] for name in names}
+        shared = [self._digest, initializer, options, method.seed, sorted(additions.retracted)]
+        keys = {name: key_of(shared, inputs if together else inputs[name], name) for name in names}
+        vectors = {name: self.stored[keys[name]] for name in names if keys[name] in self.stored}
+        if missing := [name for name in names if name not in vectors]:
+            missing = names if together else missing
+            every = sorted({fact for name in missing for fact in facts[name]})
+            of_missing = [kinds[name] for name in missing]
+            result = self.insert(method, missing, every, words, of_missing, known_triples)
+            computed = result.entities[len(self.base.entities) :]
+            for name, vector, fallback in zip(missing, computed, result.fallback, strict=True):
+                vectors[name] = StoredVector(vector.copy(), fallback)
+        rows = dict[str, InsertedEntity]()
+        for name in names:
+            about = additions.entities[name]
             record = InsertionRecord(
-                entity=name, insert_triples=facts[name], definition=about.definition,
-                requested_initializer=about.initializer, options=dict(result.options), seed=about.seed,
-                initializer=result.initializer, why=why, fallback=fallback,
-            )  # fmt: skip
-            note = f"{name} has no words: {words[name].note}" if words[name].vector is None else ""
-            notes = (reason, note, *self.base.kind_notes(facts[name], name), *warnings)
-            rows[name] = InsertedEntity(record, vector.copy(), words[name], kind, tuple(filter(None, notes)))
+                entity=name,
+                insert_triples=facts[name],
+                definition=about.definition,
+                requested_initializer=about.initializer,
+                options=options,
+                seed=about.seed,
+                initializer=initializer,
+                why=why,
+                fallback=vectors[name].fallback,
+            )
+            no_words = words[name].vector is None
+            note = f"{name} has no words: {words[name].note}" if no_words else ""
+            unusual = self.base.kind_notes(facts[name], name)
+            notes = tuple(filter(None, (reasons[name], note, *unusual, *warnings)))
+            vector = vectors[name].vector
+            rows[name] = InsertedEntity(record, vector, keys[name], words[name], kinds[name], notes)
         return rows
+
+    def _resolved(self, method: Method) -> tuple[str, dict[str, Any]]:
+        """The initializer of a method, and all its options."""
+        if method.initializer is None:
+            choice = self.choice(method.facts, method.words)
+            return choice.initializer, dict(choice.options)
+        with argument("initializer"):
+            registered = INITIALIZERS.get(method.initializer, "initializer")
+            given = {**registered.defaults, **dict(method.options)}
+            return method.initializer, options_of(method.initializer, given, "initializer")
 
     def insert(
         self, method: Method, names: list[str], facts: Iterable[Fact], words: Mapping[str, PhraseVector],
-        kinds: Sequence[str],
+        kinds: Sequence[str], known_triples: np.ndarray,
     ) -> Inserted:  # fmt: skip
         """``isi.insert`` with the bundle's data."""
-        initializer, options = method.initializer, dict(method.options)
-        if initializer is None:
-            choice = self.choice(method.facts, method.words)
-            initializer, options = choice.initializer, choice.options
+        initializer, options = self._resolved(method)
         base, number = self.base, len(self.base.entities)
         ids = ChainMap({name: row for row, name in enumerate(names, number)}, base.entity_ids)
         triples = [(ids[head], base.relation_ids[relation], ids[tail]) for head, relation, tail in facts]
         new_kinds = [base.kind_numbers.get(kind, len(base.kind_numbers)) for kind in kinds]
         return api.insert(
             base.entities, base.relations, np.array(triples, np.int64).reshape(-1, 3), new=len(names),
-            model=base.model, known_triples=base.triples, words=self.word_rows(names, words),
+            model=base.model, known_triples=known_triples, words=self.word_rows(names, words),
             kinds=np.concatenate([base.kind_ids, new_kinds]), initializer=initializer, options=options,
             seed=method.seed,
         )  # fmt: skip
@@ -203,13 +245,15 @@ class Inserter:
         theta0 = replace(base.embedding, model=api.one_score(base.model))
         return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids + 1, 0
 
-    def prepare(self) -> Iterator[None]:
-        """Choose initializers and fit curves for all numbers of facts, a step at each ``next``."""
+    def preparation(self) -> Iterator[Callable[[], object]]:
+        """Steps that choose initializers and fit curves for all numbers of facts; some take a second."""
         for number, words in product(PREPARED, [False] if self.phrases is None else [False, True]):
-            choice = self.choice(number, words)
-            yield
-            self._fit(number, words, choice.initializer, choice.options)
-            yield
+            yield partial(self.choice, number, words)
+            yield partial(self._fit_chosen, number, words)
+
+    def _fit_chosen(self, number: int, words: bool) -> None:
+        choice = self.choice(number, words)
+        self._fit(number, words, choice.initializer, choice.options)
 
 
 def prepared(facts: float) -> int:
@@ -217,7 +261,7 @@ def prepared(facts: float) -> int:
     return max(number for number in PREPARED if number <= facts)
 
 
-def _together(name: str, facts: Mapping[str, Sequence[Fact]]) -> list[str]:
+def _together(name: str, facts: Mapping[str, Collection[Fact]]) -> list[str]:
     """The inserted entities that a chain of facts joins to one of them, sorted; ``facts``: of each."""
     reached, waiting = {name}, [name]
     while waiting:

@@ -8,24 +8,35 @@ each other. Those that share a fact are inserted together (``isi.insertion.round
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import torch
 
 from isi.bundle import folder as folders
 from isi.bundle import journal as journals
+from isi.bundle import stored
 from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.bundle.folder import Bundle
 from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
-from isi.bundle.journal import Additions, Change, Chosen, Effect, Journal, NewEntity
-from isi.bundle.names import check_new, find, plain
+from isi.bundle.journal import (
+    Change,
+    Chosen,
+    Difference,
+    Effect,
+    Journal,
+    Line,
+    NewEntity,
+)
+from isi.bundle.names import check_new, find, known_as, plain
 from isi.bundle.phrases import SAME, phrase_vectors
-from isi.bundle.query import OpenBundle, Query, open_bundle
+from isi.bundle.query import Fact, OpenBundle, Query, as_facts, open_bundle
+from isi.bundle.stored import StoredVector
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import TripleForms
@@ -51,18 +62,17 @@ class LiveEmbedding:
     """
 
     def __init__(
-        self, bundle: Bundle, lines: Sequence[Change | Chosen] | None = None, folder: Path | None = None,
+        self, bundle: Bundle, lines: Sequence[Line] | None = None, folder: Path | None = None,
         vectors: Path | None = None, journal: Journal | None = None,
     ) -> None:  # fmt: skip
-        """Use ``isi.open``. ``lines``: those of the journal; null: the bundle's own records of insertions."""
+        """Use ``isi.open``. ``lines``: those of the journal; None: the bundle's own records of insertions."""
         opened = bundle if isinstance(bundle, OpenBundle) else OpenBundle(**vars(bundle))
         records = opened.manifest.inserted
         listed = list(journals.from_records(opened)) if lines is None else list(lines)
-        self.folder, self.changes = folder, [line for line in listed if isinstance(line, Change)]
+        numbered = [(line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)]
+        self.folder, self.changes = folder, [change for change, _ in numbered]
         known = opened.part(np.arange(len(opened.entities) - len(records)))
-        added = {fact for change in self.changes for fact in change.facts}
-        trained = np.array([fact not in added for fact in known.named_triples()], dtype=bool)
-        known = replace(known, triples=known.triples[trained])
+        known = replace(known, triples=known.triples_without(_added_later(self.changes, known)))
         phrases = phrase_vectors(known, vectors)
         self._words = known.words  #: as ``save`` writes them
         if phrases and vectors:
@@ -73,10 +83,13 @@ class LiveEmbedding:
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
         self.inserter, self._known_curves = Inserter(self.base, phrases, chosen), dict[tuple[int, int], Curve | None]()
-        self.additions, self._rows = Additions(), dict[str, InsertedEntity]()
-        additions = journals.additions_of(self.changes)
-        self._accept(additions, self.inserter.rows(additions, additions.entities.keys()))
-        self._journal, self._pending, self._on_disk = journal, list[Change | Chosen](), len(lines or ())
+        self.inserter.stored = stored.read(folder) if folder else {}
+        file = folder / folders.JOURNAL if folder and lines is not None else None
+        self.additions = journals.replayed(self.changes, self.base, file, [number for _, number in numbered])
+        self._rows = self.inserter.rows(self.additions, self.additions.entities.keys())
+        self._rows = {name: self._rows[name] for name in self.additions.entities}
+        self._fact_ids = self._ids_now(self.additions.facts)
+        self._journal, self._pending, self._on_disk = journal, list[Line](), len(lines or ())
         self._append(self.changes if lines is None else [])
 
     # -- changes -------------------------------------------------------------------------------------------------------
@@ -84,7 +97,8 @@ class LiveEmbedding:
     def insert(
         self, entities: str | Sequence[str], facts: Any = (), *, definition: str | Mapping[str, str] | None = None,
         kind: str | Mapping[str, str] | None = None, initializer: str | None = None,
-        options: Mapping[str, Any] | None = None, seed: int = 0, new: bool = False,
+        options: Mapping[str, Any] | None = None, seed: int = 0, new: bool = False, upsert: bool = False,
+        time: datetime | None = None, source: str | None = None,
     ) -> Effect:  # fmt: skip
         """Insert one or more new entities with their facts.
 
@@ -93,13 +107,17 @@ class LiveEmbedding:
             facts: triples; for one entity also its tails by relation, ``{"atLocation": "kitchen"}``.
             definition: a sentence for the word vector; by name for several entities. So is ``kind``; without it, the
                 kind follows from the facts, or else from the most similar words.
-            initializer: null: the best for hidden known entities with as many facts. ``options`` replace its defaults.
+            initializer: None: the best for hidden known entities with as many facts. ``options`` replace its defaults.
             seed: of a random initializer.
             new: insert a name that looks like a known one ("Forks" beside "fork").
+            upsert: of an entity that is known already, only the facts are added.
+            time: when it was observed; None: now. ``source``: what reported it.
         """
         names = [entities] if isinstance(entities, str) else list(entities)
         if isinstance(facts, Mapping) and not any(isinstance(tails, Mapping) for tails in facts.values()):
             facts = dict.fromkeys(names, facts)
+        present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
+        names = [name for name in names if name not in present]
         kinds, about = dict.fromkeys(filter(None, self.base.kinds)), {}
         for name in names:
             words = self.inserter.words(name, NewEntity())
@@ -113,34 +131,101 @@ class LiveEmbedding:
                 )
         listed = self.now.facts(facts, names)
         added = self.now.unknown(listed)
-        return self._change(Change(do="insert", entities=about, facts=added), len(listed) - len(added))
+        do: Literal["insert", "observe"] = "insert" if about else "observe"
+        change = Change(do=do, entities=about, facts=added, time=time, source=source)
+        notes = [f"{name} is known: its facts alone are added" for name in present]
+        return self._change(change, len(listed) - len(added), notes)
 
-    def observe(self, facts: TripleForms) -> Effect:
-        """Add facts between known or inserted entities. Inserted ones get a new vector from all their facts."""
+    def observe(
+        self, facts: TripleForms, *, upsert: bool = False, time: datetime | None = None, source: str | None = None
+    ) -> Effect:
+        """Add facts between known or inserted entities. Inserted ones get a new vector from all their facts.
+
+        ``upsert``: insert entities that are not known yet. ``time`` and ``source`` are as in ``insert``.
+        """
+        if upsert:
+            ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
+            unknown = [end for end in dict.fromkeys(ends) if not known_as(end, self.now.entity_ids)]
+            return self.insert(unknown, facts, time=time, source=source)
         listed = self.now.facts(facts)
         added = self.now.unknown(listed)
-        return self._change(Change(do="observe", facts=added), len(listed) - len(added))
+        return self._change(Change(do="observe", facts=added, time=time, source=source), len(listed) - len(added))
 
-    def remove(self, entities: str | Sequence[str] = (), facts: TripleForms = ()) -> Effect:
-        """Take inserted entities back with all their facts, or single facts that were added."""
+    def move(
+        self, head: str, relation: str, tail: str, *, instead_of: str | None = None,
+        time: datetime | None = None, source: str | None = None,
+    ) -> Effect:  # fmt: skip
+        """Replace the facts with this head and relation by one fact: ``move("mug", "atLocation", "desk")``.
+
+        ``instead_of``: replace the fact with this tail alone. An ``InputError`` refuses one that does not hold.
+        """
+        ((head, relation, tail),) = self.now.facts([(head, relation, tail)])
+        ids = self.now.entity_ids
+        query = Query(ids[head], self.now.relation_ids[relation], TAIL)
+        tails = [self.now.entity_names[row] for row in sorted(self.now.answers(query))]
+        if instead_of is not None:
+            old = self._entity(instead_of)
+            if old not in tails:
+                place = f"{head} {relation} {old}"
+                raise InputError("", place, "expected a fact that holds, which is to be replaced")
+            gone = [old]
+        else:
+            gone = tails
+        replaced = [(head, relation, old) for old in gone if old != tail]
+        facts = [] if tail in tails else [(head, relation, tail)]
+        change = Change(do="move", facts=facts, replaced=replaced, time=time, source=source)
+        return self._change(change, int(tail in tails))
+
+    def remove(
+        self, entities: str | Sequence[str] = (), facts: TripleForms = (), *,
+        time: datetime | None = None, source: str | None = None,
+    ) -> Effect:  # fmt: skip
+        """Take inserted entities back with all their facts, or single facts.
+
+        A fact that the embedding was trained on is retracted: it is no answer any more, and vectors of inserted
+        entities are computed without it. ``undo`` brings it back, and so does ``observe``.
+        """
         names = [self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)]
         listed = self.now.facts(facts)
-        for fact in listed:
-            if fact not in self.additions.facts:
-                expected = "expected a fact that was added: those that the embedding was trained on stay"
-                raise InputError("", " ".join(fact), expected)
-        return self._change(Change(do="remove", entities=dict.fromkeys(names, NewEntity()), facts=listed))
+        for fact in self.now.unknown(listed):
+            raise InputError("", " ".join(fact), "expected a fact that holds")
+        about = dict.fromkeys(names, NewEntity())
+        return self._change(Change(do="remove", entities=about, facts=listed, time=time, source=source))
 
-    def undo(self) -> Effect:
+    def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
         """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
-        if not journals.in_force(self.changes):
+        if not self.additions.done:
             raise InputError("undo", "", "there is no change to take back")
-        return self._change(Change(do="undo"))
+        return self._change(Change(do="undo", time=time, source=source))
 
     @property
     def history(self) -> list[Change]:
         """All changes since training, those that were undone included."""
         return list(self.changes)
+
+    def compact(self) -> int:
+        """Leave out of the journal what later changes have taken back; the number of lines that are gone.
+
+        The state stays, with the time and source of each fact. ``undo`` then reaches the changes that remain.
+        """
+        if self.folder and not self._journal:
+            raise InputError("compact", "", "expected an embedding that was opened with journal=True")
+        changes = journals.compacted(self.changes)
+        gone = len(self.changes) - len(changes)
+        if self._journal and gone:
+            self._journal.replace([*self.inserter.chosen.values(), *changes])
+            self._listed = len(self.inserter.chosen)
+        self.changes, self.additions = changes, journals.additions_of(changes)
+        self._number_facts()
+        return gone
+
+    def prepare(self) -> None:
+        """Choose initializers and fit curves now, in some seconds, so that no later call waits for that.
+
+        Without it, the first insertion with a number of facts makes the choice for this number.
+        """
+        for step in self.inserter.preparation():
+            step()
 
     # -- answers -------------------------------------------------------------------------------------------------------
 
@@ -188,14 +273,17 @@ class LiveEmbedding:
     def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
         """How far inserted entities push known answers down: all of them, or those named; null without known triples.
 
-        ``isi.insertion.interference`` defines the measures. The queries are of triples of training.
+        ``isi.insertion.interference`` defines the measures. The queries are of triples of training
+        that hold.
         """
         now, known = self.now, len(self.base.entities)
-        if not len(self.base.triples) or not self._rows:
+        if not len(self.known_triples) or not self._rows:
             return None
         chosen = [now.entity_ids[self._inserted(name)] for name in entities]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
-        return measure(part.embedding, part.names, part.labels, self.base.triples, [part.triples], known, most, 0, show)
+        return measure(
+            part.embedding, part.names, part.labels, self.known_triples, [part.triples], known, most, 0, show
+        )
 
     # -- state ---------------------------------------------------------------------------------------------------------
 
@@ -205,21 +293,26 @@ class LiveEmbedding:
         return dict(self._rows)
 
     @cached_property
+    def known_triples(self) -> np.ndarray:
+        """The triples of training that hold; ids, shape (T, 3)."""
+        return self.inserter.known_triples(self.additions)
+
+    @cached_property
     def now(self) -> OpenBundle:
-        """The bundle with all inserted entities in its last rows, and all facts."""
+        """The bundle with all inserted entities in its last rows, and all facts that hold."""
         base, rows = self.base, list(self._rows.values())
         names, words = [row.record.entity for row in rows], base.words
-        larger = replace(
-            base, manifest=base.manifest.model_copy(update={"inserted": [row.record for row in rows]}),
+        return replace(
+            base,
+            manifest=base.manifest.model_copy(update={"inserted": [row.record for row in rows]}),
             entities=np.concatenate([base.entities, *(row.vector[None] for row in rows)]),
-            entity_names=base.entity_names + names, kinds=base.kinds + [row.kind for row in rows],
+            entity_names=base.entity_names + names,
+            kinds=base.kinds + [row.kind for row in rows],
             phrases=base.phrases + [plain(name) for name in names],
             words=None if words is None else with_rows(words, [row.words.vector for row in rows]),
-        )  # fmt: skip
-        ids = ChainMap({name: row for row, name in enumerate(names, len(base.entities))}, base.entity_ids)
-        labels = base.relation_ids
-        facts = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in self.additions.facts]
-        return replace(larger, triples=np.concatenate([base.triples, np.array(facts, np.int64).reshape(-1, 3)]))
+            triples=np.concatenate([self.known_triples, self._fact_ids]),
+            retracted=base.ids_of(self.additions.retracted),
+        )
 
     def save(self, folder: str | Path | None = None) -> None:
         """Append the changes to the journal of the folder that was opened, or write all into another folder."""
@@ -232,9 +325,9 @@ class LiveEmbedding:
         if self.folder is None or path.resolve() != self.folder.resolve():
             words = self._words  # inserted entities have none: their names give them again
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
-            folders.write(
-                path, replace(self.now, words=words), journals.text_of([*self.inserter.chosen.values(), *self.changes])
-            )
+            trained_too = np.concatenate([self.base.triples, self._fact_ids])  # the journal retracts
+            lines: list[Line] = [*self.inserter.chosen.values(), *self.changes]
+            folders.write(path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines))
         elif self._pending:
             journal = Journal(path)
             try:
@@ -248,7 +341,10 @@ class LiveEmbedding:
 
     def close(self) -> None:
         """Let other processes change the folder."""
-        if self._journal:
+        if self._journal and self.folder:
+            vectors = {row.key: StoredVector(row.vector, row.record.fallback) for row in self._rows.values()}
+            if vectors and vectors.keys() != self.inserter.stored.keys():
+                stored.write(self.folder, vectors)
             self._journal.close()
 
     def __enter__(self) -> Self:
@@ -266,30 +362,66 @@ class LiveEmbedding:
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _change(self, change: Change, known: int = 0) -> Effect:
+    def _change(self, change: Change, known: int = 0, notes: Sequence[str] = ()) -> Effect:
         """Compute what a change alters, write it to an open journal, and only then accept it."""
-        if not (change.entities or change.facts or change.do == "undo"):
-            return Effect(known=known)
-        before = self.additions
-        copy = Additions(dict(before.entities), dict(before.facts))
-        after = journals.additions_of([*self.changes, change]) if change.do == "undo" else copy.changed(change)
-        touched = {end for fact in before.facts.keys() ^ after.facts.keys() for end in (fact[0], fact[2])}
-        touched |= {name for name, about in after.entities.items() if before.entities.get(name) != about}
-        computed = self.inserter.rows(after, touched & after.entities.keys())
-        self._append([change])
-        old, rows = self._rows, {name: computed.get(name) or self._rows[name] for name in after.entities}
-        self.changes.append(change)
-        self._accept(after, rows)
-        notes = [note for name in rows if name in computed for note in rows[name].notes]
+        if change.is_empty:
+            return Effect(known=known, notes=list(notes))
+        stamped = change if change.time else change.model_copy(update={"time": journals.now()})
+        altered = self.additions.apply(stamped)
+        try:
+            computed = self.inserter.rows(self.additions, self._touched(altered))
+            self._append([stamped])
+        except BaseException:
+            self.additions.revert(stamped, altered)
+            raise
+        old = self._rows
+        self._rows = {name: computed.get(name) or old[name] for name in self.additions.entities}
+        self.changes.append(stamped)
+        self._accept(altered)
+        said = [note for name in self._rows if name in computed for note in self._rows[name].notes]
         return Effect(
-            [name for name in rows if name not in old], [name for name in computed if name in old],
-            [name for name in old if name not in rows], len(after.facts) - len(before.facts), known,
-            list(dict.fromkeys(notes)),
-        )  # fmt: skip
+            inserted=[name for name in self._rows if name not in old],
+            updated=[name for name in computed if name in old],
+            removed=[name for name in old if name not in self._rows],
+            facts=len(altered.holding),
+            lost=altered.lost,
+            known=known,
+            notes=list(dict.fromkeys([*notes, *said])),
+        )
 
-    def _accept(self, additions: Additions, rows: Mapping[str, InsertedEntity]) -> None:
-        self.additions, self._rows = additions, {name: rows[name] for name in additions.entities}
+    def _touched(self, altered: Difference) -> set[str]:
+        """The inserted entities whose input a difference alters: all, if it alters facts of training."""
+        if altered.retracted or altered.restored:
+            return set(self.additions.entities)
+        facts = altered.added + altered.dropped
+        ends = {end for fact in facts for end in (fact[0], fact[2])}
+        return (ends | altered.inserted.keys()) & self.additions.entities.keys()
+
+    def _accept(self, altered: Difference) -> None:
+        """Bring what is derived from the additions up to date, in a time that hardly grows with their number."""
+        before = self.now
+        self.__dict__.pop("now")
+        if altered.retracted or altered.restored:
+            self.__dict__.pop("known_triples", None)
+        if altered.removed or altered.order:  # entities behind them have other ids
+            self._number_facts()
+            return
+        dropped = before.keys_of(before.ids_of(altered.dropped))
+        left = self._fact_ids[~np.isin(before.keys_of(self._fact_ids), dropped)]
+        self._fact_ids = np.concatenate([left, self._ids_now(altered.added)])
+
+    def _number_facts(self) -> None:
+        """Compute the ids of all added facts again."""
         self.__dict__.pop("now", None)
+        self._fact_ids = self._ids_now(self.additions.facts)
+
+    def _ids_now(self, facts: Iterable[Fact]) -> np.ndarray:
+        """Facts as ids, with the present inserted entities; shape (F, 3), int64."""
+        first = len(self.base.entities)
+        inserted = {name: row for row, name in enumerate(self._rows, first)}
+        ids, labels = ChainMap(inserted, self.base.entity_ids), self.base.relation_ids
+        rows = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in facts]
+        return np.array(rows, np.int64).reshape(-1, 3)
 
     def _append(self, changes: Sequence[Change]) -> None:
         """List choices that are new, and changes, in the journal if it is open."""
@@ -333,5 +465,27 @@ def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal:
         InputError: the folder or its journal is missing or broken, or open in another process.
     """
     path, opened = Path(folder), open_bundle(Path(folder))
+    words = Path(vectors) if vectors else None
     lock = Journal(path) if journal else None  # then the journal is complete
-    return LiveEmbedding(opened, journals.read(path), path, Path(vectors) if vectors else None, lock)
+    try:
+        return LiveEmbedding(opened, journals.read(path), path, words, lock)
+    except BaseException:
+        if lock:
+            lock.close()
+        raise
+
+
+def _added_later(changes: Sequence[Change], known: OpenBundle) -> list[Fact]:
+    """The triples of a bundle that changes have added: those that a change adds before any removes them."""
+    first = dict[Fact, bool]()
+    for change in changes:
+        for fact in change.removed:
+            first.setdefault(fact, False)
+        for fact in change.added:
+            first.setdefault(fact, True)
+    names = known.entity_ids.keys()
+    return [
+        fact
+        for fact, is_added in first.items()
+        if is_added and {fact[0], fact[2]} <= names and fact[1] in known.relation_ids
+    ]

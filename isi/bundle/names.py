@@ -47,6 +47,13 @@ def same_name(first: str, second: str) -> bool:
     return plain(first).replace(" ", "") == plain(second).replace(" ", "")
 
 
+def known_as(text: str, names: Collection[str]) -> str | None:
+    """The first of some names that is the same as a text (``same_name``), or None."""
+    if text in names:
+        return text
+    return next((name for name in names if same_name(name, text)), None)
+
+
 def find(text: str, names: Collection[str], place: str, expected: str) -> str:
     """The name that equals a text, or else the only ``same_name``; an ``InputError`` suggests similar names."""
     same = [text] if text in names else [name for name in names if same_name(name, text)]

@@ -1,9 +1,9 @@
 """Queries to a bundle: scores, known answers, candidates, nearest entities, and lookup of typed names."""
 
 from collections import ChainMap, Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -41,6 +41,8 @@ class OpenBundle(Bundle):
     """A bundle with its scoring function."""
 
     scoring: Model | None = None  #: null: the model that the manifest names
+    #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
+    retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
     @cached_property
     def model(self) -> Model:
@@ -72,9 +74,27 @@ class OpenBundle(Bundle):
 
     def answers(self, query: Query) -> set[int]:
         """The known answers of a query."""
-        other = HEAD + TAIL - query.slot
-        of_query = (self.triples[:, other] == query.given) & (self.triples[:, RELATION] == query.relation)
-        return set(self.triples[of_query, query.slot].tolist())
+        return answers_in(self.triples, query)
+
+    def ids_of(self, facts: Iterable[Fact]) -> np.ndarray:
+        """Facts by name as ids, shape (F, 3), int64."""
+        ids, labels = self.entity_ids, self.relation_ids
+        rows = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in facts]
+        return np.array(rows, np.int64).reshape(-1, 3)
+
+    def keys_of(self, triples: np.ndarray) -> np.ndarray:
+        """A number for each triple of ids, (T, 3); equal triples have equal numbers."""
+        head, relation, tail = triples.T
+        number = len(self.entities)
+        keys: np.ndarray = (relation * number + head) * number + tail
+        return keys
+
+    def triples_without(self, facts: Collection[Fact]) -> np.ndarray:
+        """The known triples but some, given by name; shape (T, 3)."""
+        if not facts:
+            return self.triples
+        left_out = self.keys_of(self.ids_of(facts))
+        return self.triples[~np.isin(self.keys_of(self.triples), left_out)]
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
         """Scores of all entities in the slot, (Q, E), for given entities, (Q,), and a relation."""
@@ -110,10 +130,13 @@ class OpenBundle(Bundle):
         return torch.from_numpy(np.flatnonzero(fits))
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """Candidates and known answers, best first, and scores. The given entity is excluded unless it is an answer."""
-        candidates = self.candidates(query.relation, query.slot)
-        others = candidates[candidates != query.given]
-        candidates = torch.tensor(sorted({*others.tolist(), *self.answers(query)}))
+        """Candidates and known answers, best first, and scores, without retracted answers.
+
+        The given entity is excluded unless it is an answer.
+        """
+        fitting = set(self.candidates(query.relation, query.slot).tolist()) - {query.given}
+        listed = (fitting | self.answers(query)) - answers_in(self.retracted, query)
+        candidates = torch.tensor(sorted(listed), dtype=torch.int64)
         scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
         best = scores.sort(descending=True, stable=True)
         return candidates[best.indices], best.values
@@ -168,13 +191,11 @@ class OpenBundle(Bundle):
     def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
         """Facts in any form of ``listed_triples``, by name and once each; InputError for a name that is unknown."""
         names, listed = ChainMap(dict.fromkeys(new, -1), self.entity_ids), dict[Fact, None]()
-        for number, fact in enumerate(listed_triples(facts)):
-            whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
-            if not (whole and all(isinstance(part, str) for part in fact)):
-                raise InputError(f"fact {number}", "", f"expected head, relation and tail by name, got {short(fact)}")
-            place = " ".join(fact)[:80]
-            head, tail = (find(end, names, place, "an entity") for end in (fact[0], fact[2]))
-            listed[head, find(fact[1], self.relation_ids, place, "a relation"), tail] = None
+        for head, relation, tail in as_facts(facts):
+            place = f"{head} {relation} {tail}"[:80]
+            ends = [find(end, names, place, "an entity") for end in (head, tail)]
+            label = find(relation, self.relation_ids, place, "a relation")
+            listed[ends[0], label, ends[1]] = None
         return list(listed)
 
     def unknown(self, facts: Iterable[Fact]) -> list[Fact]:
@@ -202,8 +223,29 @@ class OpenBundle(Bundle):
         return replace(
             self, manifest=self.manifest.model_copy(update={"inserted": inserted}), entities=self.entities[rows],
             entity_names=names, kinds=kinds, phrases=phrases, triples=triples[(triples >= 0).all(1)],
+            retracted=np.zeros((0, 3), np.int64),
             words=None if self.words is None else self.words[rows],
         )  # fmt: skip
+
+
+def as_facts(facts: Any) -> list[Fact]:
+    """Facts in any form of ``listed_triples`` as typed; an ``InputError`` refuses what is not three texts."""
+    listed = list[Fact]()
+    for number, fact in enumerate(listed_triples(facts)):
+        whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
+        if not (whole and all(isinstance(part, str) for part in fact)):
+            expected = "expected head, relation and tail by name"
+            raise InputError(f"fact {number}", "", f"{expected}, got {short(fact)}")
+        head, relation, tail = fact
+        listed.append((head, relation, tail))
+    return listed
+
+
+def answers_in(triples: np.ndarray, query: Query) -> set[int]:
+    """The answers of a query in triples of ids, (T, 3)."""
+    other = HEAD + TAIL - query.slot
+    of_query = (triples[:, other] == query.given) & (triples[:, RELATION] == query.relation)
+    return set(triples[of_query, query.slot].tolist())
 
 
 def open_bundle(folder: Path) -> OpenBundle:

@@ -5,14 +5,19 @@ A request has one key of ``VERBS``, perhaps more keys of ``Request``, and perhap
 """
 
 import asyncio
+import json
+import signal
+import socket as sockets
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from select import select
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
-from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic import BeforeValidator, Field
 from pydantic_core import to_json
 
 from isi.bundle.answers import Answers
@@ -24,6 +29,7 @@ from isi.insertion.arguments import listed_triples
 from isi.process import STOPPING
 
 LONGEST = 2**20  #: Maximum number of bytes of a request to a socket.
+MOST_QUERIES = 10_000  #: In one request.
 
 
 def _as_names(names: Any) -> Any:
@@ -36,8 +42,14 @@ def _by_name(entities: Any) -> Any:
     return {name: {} for name in names} if of_texts else names
 
 
+def _as_queries(queries: Any) -> Any:
+    one = isinstance(queries, list) and not any(isinstance(part, list) for part in queries)
+    return [queries] if one and queries else queries
+
+
 Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, or ``true`` for none.
-Facts = list[Annotated[list[Text], Field(min_length=3, max_length=3)]]
+Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
+Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]  #: null is what is asked for
 EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
 
 
@@ -46,71 +58,184 @@ class Request(Section):
 
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)] = Field({})
-    observe: Facts = Field([])
+    observe: list[Fact] = Field([])
+    move: list[Text] = Field([], min_length=3, max_length=3)
     remove: Names = Field([])
     undo: Literal[True] = True
-    ask: Annotated[list[Text | None], Field(min_length=3, max_length=3)] = Field([])  #: null is what is asked for
+    #: one query, or several
+    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)] = Field([])
     nearest: Text = ""
     explain: Text = ""
     interference: Names = Field([])
     history: Literal[True] = True
-    facts: Facts = Field([])
+    compact: Literal[True] = True
+    facts: list[Fact] = Field([])
     definition: EachText = None
     kind: EachText = None
     initializer: Text | None = None
     options: dict[str, Option] = Field({})
     seed: Seed = 0
     new: bool = False
+    upsert: bool = False
+    instead_of: Text | None = None
+    time: Annotated[datetime | None, Field(strict=False)] = None
+    source: Text | None = None
     top: Count = 10
 
+    @property
+    def stamp(self) -> dict[str, Any]:
+        """When a change was made, and what reported it."""
+        return {"time": self.time, "source": self.source}
 
-def _answers(best: Answers) -> Mapping[str, Any]:
+
+Result = Mapping[str, Any]  #: The fields of an answer.
+_ABOUT = {"definition", "kind", "initializer", "options", "seed", "new", "upsert"}
+
+
+def _insert(live: LiveEmbedding, given: Request) -> Result:
+    facts = [*listed_triples(given.insert), *given.facts]
+    about = given.model_dump(include=_ABOUT)
+    return vars(live.insert(list(given.insert), facts, **about, **given.stamp))
+
+
+def _observe(live: LiveEmbedding, given: Request) -> Result:
+    return vars(live.observe(given.observe, upsert=given.upsert, **given.stamp))
+
+
+def _move(live: LiveEmbedding, given: Request) -> Result:
+    head, relation, tail = given.move
+    effect = live.move(head, relation, tail, instead_of=given.instead_of, **given.stamp)
+    return vars(effect)
+
+
+def _remove(live: LiveEmbedding, given: Request) -> Result:
+    return vars(live.remove(given.remove, given.facts, **given.stamp))
+
+
+def _undo(live: LiveEmbedding, given: Request) -> Result:
+    return vars(live.undo(**given.stamp))
+
+
+def _ask(live: LiveEmbedding, given: Request) -> Result:
+    results = [_answers(live.ask(head, relation, tail, given.top)) for head, relation, tail in given.ask]
+    return results[0] if len(results) == 1 else {"results": results}
+
+
+def _answers(best: Answers) -> Result:
     return {"query": best.query, "sure": best.sure, "answers": best.answers}
 
 
-_ABOUT = {"definition", "kind", "initializer", "options", "seed", "new"}
-#: By verb, the fields of the answer to a request.
-VERBS: dict[str, Callable[[LiveEmbedding, Request], Mapping[str, Any]]] = {
-    "insert": lambda live, given: vars(
-        live.insert(
-            list(given.insert), [*listed_triples(given.insert), *given.facts], **given.model_dump(include=_ABOUT)
-        )
-    ),
-    "observe": lambda live, given: vars(live.observe(given.observe)),
-    "remove": lambda live, given: vars(live.remove(given.remove, given.facts)),
-    "undo": lambda live, _: vars(live.undo()),
-    "ask": lambda live, given: _answers(live.ask(*given.ask, top=given.top)),  # type: ignore[misc, arg-type]
-    "nearest": lambda live, given: {
-        "nearest": [{"entity": name, "cosine": cosine} for name, cosine in live.nearest(given.nearest, given.top)]
-    },
-    "explain": lambda live, given: {"explain": live.explain(given.explain, given.top)},
-    "interference": lambda live, given: {"interference": live.interference(given.interference)},
-    "history": lambda live, _: {"history": [change.model_dump(exclude_defaults=True) for change in live.history]},
-}  # fmt: skip
-_OBJECT = TypeAdapter(dict[str, Any])
+def _nearest(live: LiveEmbedding, given: Request) -> Result:
+    listed = live.nearest(given.nearest, given.top)
+    return {"nearest": [{"entity": name, "cosine": cosine} for name, cosine in listed]}
+
+
+def _explain(live: LiveEmbedding, given: Request) -> Result:
+    return {"explain": live.explain(given.explain, given.top)}
+
+
+def _interference(live: LiveEmbedding, given: Request) -> Result:
+    return {"interference": live.interference(given.interference)}
+
+
+def _history(live: LiveEmbedding, _: Request) -> Result:
+    rows = [change.model_dump(mode="json", exclude_defaults=True) for change in live.history]
+    return {"history": rows}
+
+
+def _compact(live: LiveEmbedding, _: Request) -> Result:
+    return {"compacted": live.compact()}
+
+
+#: By verb, what computes the fields of the answer to a request.
+VERBS: dict[str, Callable[[LiveEmbedding, Request], Result]] = {
+    "insert": _insert,
+    "observe": _observe,
+    "move": _move,
+    "remove": _remove,
+    "undo": _undo,
+    "ask": _ask,
+    "nearest": _nearest,
+    "explain": _explain,
+    "interference": _interference,
+    "history": _history,
+    "compact": _compact,
+}
 
 
 def answer(live: LiveEmbedding, line: bytes) -> bytes:
-    """The line that answers a request: what was done or found; ``error`` if it is refused, and then nothing changed."""
+    """The line that answers a request: what was done or found.
+
+    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has one that fails
+    unexpectedly (``internal: ...``); its traceback goes to standard error.
+    """
     label: dict[str, Any] = {}
     try:
         with at("request"):
-            request = _OBJECT.validate_json(line.removeprefix(b"\xef\xbb\xbf"))
+            request = _parsed(line)
             label = {"id": request.pop("id")} if "id" in request else {}
             given = check(request, Request, "", "")
             if len(verbs := VERBS.keys() & request.keys()) != 1:
                 raise InputError("", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}")
         result = VERBS[verbs.pop()](live, given)
+        return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
-    return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
+    except Exception as error:  # a fault of ours must not end the process, which serves others
+        result = {"error": log_internal(error)}
+    return to_json(label | result) + b"\n"
 
 
-def answer_input(live: LiveEmbedding, steps: Iterator[None]) -> None:
+def log_internal(error: Exception) -> str:
+    """Print the traceback of an unexpected error to standard error; one line that says what it was."""
+    traceback.print_exception(error)
+    return f"internal: {type(error).__name__}: {short(str(error))}"
+
+
+def _parsed(line: bytes) -> dict[str, Any]:
+    """A request as an object; InputError for other text, and for a key that stands in an object twice."""
+    try:
+        text = line.decode("utf-8-sig")
+        request = json.loads(text, object_pairs_hook=_keys_once, parse_constant=_refuse_constant)
+    except UnicodeDecodeError:
+        raise  # ``at`` says where
+    except (ValueError, RecursionError) as error:
+        raise InputError("", "", f"expected an object in JSON ({short(str(error))})") from error
+    if not isinstance(request, dict):
+        raise InputError("", "", f"expected an object in JSON, got {short(request)}")
+    return request
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict[str, Any]()
+    for key, value in pairs:
+        if key in result:
+            raise InputError("", "", f"expected each key once, got {short(key)} twice")
+        result[key] = value
+    return result
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise InputError("", "", f"expected a finite number, got {name}")
+
+
+def take_step(steps: Iterator[Callable[[], object]]) -> bool:
+    """Take the next step of a preparation (``Inserter.preparation``), if any is left; a failure is logged."""
+    step = next(steps, None)
+    if step is None:
+        return False
+    try:
+        step()
+    except Exception as error:  # the requests that need it say so again
+        log_internal(error)
+    return True
+
+
+def answer_input(live: LiveEmbedding, steps: Iterator[Callable[[], object]]) -> None:
     """Answer standard input on standard output, to its end. While no request waits, take the next of the ``steps``."""
     with open(0, "rb", buffering=0, closefd=False) as requests:  # without a buffer, which ``select`` would not see
         while True:
-            while not select([requests], [], [], 0)[0] and next(steps, True) is None:
+            while not select([requests], [], [], 0)[0] and take_step(steps):
                 pass
             if not (line := requests.readline()):
                 return
@@ -118,27 +243,79 @@ def answer_input(live: LiveEmbedding, steps: Iterator[None]) -> None:
             sys.stdout.buffer.flush()
 
 
-async def serve(live: LiveEmbedding, steps: Iterator[None], socket: Path) -> None:
-    """Answer the clients of a Unix socket, a request of each in turn, until SIGTERM or Ctrl-C."""
+async def serve(live: LiveEmbedding, steps: Iterator[Callable[[], object]], socket: Path) -> None:
+    """Answer the clients of a Unix socket, a request of each in turn, until SIGTERM or Ctrl-C.
+
+    Only its owner can connect to the socket. An ``InputError`` refuses one that another process serves.
+    """
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError, ValueError, asyncio.CancelledError):  # gone, too long a request, stopped
-            while line := await reader.readline():
-                writer.write(answer(live, line))
+        with suppress(ConnectionError, asyncio.CancelledError):  # gone, or stopped
+            while line := await _request(reader):
+                is_too_long = len(line) > LONGEST
+                writer.write(_TOO_LONG if is_too_long else answer(live, line))
                 await writer.drain()
+                if is_too_long:
+                    break
                 await asyncio.sleep(0)  # the turn of others
         writer.close()
 
     stopped = asyncio.Event()
-    for number in STOPPING:
-        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+    _stop_by_signals(asyncio.get_running_loop(), stopped)
+    if _is_served(socket):
+        raise InputError(socket, "", "another process serves this socket: choose another name")
     try:
-        await asyncio.start_unix_server(talk, socket, limit=LONGEST)
+        server = await asyncio.start_unix_server(talk, socket, limit=LONGEST)
+        socket.chmod(0o600)
+        own = socket.stat().st_ino
     except OSError as error:
         raise unwritable(socket, error) from error
     try:
-        for _ in steps:
-            await asyncio.sleep(0)
-        await stopped.wait()
+        async with server:
+            while not stopped.is_set() and take_step(steps):
+                await asyncio.sleep(0)
+            await stopped.wait()
     finally:
-        socket.unlink(missing_ok=True)
+        with suppress(OSError):
+            if socket.stat().st_ino == own:  # else another process serves it by now
+                socket.unlink()
+
+
+_TOO_LONG = to_json({"error": f"request: expected at most {LONGEST:,} bytes in a line"}) + b"\n"
+
+
+async def _request(reader: asyncio.StreamReader) -> bytes:
+    """The next line of a client; of one that is too long, the first part, which is too long, too."""
+    try:
+        return await reader.readuntil(b"\n")
+    except asyncio.IncompleteReadError as error:
+        return error.partial
+    except asyncio.LimitOverrunError:
+        return await reader.readexactly(LONGEST + 1)
+
+
+def _is_served(socket: Path) -> bool:
+    """Whether a process answers at a socket; one that a killed process has left is free."""
+    with sockets.socket(sockets.AF_UNIX) as client:
+        client.settimeout(1)
+        try:
+            client.connect(str(socket))
+        except TimeoutError:
+            return True  # busy
+        except OSError:
+            return False
+    return True
+
+
+def _stop_by_signals(loop: asyncio.AbstractEventLoop, stopped: asyncio.Event) -> None:
+    """End the process at once on SIGTERM and Ctrl-C, within a step of the preparation or a request, too.
+
+    What such a request has not written to the journal is not done; a part of a line does not count.
+    """
+
+    def stop(*_: object) -> NoReturn:
+        loop.call_soon_threadsafe(stopped.set)  # where Python ignores exceptions, as in a destructor
+        raise SystemExit(0)
+
+    for number in STOPPING:
+        signal.signal(number, stop)

@@ -18,11 +18,11 @@ from cyclopts import Parameter
 
 from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
 from isi.config import check, read, value_of
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.bundle.answers import Answer
+    from isi.bundle.answers import Answer, Answers
     from isi.bundle.explain import Explanation, Report
     from isi.bundle.journal import Effect
     from isi.bundle.live import LiveEmbedding
@@ -34,6 +34,7 @@ Fact = Annotated[
 ]
 Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
 DryRun = Annotated[bool, Parameter(help="print the effect and write nothing")]
+Source = Annotated[str | None, Parameter(help="what reported it, for the history")]
 
 
 def insert(
@@ -48,10 +49,12 @@ def insert(
     definition: Annotated[str | None, Parameter(help="definition in a sentence, for the word vector")] = None,
     kind: Annotated[str | None, Parameter(help="default: the kind that the facts, else the words suggest")] = None,
     new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False,
+    upsert: Annotated[bool, Parameter(help="if NAME is known already, add the facts alone")] = False,
     initializer: Annotated[str | None, Parameter(help="default: the best for hidden known entities")] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
     vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")] = 0,
+    source: Source = None,
     out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, top: Top = 5, verbose: Verbose = False,
     json: Json = False,
 ) -> None:  # fmt: skip
@@ -61,34 +64,59 @@ def insert(
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
     options = _options_in_params(initializer) | settings(set)
-    request = {"initializer": initializer, "options": options, "seed": seed, "new": new}
+    request = {"initializer": initializer, "options": options, "seed": seed, "new": new, "source": source}
     with changing(embedding, out, dry_run, vectors, json) as live, flags(initializer="--initializer", options="--set"):
         if name is None:
             names, facts, kinds = _from_files(live, from_)
-            effect = live.insert(names, facts, kind=kinds, **request) if names else live.observe(facts)  # type: ignore[arg-type]
+            effect = live.insert(names, facts, kind=kinds, **request)  # type: ignore[arg-type]
             summary(live, effect, json)
         else:
             about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
-            live.insert(name, about, definition=definition, kind=kind, **request)  # type: ignore[arg-type]
-            report = live.report(name, top)
-            show(asdict(report), True) if json else print(*in_words(report, verbose), sep="\n")
+            effect = live.insert(
+                name,
+                about,
+                definition=definition,
+                kind=kind,
+                upsert=upsert,
+                **request,  # type: ignore[arg-type]
+            )
+            if effect.inserted:
+                report = live.report(name, top)
+                show(asdict(report), True) if json else print(*in_words(report, verbose), sep="\n")
+            else:
+                summary(live, effect, json)
 
 
 def observe(
-    fact: Fact = (), *, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False
-) -> None:
-    """Add facts of known or inserted entities; these get a new vector from all their facts."""
+    fact: Fact = (), *,
+    new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False, source: Source = None,
+    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False,
+) -> None:  # fmt: skip
+    """Add facts of known or inserted entities; inserted ones get a new vector from all their facts."""
     with changing(embedding, out, dry_run, json=json) as live:
-        summary(live, live.observe(list(fact)), json)
+        summary(live, live.observe(list(fact), upsert=new, source=source), json)
+
+
+def move(
+    head: Annotated[str, Parameter(help="head of the fact")],
+    relation: Annotated[str, Parameter(help="relation of the fact")],
+    tail: Annotated[str, Parameter(help="its new tail")], *,
+    instead_of: Annotated[str | None, Parameter(help="replace the fact with this tail alone; default: all")] = None,
+    source: Source = None,
+    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False,
+) -> None:  # fmt: skip
+    """Replace the facts with this head and relation by one fact: what was moved is in one place."""
+    with changing(embedding, out, dry_run, json=json) as live:
+        summary(live, live.move(head, relation, tail, instead_of=instead_of, source=source), json)
 
 
 def remove(
-    entity: tuple[str, ...] = (), *, fact: Fact = (), out: Out = None, dry_run: DryRun = False,
+    entity: tuple[str, ...] = (), *, fact: Fact = (), source: Source = None, out: Out = None, dry_run: DryRun = False,
     embedding: Embedding = DEFAULT, json: Json = False,
 ) -> None:  # fmt: skip
-    """Take inserted entities back with all their facts, or single facts that were added."""
+    """Take back inserted entities with all their facts, or single facts, those of training included."""
     with changing(embedding, out, dry_run, json=json) as live:
-        summary(live, live.remove(list(entity), list(fact)), json)
+        summary(live, live.remove(list(entity), list(fact), source=source), json)
 
 
 def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False) -> None:
@@ -97,12 +125,31 @@ def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEF
         summary(live, live.undo(), json)
 
 
+def compact(*, embedding: Embedding = DEFAULT) -> None:
+    """Leave out of the journal what later changes have taken back; the state stays."""
+    if embedding.resolve().is_relative_to(paths.FINAL_MODELS.resolve()):
+        raise InputError(embedding, "", "expected a folder of your own: the pipeline writes this one")
+    with open_folder(embedding, journal=True) as live:
+        gone = live.compact()
+        print(f"changes left out of the journal: {gone:,}; {len(live.changes):,} are left")
+
+
 def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
     """List all changes since training, those that were undone included."""
     from isi.bundle.journal import history
 
     changes = history(_existing(embedding))
-    listed = [{"change": each.do, "entities": list(each.entities), "facts": each.facts} for each in changes]
+    listed = [
+        {
+            "change": each.do,
+            "entities": list(each.entities),
+            "facts": each.facts,
+            "replaced": each.replaced,
+            "time": each.time and f"{each.time:%Y-%m-%d %H:%M:%S %Z}",
+            "source": each.source,
+        }
+        for each in changes
+    ]
     show({"changes": listed}, json)
 
 
@@ -122,17 +169,41 @@ def ask(
     head: Annotated[str | None, Parameter(help="head of the query")] = None,
     relation: Annotated[str | None, Parameter(help="relation of the query")] = None,
     tail: Annotated[str | None, Parameter(help="tail of the query")] = None, *,
+    from_: Annotated[
+        Path | None, Parameter(name="--from", help="table of queries: head, relation, tail; ? is what is asked for")
+    ] = None,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
     """Rank the answers of a query with one part missing: tail, head (--tail) or relation (HEAD --tail TAIL)."""
+    if (from_ is None) == (head is None and relation is None and tail is None):
+        raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
     live = open_folder(embedding)
-    with flags(ask="", entity="ENTITY", relation="RELATION"):
-        answers = live.ask(head, relation, tail, top)
-    if json:
-        show(asdict(answers) | {"sure": answers.sure}, True)
+    found: list[Answers] = []
+    if from_ is None:
+        with flags(ask="", entity="ENTITY", relation="RELATION"):
+            found.append(live.ask(head, relation, tail, top))
     else:
+        for line, query in _queries(from_):
+            with at(from_, f"line {line}"):
+                found.append(live.ask(*query, top=top))
+    if json:
+        rows = [asdict(answers) | {"sure": answers.sure} for answers in found]
+        show(rows[0] if from_ is None else {"results": rows}, True)
+        return
+    for answers in found:
         print(" ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses"))
         print(*(f"  {line}" for line in map(_with_mark, answers.answers)), sep="\n")
+
+
+def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, str | None]]]:
+    """The line and the query of each row of a table; None is what is asked for, ``?`` or an empty field."""
+    from isi.sources.readers import read_table
+    from isi.sources.triples import TRIPLE
+
+    rows = read_table(file, TRIPLE, optional=TRIPLE)
+    for line, *row in rows.itertuples():
+        head, relation, tail = (None if part in ("", "?") else part for part in row)
+        yield line, (head, relation, tail)
 
 
 def nearest(
@@ -203,7 +274,9 @@ def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
     lines = [f"{change}: {', '.join(names)}" for change in ("inserted", "updated", "removed")
              if (names := getattr(effect, change))]  # fmt: skip
     if effect.facts:
-        lines.append(f"facts {'added' if effect.facts > 0 else 'removed'}: {abs(effect.facts):,}")
+        lines.append(f"facts added: {effect.facts:,}")
+    if effect.lost:
+        lines.append(f"facts removed: {len(effect.lost):,}")
     lines = lines or ["nothing has changed"]
     if effect.known:
         lines.append(f"facts that were known already: {effect.known:,}")

@@ -22,5 +22,5 @@ def live(
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
     with open_live(folder, vectors=vectors, journal=True) as opened, suppress(SystemExit):
-        steps = opened.inserter.prepare()
+        steps = opened.inserter.preparation()
         asyncio.run(serve(opened, steps, socket)) if socket else answer_input(opened, steps)

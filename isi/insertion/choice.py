@@ -340,4 +340,5 @@ def hide(
 
 def padded(listed: list[list[int]]) -> Tensor:
     """Lists of ids as a table, padded with -1 to the longest."""
-    return pad_sequence(list(map(torch.tensor, listed)), batch_first=True, padding_value=-1)
+    rows = [torch.tensor(ids, dtype=torch.int64) for ids in listed]
+    return pad_sequence(rows, batch_first=True, padding_value=-1)
