@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import BeforeValidator, Field, TypeAdapter
 
 from isi.bundle import folder as folders
 from isi.bundle.folder import JOURNAL, Bundle, ManifestSection, NamedTriple, Text
@@ -22,6 +22,24 @@ from isi.errors import InputError, at, short, unwritable
 from isi.tables.io import atomically
 
 Fact = tuple[str, str, str]  #: Head, relation and tail by name.
+
+
+def as_time(value: Any) -> Any:
+    """A time in UTC, of a text in ISO 8601 (without a zone: in UTC) or of seconds since 1970."""
+    try:
+        if isinstance(value, str):
+            value = datetime.fromisoformat(value)
+        elif isinstance(value, int | float):
+            value = datetime.fromtimestamp(value, UTC)
+    except (ValueError, OverflowError, OSError) as error:
+        expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
+        raise ValueError(f"{expected}, got {short(value)}") from error
+    if not isinstance(value, datetime):
+        return value
+    return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+Time = Annotated[datetime, BeforeValidator(as_time)]
 
 
 class NewEntity(ManifestSection):
@@ -45,7 +63,7 @@ class Change(ManifestSection):
     entities: dict[Text, NewEntity] = Field(default_factory=dict)
     facts: list[NamedTriple] = Field(default_factory=list)
     replaced: list[NamedTriple] = Field(default_factory=list)  #: by ``facts``, of a move
-    time: Annotated[datetime | None, Field(strict=False)] = None  #: when it was made
+    time: Time | None = None  #: when it was made, or what it reports was seen
     source: Text | None = None  #: what reported it: a camera, a person, a file
 
     @property

@@ -12,7 +12,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from datetime import datetime
 from pathlib import Path
 from select import select
 from typing import Annotated, Any, Literal, NoReturn
@@ -22,6 +21,7 @@ from pydantic_core import to_json
 
 from isi.bundle.answers import Answers
 from isi.bundle.folder import Text
+from isi.bundle.journal import Time
 from isi.bundle.live import LiveEmbedding
 from isi.config import Count, Option, Section, Seed, check
 from isi.errors import InputError, at, short, unwritable
@@ -78,7 +78,7 @@ class Request(Section):
     new: bool = False
     upsert: bool = False
     instead_of: Text | None = None
-    time: Annotated[datetime | None, Field(strict=False)] = None
+    time: Time | None = None
     source: Text | None = None
     top: Count = 10
 
