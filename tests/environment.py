@@ -1,6 +1,7 @@
 """Helpers that start commands from tests and wait for a condition."""
 
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -10,6 +11,20 @@ from typing import TypeVar
 #: The environment of commands: the folder of this interpreter is first on the path.
 ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 Value = TypeVar("Value")
+#: Runs a command that may mount file systems, which no other process sees.
+OWN_MOUNTS = ["unshare", "--user", "--map-root-user", "--mount"]
+
+
+def can_mount() -> bool:
+    """Whether such a command works here."""
+    command = [*OWN_MOUNTS, "mount", "-t", "tmpfs", "tmpfs", "/mnt"]
+    try:
+        return not subprocess.run(command, capture_output=True).returncode
+    except OSError:
+        return False
+
+
+CAN_MOUNT = can_mount()
 
 
 def wait_for(value: Callable[[], Value], seconds: float = 30) -> Value:

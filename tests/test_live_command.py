@@ -9,17 +9,27 @@ import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import isi
+from isi.bundle.folder import Bundle, Manifest, write
 from isi.bundle.journal import text_of
-from isi.bundle.stream import VERBS, Request, answer, serve
+from isi.bundle.stream import VERBS, Request, answer, serve, take_step
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
+from tests.environment import CAN_MOUNT, OWN_MOUNTS
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
 from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
+
+KNOWN_FACTS = KNOWN.named_triples()
+#: Facts of known entities that the embedding was not trained on.
+UNKNOWN = [fact for fact in product(["e0", "e3"], ["in"], KNOWN.entity_names) if fact not in KNOWN_FACTS]
 
 
 def written(folder: Path) -> Path:
@@ -192,6 +202,251 @@ def test_a_second_process_is_refused_in_one_line_and_a_signal_ends_the_first(hom
     assert (process.returncode, out) == (0, b"")
     assert errors.count(b"\n") == 1
     assert isi.open(home, journal=True).inserted.keys() == {"new a"}
+
+
+def thor_sized(folder: Path) -> Path:
+    """A bundle for which preparation takes many seconds."""
+    rng = np.random.default_rng(0)
+    entities = rng.standard_normal((145, 100), np.float32) * 0.3
+    relations = rng.standard_normal((3, 100), np.float32) * 0.3
+    limits = [145, 3, 145]
+    triples = np.unique(np.stack([rng.integers(0, most, 1_000) for most in limits], 1), axis=0)
+    names = [f"e{number}" for number in range(145)]
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    bundle = Bundle(manifest, entities, relations, names, [""] * 145, names, ["in", "on", "of"], triples)
+    write(folder, bundle)
+    return folder
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("by_socket", [True, False])
+def test_a_signal_ends_the_process_while_it_prepares(tmp_path: Path, number: signal.Signals, by_socket: bool) -> None:
+    folder, path = thor_sized(tmp_path / "home"), tmp_path / "socket"
+    if by_socket:
+        with socket_of(folder, path) as process:
+            assert connect(path)({"nearest": "e1"})["nearest"]
+            process.send_signal(number)
+            process.communicate(timeout=10)
+        assert not path.exists()
+    else:
+        with serving(folder) as (process, ask):
+            assert ask({"nearest": "e1"})["nearest"]
+            process.send_signal(number)
+            process.communicate(timeout=10)
+    assert process.returncode == 0
+
+
+def test_a_socket_of_another_process_is_refused_and_only_the_own_one_is_removed(tmp_path: Path) -> None:
+    one, other = written(tmp_path / "one"), written(tmp_path / "other")
+    path = tmp_path / "socket"
+    with socket_of(one, path) as process:
+        ask = connect(path)
+        second = subprocess.run(
+            [*COMMAND, str(other), "--socket", str(path)], capture_output=True, check=False, timeout=60
+        )
+        assert second.returncode == 1
+        assert second.stderr.count(b"\n") == 1
+        assert str(path).encode() in second.stderr
+        assert ask({"nearest": "e1"})["nearest"]
+        assert connect(path)({"nearest": "e1"})["nearest"]
+        assert path.stat().st_mode & 0o077 == 0
+        path.unlink()
+        with socket_of(other, path):  # its own, under the name that the first one had
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=10)
+            assert connect(path)({"nearest": "e1"})["nearest"]
+
+
+def uniform(number: int, rooms: int) -> pd.DataFrame:
+    """Things that all have the same facts: hiding a tenth of them may hide no triple of another."""
+    rows = [(f"thing {thing}", "hasAffordance", "open") for thing in range(number)]
+    for room in range(rooms):
+        rows += [(f"thing {thing}", "atLocation", f"room {room}") for thing in range(number)]
+    return pd.DataFrame(rows, columns=["head", "relation", "tail"])
+
+
+@pytest.mark.parametrize(("number", "rooms"), [(20, 1), (20, 2), (30, 2), (6, 1), (2, 1)])
+def test_a_small_uniform_graph_is_served(number: int, rooms: int) -> None:
+    live = isi.train(uniform(number, rooms), dimension=12, budget=1)
+    live.prepare()
+    facts = [["bowl", "atLocation", "room 0"], ["bowl", "hasAffordance", "open"]]
+    inserted = json.loads(answer(live, lines({"insert": "bowl", "facts": facts})))
+    assert inserted["inserted"] == ["bowl"]
+    asked = json.loads(answer(live, lines({"ask": ["bowl", "atLocation", None], "top": 1})))
+    assert asked["answers"][0]["entity"] == "room 0"
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A user's own initializer, which has a fault."""
+    registered = {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
+    monkeypatch.setattr(INITIALIZERS, "_registered", registered)
+
+    @initializer("failing")
+    def fail(context: InitContext) -> InitResult:
+        raise ZeroDivisionError(f"of {len(context.novel)}\nin two lines")
+
+    return "failing"
+
+
+def test_an_unexpected_error_is_answered_and_logged_and_changes_nothing(
+    failing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    live = live_of()
+    live.insert("new a", [("new a", "in", "e1")])
+    before = seen(live)
+    facts = [["new b", "in", "e1"], ["new b", "on", "e2"]]
+    request = {"insert": "new b", "facts": facts, "initializer": failing, "id": 7}
+    refused = json.loads(answer(live, lines(request)))
+    assert refused["id"] == 7
+    assert refused["error"].startswith("internal: ZeroDivisionError")
+    assert "Traceback" in capsys.readouterr().err
+    assert len(live.history) == 1
+    assert_same(seen(live), before)
+    assert json.loads(answer(live, lines({"observe": [["new a", "on", "e3"]]})))["updated"] == ["new a"]
+
+
+def test_a_step_of_the_preparation_that_fails_is_logged_and_the_next_one_is_taken(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    taken = list[int]()
+
+    def fail() -> None:
+        raise IndexError("no such row")
+
+    steps = iter([fail, lambda: taken.append(1)])
+    assert take_step(steps)
+    assert "IndexError" in capsys.readouterr().err
+    assert take_step(steps)
+    assert taken == [1]
+    assert not take_step(steps)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"undo": true, "undo": true}',
+        b'{"insert": {"a": {"in": "e1"}, "a": {"in": "e2"}}}',
+        b'{"ask": ["e1", "in", null], "top": 3, "top": 5}',
+    ],
+)
+def test_a_key_that_stands_twice_is_refused(line: bytes) -> None:
+    assert "twice" in json.loads(answer(live_of(), line))["error"]
+
+
+def test_a_request_that_is_too_long_is_answered_before_the_client_is_left(home: Path, tmp_path: Path) -> None:
+    path = tmp_path / "socket"
+    with socket_of(home, path):
+        for size in (2**20 + 5, 2**22):
+            verbose = connect(path)
+            with suppress(ConnectionError):
+                verbose.writer.write(b"x" * size + b"\n")
+                verbose.writer.flush()
+            with suppress(ConnectionError):
+                assert b"error" in verbose.reader.readline()
+        assert connect(path)({"nearest": "e1"})["nearest"]
+
+
+def test_many_questions_in_one_request(home: Path) -> None:
+    live = isi.open(home)
+    queries = [["e1", "in", None], [None, "on", "e2"], ["e1", None, "e3"]]
+    many = json.loads(answer(live, lines({"ask": queries, "top": 2})))["results"]
+    single = [json.loads(answer(live, lines({"ask": query, "top": 2}))) for query in queries]
+    assert many == single
+    refused = json.loads(answer(live, lines({"ask": [*queries, ["e1", "in"]]})))
+    assert "error" in refused
+
+
+def test_a_change_has_a_time_and_a_source(home: Path) -> None:
+    live = isi.open(home, journal=True)
+    fact, other = UNKNOWN[:2]
+    for moment in ("2026-01-01T12:00:00+02:00", "2026-01-01T10:00:00", 1767261600):
+        request = {"observe": [fact], "time": moment, "source": "camera 1"}
+        assert json.loads(answer(live, lines(request)))["facts"] == 1
+        live.undo()
+    live.observe([other])
+    live.close()
+    changes = isi.open(home).history
+    given = [change.time for change in changes if change.source == "camera 1"]
+    assert given == [datetime(2026, 1, 1, 10, tzinfo=UTC)] * 3
+    assert changes[-1].time
+    assert abs((changes[-1].time - datetime.now(UTC)).total_seconds()) < 600
+    assert "time" in json.loads(answer(live, lines({"observe": [fact], "time": "noon"})))["error"]
+
+
+JOURNALS = [
+    ('{"do": "observe", "facts": [["sink basin", "in", "e1"]]}', "sink basin"),
+    ('{"do": "observe", "facts": [["e1", "beside", "e2"]]}', "beside"),
+    ('{"do": "insert", "entities": {"e1": {}}}', "e1"),
+    ('{"do": "remove", "entities": {"e1": {}}}', "e1"),
+    (json.dumps({"do": "remove", "facts": UNKNOWN[:1]}), " ".join(UNKNOWN[0])),
+    (json.dumps({"do": "move", "replaced": UNKNOWN[:1]}), " ".join(UNKNOWN[0])),
+    ('{"do": "undo"}', "undo"),
+]
+
+
+@pytest.mark.parametrize(("line", "named"), JOURNALS)
+def test_a_journal_of_another_folder_is_refused_in_one_line(home: Path, line: str, named: str) -> None:
+    journal = home / "journal.jsonl"
+    journal.write_text(text_of(chosen()) + line + "\n", encoding="utf-8")
+    place = f"journal.jsonl: line {len(chosen()) + 1}: .*{named}"
+    for _ in range(2):  # the refusal lets the folder go
+        with pytest.raises(isi.InputError, match=place):
+            isi.open(home, journal=True)
+    with pytest.raises(isi.InputError, match=place):
+        isi.open(home)
+
+
+def test_vectors_that_were_stored_are_used_only_where_their_inputs_are_the_same(home: Path) -> None:
+    with isi.open(home, journal=True) as live:
+        live.insert("new a", [("new a", "in", "e1")])
+        live.insert(["new b", "new c"], [("new b", "on", "e2"), ("new b", "in", "new c")])
+        expected = seen(live)
+    stored = home / "inserted.safetensors"
+    opened = isi.open(home)
+    assert len(opened.inserter.stored) == 3
+    for name, row in opened.inserted.items():
+        assert row.vector.tobytes() == expected[0][name].tobytes()
+    content = stored.read_bytes()
+    for broken in (b"", content[:-4] + b"\0\0\0\0", b"{}" + content):
+        stored.write_bytes(broken)
+        assert_same(seen(isi.open(home)), expected)
+    stored.write_bytes(content)
+    with isi.open(home, journal=True) as live:
+        live.observe([("new a", "on", "e4")])
+    stored.write_bytes(content)  # of before that change
+    fresh = live_of()
+    fresh.insert("new a", [("new a", "in", "e1"), ("new a", "on", "e4")])
+    fresh.insert(["new b", "new c"], [("new b", "on", "e2"), ("new b", "in", "new c")])
+    assert_same(seen(isi.open(home)), seen(fresh))
+
+
+@pytest.mark.skipif(not CAN_MOUNT, reason="no file system can be mounted here")
+def test_a_read_only_folder_is_asked_and_refuses_changes(home: Path) -> None:
+    with isi.open(home, journal=True) as live:
+        live.insert("new a", [("new a", "in", "e1")])
+    (home / "journal.jsonl").open("ab").write(b'{"torn')
+    requests = lines({"ask": ["new a", "in", None], "top": 1}, {"undo": True}, {"nearest": "new a"})
+    script = f"mount --bind {home} {home} && mount -o remount,bind,ro {home} && exec {' '.join(COMMAND)} {home}"
+    done = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], input=requests, capture_output=True, check=True)
+    assert done.stderr == b""
+    asked, refused, near = map(json.loads, done.stdout.splitlines())
+    assert asked["answers"][0]["entity"] == "e1"
+    assert "Read-only file system" in refused["error"]
+    assert near["nearest"]
+
+
+def test_a_lock_is_let_go_where_opening_fails(home: Path) -> None:
+    journal = home / "journal.jsonl"
+    content = journal.read_bytes()
+    journal.unlink()
+    journal.mkdir()
+    for _ in range(2):
+        with pytest.raises(isi.InputError, match="journal"):
+            isi.open(home, journal=True)
+    journal.rmdir()
+    journal.write_bytes(content)
+    isi.open(home, journal=True).close()
 
 
 def test_a_socket_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> None:

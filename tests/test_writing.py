@@ -14,25 +14,16 @@ import pytest
 from isi.errors import InputError
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
+from tests.environment import CAN_MOUNT, OWN_MOUNTS
 from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
 
 ROOT = Path(__file__).parent.parent
-OWN_MOUNTS = ["unshare", "--user", "--map-root-user", "--mount"]
 BUILD = f"{sys.executable} -m stages.build_graph ai2thor"
 
 
-def can_mount() -> bool:
-    """Whether a process may mount file systems that no other process sees."""
-    command = [*OWN_MOUNTS, "mount", "-t", "tmpfs", "tmpfs", "/mnt"]
-    try:
-        return not subprocess.run(command, capture_output=True).returncode
-    except OSError:
-        return False
-
-
-mounts = pytest.mark.skipif(not can_mount(), reason="no file system can be mounted here")
+mounts = pytest.mark.skipif(not CAN_MOUNT, reason="no file system can be mounted here")
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from isi.bundle.explain import Explanation, Report
 
 
+STORED_EVERY = 100  #: Changes, after which the computed vectors are written, in case the process is killed.
+
+
 class LiveEmbedding:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and ``isi.of`` make one.
 
@@ -378,6 +381,8 @@ class LiveEmbedding:
         self._rows = {name: computed.get(name) or old[name] for name in self.additions.entities}
         self.changes.append(stamped)
         self._accept(altered)
+        if self._journal and len(self.changes) % STORED_EVERY == 0:
+            self._store()
         said = [note for name in self._rows if name in computed for note in self._rows[name].notes]
         return Effect(
             inserted=[name for name in self._rows if name not in old],
