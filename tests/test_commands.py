@@ -22,7 +22,19 @@ from tests.small_bundle import NAMES, files, small, word_file, worded, written
 ROOT = Path(__file__).parent.parent
 STOVE = ["insert", "stove", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
 HOB = ["insert", "hob", "--fact", "at location", "kitchen"]
-COMMANDS = "insert", "observe", "remove", "undo", "history", "ask", "nearest", "explain", "interference"
+COMMANDS = (
+    "insert",
+    "observe",
+    "move",
+    "remove",
+    "undo",
+    "compact",
+    "history",
+    "ask",
+    "nearest",
+    "explain",
+    "interference",
+)
 TO_HOB = ["observe", "--fact", "hob", "hasAffordance", "turn on"]
 
 
@@ -52,6 +64,72 @@ def best(capsys: pytest.CaptureFixture[str], *question: str, embedding: str = "h
 
 
 # Changes
+
+
+def test_facts_of_training_are_retracted_and_moved(capsys: pytest.CaptureFixture[str]) -> None:
+    fact = ["kettle", "atLocation", "kitchen"]
+    effect = parsed(capsys, "remove", "--fact", *fact)
+    assert effect["lost"] == [fact]
+    answers = parsed(capsys, "ask", *fact[:2])["answers"]
+    assert "kitchen" not in [answer["entity"] for answer in answers]
+    assert "facts added: 1" in printed(capsys, "undo")
+    assert parsed(capsys, "ask", *fact[:2])["answers"][0]["known"]
+    moved = parsed(capsys, "move", *fact[:2], "bedroom", "--source", "camera")
+    assert (moved["lost"], moved["facts"]) == ([fact], 1)
+    assert best(capsys, "kettle", "atLocation")[0] == ("bedroom", True)
+    related = parsed(capsys, "ask", "kettle", "--tail", "kitchen")["answers"]
+    assert "atLocation" not in [answer["entity"] for answer in related]
+    with pytest.raises(SystemExit, match="holds"):
+        main(["move", "kettle", "atLocation", "bed", "--instead-of", "kitchen", "--embedding", "home"])
+    assert "nothing has changed" in printed(capsys, "move", *fact[:2], "bedroom")
+    last = parsed(capsys, "history")["changes"][-1]
+    assert (last["change"], last["source"], last["replaced"]) == ("move", "camera", [fact])
+    assert last["time"]
+
+
+def test_what_is_known_is_observed_and_what_is_not_is_inserted(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="hob"):
+        main([*TO_HOB, "--embedding", "home"])
+    assert parsed(capsys, *TO_HOB, "--fact", "kettle", "atLocation", "bedroom", "--new")["inserted"] == ["hob"]
+    with pytest.raises(SystemExit, match="known"):
+        main([*HOB, "--embedding", "home"])
+    effect = parsed(capsys, *HOB, "--upsert")
+    assert (effect["inserted"], effect["updated"], effect["facts"]) == ([], ["hob"], 1)
+    assert effect["notes"]
+    assert parsed(capsys, "insert", "Kettle", "--fact", "atLocation", "bedroom", "--upsert")["known"] == 1
+    assert parsed(capsys, *STOVE, "--upsert")["entity"] == "stove"
+
+
+def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *HOB)
+    printed(capsys, *TO_HOB)
+    printed(capsys, "undo")
+    printed(capsys, "remove", "--fact", "kettle", "atLocation", "kitchen")
+    before = parsed(capsys, "ask", "hob", "atLocation")
+    assert "2" in printed(capsys, "compact")
+    assert [change["change"] for change in parsed(capsys, "history")["changes"]] == ["insert", "remove"]
+    assert parsed(capsys, "ask", "hob", "atLocation") == before
+    with pytest.raises(SystemExit, match="pipeline"):
+        main(["compact", "--embedding", str(written(paths.final_model("mine"), small()))])
+
+
+def test_queries_of_a_file_are_answered_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    table = "head,relation,tail\nkettle,atLocation,?\n?,hasAffordance,turn on\nkettle,,kitchen\n"
+    Path("queries.csv").write_text(table, encoding="utf-8")
+    results = parsed(capsys, "ask", "--from", "queries.csv")["results"]
+    single = [
+        parsed(capsys, "ask", "kettle", "atLocation"),
+        parsed(capsys, "ask", "--relation", "hasAffordance", "--tail", "turn on"),
+        parsed(capsys, "ask", "kettle", "--tail", "kitchen"),
+    ]
+    assert results == single
+    assert printed(capsys, "ask", "--from", "queries.csv").count("?") == 3
+    Path("queries.csv").write_text(table + "nobody,atLocation,?\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"queries\.csv: line 5.*nobody"):
+        main(["ask", "--from", "queries.csv", "--embedding", "home"])
+    for both in (["ask"], ["ask", "kettle", "atLocation", "--from", "queries.csv"]):
+        with pytest.raises(SystemExit, match="--from"):
+            main([*both, "--embedding", "home"])
 
 
 def test_an_insertion_is_reported_as_json_and_in_sentences(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,6 +163,7 @@ def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(capsys: pytest.Capt
         printed(capsys, *(HOB if out else STOVE), *out)
         after = files(home)
         journal = after.pop("journal.jsonl")
+        assert after.pop("inserted.safetensors")
         assert after == before
         assert journal.count(b'"insert"') == 1 + bool(out)
     for embedding in ("home", "copy"):
