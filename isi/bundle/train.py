@@ -24,6 +24,7 @@ from isi.analyses.joint_models import train_final
 from isi.bundle.folder import Bundle, Manifest
 from isi.bundle.live import LiveEmbedding
 from isi.bundle.phrases import OF_MODEL, by_model, has_model
+from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError
 from isi.evaluation.ranking import padded_ids
@@ -32,7 +33,7 @@ from isi.experiment.train import TrainConfig, train_stack
 from isi.graph.files import read_graph
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph, GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.sessions import TEST, TRAIN, VALID, split
-from isi.insertion.arguments import SLOTS, TripleForms, argument, checked_model, listed_triples
+from isi.insertion.arguments import TripleForms, argument, checked_model, column_names, listed_triples
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
@@ -94,18 +95,19 @@ class TrainingSummary:
 
 
 def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> GraphTables:
-    """The graph of triples of names (forms: ``listed_triples``; a DataFrame may have a column ``count``).
+    """The graph of triples of names (forms: ``listed_triples``; a table may have a column ``count``).
 
     ``kinds``: kinds by entity, for any entities. InputError for a wrong triple, name or count.
     """
     with argument("triples"):
         rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in listed_triples(triples)]
         for row, triple in enumerate(rows):
-            if len(triple) != len(SLOTS):
+            if len(triple) != len(TRIPLE):
                 raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(SLOTS), dtype=object)
+        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object)
         check_names(frame, "")
-        counts = triples[COUNT].tolist() if isinstance(triples, pd.DataFrame) and COUNT in triples else [1] * len(rows)
+        counted: Any = next((name for name in column_names(triples) if str(name).casefold() == COUNT), None)
+        counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError("", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}")
