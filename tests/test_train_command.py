@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,20 @@ import pytest
 import torch
 
 from isi.bundle import folder
-from isi.bundle.train import described, frequencies, held_out, reciprocal_ranks, tables_of, train_bundle
+from isi.bundle.train import (
+    described,
+    frequencies,
+    groups_of,
+    held_out,
+    reciprocal_ranks,
+    repeated_relations,
+    tables_of,
+    train_bundle,
+)
 from isi.cli import main
 from isi.errors import InputError
 from isi.experiment.train import TrainConfig, warn_of_batch
+from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.insertion.choice import queries_of, random_ranks
 from isi.models.bilinear import DistMult
@@ -78,7 +89,7 @@ def test_measures_agree_with_brute_force() -> None:
 
 def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
     graph = random_graph(30, 3, 200)
-    splits = held_out(graph, 0, 3)
+    splits = held_out(graph, np.arange(200), 0, 3)
     tests = [np.flatnonzero(row == TEST).tolist() for row in splits]
     valids = {tuple(np.flatnonzero(row == VALID)) for row in splits}
     assert tests[0] == tests[1] == tests[2]
@@ -88,6 +99,83 @@ def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
         left = graph.triples[torch.from_numpy(row) == TRAIN]
         assert len(left[:, [0, 2]].unique()) == 30
         assert len(left[:, 1].unique()) == 3
+
+
+Named = list[tuple[str, str, str]]
+
+
+def random_pairs(seed: int) -> Named:
+    """150 random triples of each of two relations between 40 entities."""
+    rng = np.random.default_rng(seed)
+    ids = [rng.choice(40 * 40, 150, replace=False) for _ in range(2)]
+    return [(f"e{pair // 40}", "r0" if first else "r1", f"e{pair % 40}")
+            for first, part in zip((True, False), ids, strict=True) for pair in part.tolist()]  # fmt: skip
+
+
+def inverse(triples: Named) -> Named:
+    """With an inverse of the first relation, which lacks a tenth of the triples."""
+    return [*triples, *((tail, "of r0", head) for head, relation, tail in triples[:135])]
+
+
+def symmetric(triples: Named) -> Named:
+    return [*triples, *((tail, relation, head) for head, relation, tail in triples[:150])]
+
+
+def equal(triples: Named) -> Named:
+    return [*triples, *((head, "as r0", tail) for head, relation, tail in triples[:150])]
+
+
+def graph_of_named(triples: Named) -> Graph:
+    tables = tables_of(triples)
+    return build_graph(tables.entities, tables.triples)
+
+
+REPEATING = [(inverse, [["of r0", "r0"]]), (symmetric, [["r0"]]), (equal, [["as r0", "r0"]])]
+
+
+@pytest.mark.parametrize(("more", "expected"), REPEATING)
+def test_triples_that_repeat_each_other_have_one_split(
+    more: Callable[[Named], Named], expected: list[list[str]]
+) -> None:
+    graph = graph_of_named(more(random_pairs(0)))
+    repeated = repeated_relations(graph)
+    assert [[graph.relations[relation] for relation in together] for together in repeated] == expected
+    splits = held_out(graph, groups_of(graph, repeated), 0, 3)
+    listed = graph.triples.tolist()
+    for row in splits:
+        assert {TRAIN, TEST, VALID} == set(row.tolist())
+        split_of = dict[tuple[frozenset[int], bool], int]()
+        for (head, relation, tail), split in zip(listed, row.tolist(), strict=True):
+            pair = frozenset([head, tail]), any(relation in together for together in repeated)
+            if pair[1]:
+                assert split_of.setdefault(pair, split) == split
+        left = graph.triples[torch.from_numpy(row) == TRAIN]
+        assert len(left[:, [0, 2]].unique()) == len(graph.entities)
+        assert len(left[:, 1].unique()) == len(graph.relations)
+    assert (splits == splits[0])[:, splits[0] == TEST].all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("more", "expected"), REPEATING)
+def test_repeated_random_triples_teach_nothing(
+    more: Callable[[Named], Named], expected: list[list[str]], seed: int
+) -> None:
+    _, summary = train_bundle(tables_of(more(random_pairs(seed))), dimension=16, budget=3)
+    assert summary.mrr is not None
+    assert summary.chance is not None
+    assert summary.mrr < 2 * summary.chance
+    assert summary.warning is not None
+    assert "learned nothing" in summary.warning
+    assert summary.repeated == expected
+    assert all(name in str(summary) for name in expected[0])
+
+
+def test_relations_that_do_not_repeat_each_other_leave_every_triple_alone() -> None:
+    tables = tables_of(home())
+    graph = build_graph(tables.entities, tables.triples)
+    for each in (graph, graph_of_named(random_pairs(0))):
+        assert repeated_relations(each) == []
+        assert groups_of(each, []).tolist() == list(range(len(each.triples)))
 
 
 def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) -> None:
