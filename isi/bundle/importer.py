@@ -84,11 +84,12 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     with at(path):
-        from isi.pykeen import read_model  # here, since only pickles need PyKEEN
+        from isi.pykeen.reading import read_model, unwrapped  # here, since only pickles need PyKEEN
     try:
-        pickled = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
+        loaded = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
     except Exception as error:  # a pickle can raise any error
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
+    pickled = unwrapped(loaded)
     read = read_model(pickled, torch.from_numpy(labels.triples), None)
     if (name := name_of(read.model)) and not pickled.use_inverse_triples:
         return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])

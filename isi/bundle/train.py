@@ -24,10 +24,11 @@ from tqdm import tqdm
 from isi.analyses.joint_models import train_final
 from isi.bundle.folder import Bundle, Manifest
 from isi.bundle.live import LiveEmbedding
+from isi.bundle.names import by_known_name, note_of_kinds
 from isi.bundle.phrases import OF_MODEL, by_model, has_model
 from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.evaluation.ranking import padded_ids
 from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, train_stack
@@ -38,6 +39,7 @@ from isi.insertion.arguments import TripleForms, argument, checked_model, column
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
+from isi.sources.names import Name as KindName
 from isi.sources.readers import COUNT, check_names
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
@@ -102,10 +104,10 @@ class TrainingSummary:
         return text + f"\nWarning: {self.warning}." * bool(self.warning)
 
 
-def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> GraphTables:
+def tables_of(triples: TripleForms) -> GraphTables:
     """The graph of triples of names (forms: ``listed_triples``; a table may have a column ``count``).
 
-    ``kinds``: kinds by entity, for any entities. InputError for a wrong triple, name or count.
+    InputError for a wrong triple, name or count.
     """
     with argument("triples"):
         rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in listed_triples(triples)]
@@ -119,17 +121,36 @@ def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> G
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError("", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}")
-        return build_tables(MinedSource("triples", frame, Naming(kind_of=dict(kinds or {}))(frame, ())))
+        return build_tables(MinedSource("triples", frame, Naming()(frame, ())))
 
 
-def described(tables: GraphTables, path: Path) -> GraphTables:
-    """The graph with the kinds and phrases of a table (``naming``) for the entities that it lists."""
-    listed, named = tables.entities, naming(str(path), None, household=False)
-    if named.kind_of.keys().isdisjoint(listed["entity"]) and named.phrase_of.keys().isdisjoint(listed["entity"]):
-        raise InputError(path, "", "expected the kind or the phrase of an entity of the graph, got none")
-    old = ((listed["kind"], named.kind_of), (listed["phrase"], named.phrase_of))
-    kinds, phrases = ([of.get(*pair) for pair in zip(listed["entity"], column, strict=True)] for column, of in old)
-    return replace(tables, entities=listed.assign(kind=kinds, phrase=phrases))
+def described(tables: GraphTables, path: Path) -> tuple[GraphTables, str]:
+    """``with_kinds`` of a table of entities (``naming``)."""
+    named = naming(str(path), None, household=False)
+    with at(path):
+        return with_kinds(tables, named.kind_of, named.phrase_of)
+
+
+def with_kinds(
+    tables: GraphTables, kinds: Mapping[str, str], phrases: Mapping[str, str] | None = None
+) -> tuple[GraphTables, str]:
+    """The graph with kinds and phrases by entity (``by_known_name``), and a note of names that have no match.
+
+    All other kinds and phrases stay. InputError if no name matches.
+    """
+    entities, listed = tables.entities, {**kinds, **(phrases or {})}
+    names = entities["entity"].tolist()
+    new_kinds, _ = by_known_name(kinds, names)
+    new_phrases, _ = by_known_name(phrases or {}, names)
+    found, missing = by_known_name(listed, names)
+    if not found:
+        got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
+        raise InputError("", "", f"expected the kind or the phrase of an entity of the graph, got {got}")
+    kind = [new_kinds.get(name, old) for name, old in zip(names, entities["kind"], strict=True)]
+    phrase = [new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)]
+    without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
+    note = note_of_kinds(missing, len(listed), without, len(names))
+    return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
 def train(
@@ -138,10 +159,16 @@ def train(
 ) -> LiveEmbedding:  # fmt: skip
     """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file that ``isi train`` reads.
 
-    The other arguments are those of ``train_bundle`` and ``tables_of``. ``base.manifest.made`` of the result has its
-    measures. Warns if the model has learned nothing.
+    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of ``train_bundle``.
+    ``base.manifest.made`` of the result has its measures. Warns if the model has learned nothing, of names in ``kinds``
+    that match no entity, and of entities without a kind.
     """
-    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples, kinds)
+    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
+    if kinds:
+        with argument("kinds"):
+            tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
+        if note:
+            warnings.warn(f"kinds: {note}", stacklevel=2)
     options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget, "seed": seed}
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
     if summary.warning:
