@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import save_file
+from safetensors.torch import save_file as save_tensors
 
 from isi.__main__ import main
 from isi.bundle.query import OpenBundle, open_bundle
@@ -100,6 +101,77 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     assert vars(model) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
 
 
+STATE = {"ent_emb.weight": torch.from_numpy(ENTITIES), "rel_emb.weight": torch.from_numpy(LABELS)}
+OF_DGL = {"entity_embedding": torch.from_numpy(ENTITIES), "relation_embedding": torch.from_numpy(LABELS)}
+
+
+def prefixed(prefix: str, state: dict[str, torch.Tensor] = STATE) -> dict[str, torch.Tensor]:
+    return {prefix + name: values for name, values in state.items()}
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        prefixed("module."), prefixed("_orig_mod."), prefixed("model."), prefixed("_orig_mod.module.model."),
+        {"model": STATE, "epoch": 3}, {"model_state_dict": prefixed("module."), "step": 10},
+        {"state_dict": {"net": OF_DGL}}, OF_DGL,
+        STATE | prefixed("discriminator.", {"ent_emb.weight": torch.zeros(2, 2)}),
+    ],
+)  # fmt: skip
+def test_a_state_dict_may_be_wrapped(state: dict[str, Any]) -> None:
+    folder = write_lists()
+    torch.save(state, folder / "t.pt")
+    bundle = imported(str(folder), "--family", "distmult")
+    assert bundle.entities.tobytes() == ENTITIES.tobytes()
+    assert bundle.relations.tobytes() == LABELS.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("state", "named"),
+    [
+        ({"model": {"layer": {"bias": torch.zeros(2)}}}, ["model.layer.bias"]),
+        (STATE | prefixed("average."), ["average.ent_emb.weight", "rel_emb.weight"]),
+        (prefixed("re_", STATE), ["re_ent_emb.weight"]),
+        ({"epoch": 3}, ["no tensor"]),
+    ],
+)
+def test_tables_that_cannot_be_told_are_listed(state: dict[str, Any], named: list[str]) -> None:
+    folder = write_lists()
+    torch.save(state, folder / "t.pt")
+    with pytest.raises(SystemExit, match="one table of entities") as error:
+        imported(str(folder), "--family", "distmult")
+    assert all(name in str(error.value) for name in named)
+
+
+def test_rotations_whose_distance_is_another_one_are_refused() -> None:
+    folder = write_lists()
+    torch.save(OF_DGL | {"embedding_range": torch.ones(1)}, folder / "t.pt")
+    with pytest.raises(SystemExit, match="sum of moduli"):
+        imported(str(folder), "--family", "rotate")
+
+
+@pytest.mark.parametrize("pair", [("epoch_9.pt", "epoch_10.pt"), ("best.pt", "last.pt"), ("m.pt", "m.safetensors")])
+def test_a_table_in_two_files_is_refused_unless_one_is_chosen(pair: tuple[str, str]) -> None:
+    folder = write_lists()
+    for number, name in enumerate(pair, 1):
+        state = {key: values * number for key, values in STATE.items()}
+        save = save_tensors if name.endswith("safetensors") else torch.save
+        save(state, folder / name)
+    with pytest.raises(SystemExit) as error:
+        imported(str(folder), "--family", "distmult")
+    assert all(part in str(error.value) for part in (*pair, "--tensors FILE"))
+    assert not Path("out").exists()
+    bundle = imported(str(folder), "--family", "distmult", "--tensors", str(folder / pair[0]))
+    assert bundle.entities.tobytes() == ENTITIES.tobytes()
+
+
+def test_tables_of_two_files_may_share_other_tensors() -> None:
+    folder = write_lists()
+    for name, values in STATE.items():
+        torch.save({name: values, "pi": torch.ones(1)}, folder / f"{name[:3]}.pt")
+    assert imported(str(folder), "--family", "distmult").relations.tobytes() == LABELS.tobytes()
+
+
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any, Path]]:
     """A PyKEEN model after one epoch, and the folder in which PyKEEN's pipeline saved it."""
@@ -152,6 +224,22 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
         with torch.no_grad():
             expected = theirs(torch.stack(pairs if slot == TAIL else pairs[::-1], 1))
         torch.testing.assert_close(by_state.scores(given, 7, slot) - margin, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Path) -> None:
+    pytest.importorskip("pykeen", reason="the extra `pykeen` is not installed")
+    from pykeen.models import DistMult
+    from pykeen.triples import TriplesFactory
+
+    rows = np.array([[NAMES[head], BETWEEN[relation], NAMES[tail]] for head, relation, tail in TRIPLES])
+    factory = TriplesFactory.from_labeled_triples(rows, create_inverse_triples=True)
+    model = DistMult(triples_factory=factory, embedding_dim=4)
+    factory.to_path_binary(tmp_path / "training_triples")
+    torch.save(model.state_dict(), tmp_path / "state.pt")
+    torch.save(model, tmp_path / "trained_model.pkl")
+    for options in (["--family", "distmult"], ["--trust-pickle"]):
+        with pytest.raises(SystemExit, match=r"inverse triples.*isi\.pykeen\.insert"):
+            imported(str(tmp_path), *options)
 
 
 def test_a_pickle_is_not_read_unless_it_is_trusted(

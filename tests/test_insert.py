@@ -24,6 +24,8 @@ from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NEW, 
 from tests.small_graphs import random_embedding
 
 RELATIONS, DIMENSION = len(BETWEEN), 8
+#: The triples in columns of other names and another order, and a column that is none of them.
+MIXED = pd.DataFrame(TRIPLES, columns=["from", "rel", "to"])[["to", "from", "rel"]].assign(weight=1.0)
 
 
 def by_hand() -> InitContext:
@@ -58,6 +60,28 @@ def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(dtype: type[np.f
     assert done.entities[ENTITIES:].any(1).all()
 
 
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.float32])
+def test_tables_may_be_tensors_with_gradients_and_of_short_types(dtype: torch.dtype) -> None:
+    given = {name: torch.nn.Parameter(torch.from_numpy(table).to(dtype)) for name, table in tables().items()}
+    arrays = {name: table.detach().float().numpy() for name, table in given.items()}
+    done, same = call(**given), call(**arrays)
+    np.testing.assert_array_equal(done.entities[:ENTITIES], arrays["entities"])
+    np.testing.assert_allclose(done.entities, same.entities, rtol=1e-2, atol=1e-2)
+    trained = isi.fit_new(*given.values(), [(ENTITIES - 1, 0, 0)], new=1, model=done.model, epochs=1)
+    np.testing.assert_array_equal(trained[0][:-1], arrays["entities"][:-1])
+
+
+def test_word_vectors_may_be_tensors() -> None:
+    vectors = torch.from_numpy(words()).bfloat16().requires_grad_()
+    expected = call(words=vectors.detach().float().numpy()).entities
+    np.testing.assert_array_equal(call(words=vectors).entities, expected)
+    by_name = {name: vectors[row] for row, name in enumerate([*KNOWN, *NEW])}
+    np.testing.assert_array_equal(call(words=by_name).entities, expected)
+    texts = {name: name for name in by_name}
+    by_source = call(words=texts, word_source=lambda given: [by_name[name] for name in given])
+    np.testing.assert_array_equal(by_source.entities, expected)
+
+
 def test_the_order_of_new_names_is_the_order_of_ids() -> None:
     one, other = call(), call(new=NEW[::-1])
     assert other.entity_names == [*KNOWN, "mug", "cup"]
@@ -80,12 +104,23 @@ def test_ids_do_what_names_do() -> None:
     pd.DataFrame(TRIPLES), pd.DataFrame(TRIPLES, columns=["head", "relation", "tail"])[["tail", "head", "relation"]],
     np.array(TRIPLES), {"cup": {"in": "e1", "on": ["mug"]}, "e3": {"on": ["cup"]}, "mug": {"has": [2]}},
     torch.tensor([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]), iter(TRIPLES),
-    pd.DataFrame([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]),
-], ids=["frame", "named columns", "array", "facts", "tensor", "iterator", "frame of ids"])  # fmt: skip
+    pd.DataFrame([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]), MIXED.rename(columns=str.upper),
+    MIXED.rename(columns={"from": "source", "to": "target", "rel": "label"}), MIXED.to_records(index=False),
+], ids=[
+    "frame", "named columns", "array", "facts", "tensor", "iterator", "frame of ids", "from, to, rel", "networkx",
+    "structured array",
+])  # fmt: skip
 def test_triples_come_in_many_forms(form: Any) -> None:
     done = call(triples=form)
     np.testing.assert_allclose(done.entities, call().entities, rtol=1e-4)
     assert (len(done.insert_triples), len(done.between)) == (3, 1)
+
+
+@pytest.mark.parametrize("columns", [["a", "b", "c"], ["head", "tail", "weight"], ["from", "to", "from"]])
+def test_columns_of_unknown_names_are_refused_and_named(columns: list[str]) -> None:
+    with pytest.raises(InputError, match="argument 'triples': columns: expected the columns head, relation") as error:
+        call(triples=pd.DataFrame(TRIPLES, columns=columns))
+    assert all(repr(name) in str(error.value) for name in columns)
 
 
 def test_a_triple_that_repeats_counts_once() -> None:

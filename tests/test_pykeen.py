@@ -549,3 +549,28 @@ def test_probabilities_of_a_model_with_inverses_are_fitted_to_entities_that_are_
     assert draws is not None
     assert done.curves == fit_curves(draws, adapted(INITIALIZERS.get("map"), done.model), done.options)
     assert done.curves != fit_curves(draws, INITIALIZERS.get("map"), done.options)
+
+
+@pytest.mark.parametrize(
+    "wrap", [torch.compile, torch.nn.DataParallel, lambda model: torch.compile(torch.nn.DataParallel(model))]
+)
+def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> None:
+    model = model_of("distmult", {}, factory)
+    expected, _ = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    larger, more = isi.pykeen.insert(wrap(model), factory, NEW, initializer="mean")
+    assert isinstance(larger, ERModel)
+    for name, values in expected.state_dict().items():
+        torch.testing.assert_close(larger.state_dict()[name], values)
+    done = isi.pykeen.inserted(wrap(model), factory, NEW, initializer="mean")
+    assert isi.pykeen.enlarge(wrap(model), factory, done)[0].num_entities == larger.num_entities
+    assert isinstance(isi.pykeen.fit_new(wrap(larger), more, NEW, epochs=1), ERModel)
+    before = [values.clone() for values in larger.state_dict().values()]
+    isi.pykeen.train_on(wrap(larger), more, epochs=1)  # in place
+    assert any(not torch.equal(*pair) for pair in zip(before, larger.state_dict().values(), strict=True))
+    assert set(isi.of(wrap(model), factory).base.entity_names) == factory.entity_to_id.keys()
+    assert read_model(wrap(model), factory.mapped_triples, None).entity.shape[1] == ENTITIES
+
+
+def test_a_wrapper_of_another_model_is_refused(factory: Any) -> None:
+    with pytest.raises(InputError, match="expected a model with vectors"):
+        isi.pykeen.insert(torch.nn.DataParallel(torch.nn.Linear(2, 2)), factory, NEW)

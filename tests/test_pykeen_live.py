@@ -117,3 +117,10 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
         isi.of(model, CoreTriplesFactory(known.mapped_triples, ENTITIES, RELATIONS))
     with pytest.raises(InputError, match="'factory'"):
         isi.of(model)
+
+
+def test_kinds_that_match_no_label_are_named() -> None:
+    known = factory()
+    with pytest.warns(UserWarning, match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind"):
+        live = isi.of(model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"})
+    assert live.base.kinds[live.base.entity_names.index("e1")] == "place"

@@ -1,21 +1,36 @@
 """``isi train``: the choice of a model, its measures beside simple ones, and the bundle that the command writes."""
 
 import json
+import shlex
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
+import isi
 from isi.bundle import folder
-from isi.bundle.train import described, frequencies, held_out, reciprocal_ranks, tables_of, train_bundle
+from isi.bundle.train import (
+    described,
+    frequencies,
+    groups_of,
+    held_out,
+    reciprocal_ranks,
+    repeated_relations,
+    tables_of,
+    train_bundle,
+    with_kinds,
+)
 from isi.cli import main
 from isi.errors import InputError
 from isi.experiment.train import TrainConfig, warn_of_batch
+from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.insertion.choice import queries_of, random_ranks
 from isi.models.bilinear import DistMult
@@ -78,7 +93,7 @@ def test_measures_agree_with_brute_force() -> None:
 
 def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
     graph = random_graph(30, 3, 200)
-    splits = held_out(graph, 0, 3)
+    splits = held_out(graph, np.arange(200), 0, 3)
     tests = [np.flatnonzero(row == TEST).tolist() for row in splits]
     valids = {tuple(np.flatnonzero(row == VALID)) for row in splits}
     assert tests[0] == tests[1] == tests[2]
@@ -88,6 +103,83 @@ def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
         left = graph.triples[torch.from_numpy(row) == TRAIN]
         assert len(left[:, [0, 2]].unique()) == 30
         assert len(left[:, 1].unique()) == 3
+
+
+Named = list[tuple[str, str, str]]
+
+
+def random_pairs(seed: int) -> Named:
+    """150 random triples of each of two relations between 40 entities."""
+    rng = np.random.default_rng(seed)
+    ids = [rng.choice(40 * 40, 150, replace=False) for _ in range(2)]
+    return [(f"e{pair // 40}", "r0" if first else "r1", f"e{pair % 40}")
+            for first, part in zip((True, False), ids, strict=True) for pair in part.tolist()]  # fmt: skip
+
+
+def inverse(triples: Named) -> Named:
+    """With an inverse of the first relation, which lacks a tenth of the triples."""
+    return [*triples, *((tail, "of r0", head) for head, relation, tail in triples[:135])]
+
+
+def symmetric(triples: Named) -> Named:
+    return [*triples, *((tail, relation, head) for head, relation, tail in triples[:150])]
+
+
+def equal(triples: Named) -> Named:
+    return [*triples, *((head, "as r0", tail) for head, relation, tail in triples[:150])]
+
+
+def graph_of_named(triples: Named) -> Graph:
+    tables = tables_of(triples)
+    return build_graph(tables.entities, tables.triples)
+
+
+REPEATING = [(inverse, [["of r0", "r0"]]), (symmetric, [["r0"]]), (equal, [["as r0", "r0"]])]
+
+
+@pytest.mark.parametrize(("more", "expected"), REPEATING)
+def test_triples_that_repeat_each_other_have_one_split(
+    more: Callable[[Named], Named], expected: list[list[str]]
+) -> None:
+    graph = graph_of_named(more(random_pairs(0)))
+    repeated = repeated_relations(graph)
+    assert [[graph.relations[relation] for relation in together] for together in repeated] == expected
+    splits = held_out(graph, groups_of(graph, repeated), 0, 3)
+    listed = graph.triples.tolist()
+    for row in splits:
+        assert {TRAIN, TEST, VALID} == set(row.tolist())
+        split_of = dict[tuple[frozenset[int], bool], int]()
+        for (head, relation, tail), split in zip(listed, row.tolist(), strict=True):
+            pair = frozenset([head, tail]), any(relation in together for together in repeated)
+            if pair[1]:
+                assert split_of.setdefault(pair, split) == split
+        left = graph.triples[torch.from_numpy(row) == TRAIN]
+        assert len(left[:, [0, 2]].unique()) == len(graph.entities)
+        assert len(left[:, 1].unique()) == len(graph.relations)
+    assert (splits == splits[0])[:, splits[0] == TEST].all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("more", "expected"), REPEATING)
+def test_repeated_random_triples_teach_nothing(
+    more: Callable[[Named], Named], expected: list[list[str]], seed: int
+) -> None:
+    _, summary = train_bundle(tables_of(more(random_pairs(seed))), dimension=16, budget=3)
+    assert summary.mrr is not None
+    assert summary.chance is not None
+    assert summary.mrr < 2 * summary.chance
+    assert summary.warning is not None
+    assert "learned nothing" in summary.warning
+    assert summary.repeated == expected
+    assert all(name in str(summary) for name in expected[0])
+
+
+def test_relations_that_do_not_repeat_each_other_leave_every_triple_alone() -> None:
+    tables = tables_of(home())
+    graph = build_graph(tables.entities, tables.triples)
+    for each in (graph, graph_of_named(random_pairs(0))):
+        assert repeated_relations(each) == []
+        assert groups_of(each, []).tolist() == list(range(len(each.triples)))
 
 
 def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) -> None:
@@ -128,11 +220,10 @@ def test_forms_of_triples_give_the_same_graph() -> None:
     rows = [("cup", "in", "kitchen"), ("bed", "in", "bedroom"), ("cup", "in", "kitchen")]
     frame = pd.DataFrame({"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"})
     mapping = {"cup": {"in": "kitchen"}, "bed": {"in": ["bedroom"]}}
-    listed = tables_of(rows, {"cup": "object"})
+    listed = tables_of(rows)
     for form in (np.array(rows), frame):
         pd.testing.assert_frame_equal(tables_of(form).triples, listed.triples)
     assert tables_of(mapping).triples["count"].tolist() == [1, 1]
-    assert dict(zip(listed.entities["entity"], listed.entities["kind"], strict=True))["cup"] == "object"
 
 
 @pytest.mark.parametrize(
@@ -174,6 +265,7 @@ def test_the_command_writes_a_bundle_that_answers(
     main([*command, "--dimension", "32"])
     shown = capsys.readouterr().out
     assert "85 entities" in shown
+    assert "Warning" not in shown
     main(["ask", "apple", "atLocation", "--embedding", "home", "--json"])
     answers = json.loads(capsys.readouterr().out)["answers"]
     assert {answer["entity"] for answer in answers[:3]} & {"counter top", "kitchen"}
@@ -182,15 +274,72 @@ def test_the_command_writes_a_bundle_that_answers(
     assert f"{bundle.manifest.made['mrr']:.3f}" in shown
 
 
+def test_printed_commands_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = 'the "$(touch made)" cup', "is in", "mother's kitchen"
+    frame = pd.DataFrame([names, (names[0], "near", names[2])], columns=["head", "relation", "tail"])
+    frame.to_csv("home.csv", index=False)
+    kinds = pd.DataFrame({"entity": ["Mother's Kitchen", "mug"], "kind": ["room", "object"]})
+    kinds.to_csv("kinds.csv", index=False)
+    out = "new home/it's $HOME"
+    main(["train", "home.csv", "--kinds", "kinds.csv", "--out", out, "--dimension", "8", "--budget", "0.1"])
+    shown = capsys.readouterr().out
+    assert "Warning: kinds.csv: 1 of 2 names match no entity ('mug'); 1 of 2 entities have no kind" in shown
+    ask, insert = (shlex.split(line) for line in shown.splitlines() if line.startswith("  isi "))
+    assert ask == ["isi", "ask", *names[:2], "--embedding", out]
+    assert insert == ["isi", "insert", "NEW NAME", "--fact", *names[1:], "--embedding", out]
+    main(ask[1:])
+
+
 def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
     tables, path = tables_of([("cup", "in", "kitchen")]), tmp_path / "entities.csv"
-    path.write_text("entity,kind,phrase\ncup,object,\nkitchen,,the kitchen\nsofa,object,\n", "utf-8")
-    assert described(tables, path).entities[["kind", "phrase"]].values.tolist() == [
-        ["object", "cup"], ["entity", "the kitchen"]
-    ]  # fmt: skip
+    path.write_text("entity,kind,phrase\nCup,object,\nkitchen,,the kitchen\nsofa,object,\n", "utf-8")
+    named, note = described(tables, path)
+    assert named.entities[["kind", "phrase"]].values.tolist() == [["object", "cup"], ["entity", "the kitchen"]]
+    assert "1 of 3 names match no entity ('sofa')" in note
+    assert "1 of 2 entities have no kind ('kitchen')" in note
     path.write_text("entity,kind\nsofa,object\n", "utf-8")
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"entities\.csv.*'sofa'"):
         described(tables, path)
+
+
+HOMES = [("cup", "in", "kitchen"), ("Mug", "in", "kitchen"), ("mug", "in", "bedroom"), ("tea_pot", "in", "kitchen")]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "expected", "missing", "without"),
+    [
+        ({"CUP": "object", "teaPot": "object"}, {"cup": "object", "tea_pot": "object"}, [], 4),
+        ({"mug": "object", "MUG": "toy"}, {"mug": "object", "Mug": "toy"}, [], 4),
+        ({"MUG": "object", "cup": "object"}, {"cup": "object"}, ["MUG"], 5),
+        ({"cup": "object", "Cup": "toy", "Mugg": "object"}, {"cup": "object"}, ["Cup", "Mugg"], 5),
+        ({"Tea pot": "a", "tea-pot": "b", "cup": "object"}, {"cup": "object"}, ["Tea pot", "tea-pot"], 5),
+    ],
+)
+def test_kinds_are_matched_by_any_spelling_and_the_rest_is_named(
+    kinds: dict[str, str], expected: dict[str, str], missing: list[str], without: int
+) -> None:
+    tables = tables_of(HOMES).entities["entity"]
+    named, note = with_kinds(tables_of(HOMES), kinds)
+    found = dict(zip(tables, named.entities["kind"], strict=True))
+    assert {name: kind for name, kind in found.items() if kind != "entity"} == expected
+    assert all(repr(name) in note for name in missing)
+    assert (f"{len(missing)} of {len(kinds)} names match" in note) == bool(missing)
+    assert (f"{without} of 6 entities have no kind" in note) == bool(without)
+
+
+@pytest.mark.parametrize("as_file", [False, True])
+def test_kinds_given_in_python_count_for_triples_and_for_a_file(tmp_path: Path, as_file: bool) -> None:
+    path = tmp_path / "home.csv"
+    pd.DataFrame(HOMES, columns=["head", "relation", "tail"]).to_csv(path, index=False)
+    options: dict[str, Any] = {"dimension": 8, "budget": 0.1}
+    with pytest.warns(UserWarning, match="kinds: 1 of 2 names match no entity.*'cupp'.*5 of 6 entities have no kind"):
+        home = isi.train(path if as_file else HOMES, kinds={"Kitchen": "room", "cupp": "object"}, **options)
+    assert home.base.kinds[home.base.entity_names.index("kitchen")] == "room"
+    with pytest.raises(InputError, match="argument 'kinds'"):
+        isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from isi.bundle.query import OpenBundle
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.api import margin_of
-from isi.insertion.arguments import argument, checked_model
+from isi.insertion.arguments import argument, array_of, checked_model
 from isi.models.model import MODELS, name_of
 from isi.sources.triples import read_id_names, read_ids
 
@@ -36,15 +36,18 @@ FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth", ".ckpt")  #: Su
 #: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
 #: Names of the tables of entities and relations in other tools. Two names: real and imaginary half of one table.
+#: Both tables may have the same prefix, which ends with a dot: ``module.``, ``_orig_mod.``, ``model.``.
 NAMES = {
     slot: [
         (slot,), (single,), (f"{short}_emb",), (f"{short}_embeddings.weight",), (f"{short}_emb.weight",),
         (f"{short}_re_embeddings.weight", f"{short}_im_embeddings.weight"),
         (f"re_{short}_emb.weight", f"im_{short}_emb.weight"), (f"{single}{OF_PYKEEN}",),
+        (f"{single}_embedding",),
     ]
     for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
 }  # fmt: skip
-WITHIN = ("state_dict", "model_state_dict")  #: Keys under which checkpoints store a state dict.
+LISTED = 8  #: Maximum number of tensors that a message names.
+OTHERS = "for other models, use isi.pykeen.insert"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,6 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
 
     The margin of a distance model, if not given, lies midway between mean distances of known and corrupted triples.
     """
-    tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
         fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
     estimated = "margin" in fields and "margin" not in options
@@ -70,9 +72,7 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
         raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
     defaults = {"squared": False, "margin": 1.0}  # for the scores from which the margin is estimated
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
-    with at(files[0]):
-        tables = [_table(tensors, slot, model) for slot in NAMES]
-    bundle = _bundle(model, options, tables, labels, files)
+    bundle = _bundle(model, options, read_tables(files, model), labels, files)
     if estimated:
         margin = max(1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6)
         bundle.manifest.model_options["margin"] = margin
@@ -84,19 +84,17 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     with at(path):
-        from isi.pykeen import read_model  # here, since only pickles need PyKEEN
+        from isi.pykeen.reading import read_model, unwrapped  # here, since only pickles need PyKEEN
     try:
-        pickled = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
+        loaded = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
     except Exception as error:  # a pickle can raise any error
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
+    pickled = unwrapped(loaded)
     read = read_model(pickled, torch.from_numpy(labels.triples), None)
     if (name := name_of(read.model)) and not pickled.use_inverse_triples:
         return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
-    raise InputError(
-        path,
-        "",
-        "expected TransE, DistMult, ComplEx or RotatE without inverse triples: for others, use isi.pykeen.insert",
-    )
+    expected = "expected TransE, DistMult, ComplEx or RotatE without inverse triples"
+    raise InputError(path, "", f"{expected}: {OTHERS}")
 
 
 def _bundle(
@@ -105,6 +103,9 @@ def _bundle(
     """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
     checked, names = checked_model(model, options, entities.shape[1]), (labels.entities, labels.relations)
+    if len(relations) == 2 * len(labels.relations):
+        expected = f"expected {len(labels.relations)} rows, got twice as many, as a model with inverse triples has"
+        raise InputError(files[0], "relations", f"{expected}: {OTHERS}")
     for slot, rows, listed in zip(NAMES, tables, names, strict=True):
         with at(files[0], slot):
             check_numbers(rows, len(listed))
@@ -142,12 +143,10 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
         if path.suffix == ".json":  # as OpenKE writes it
-            tables = json.loads(path.read_bytes())
+            tables = dict(_flat(json.loads(path.read_bytes())))
             return {name: np.array(rows, np.float32) for name, rows in tables.items() if isinstance(rows, list)}
-        state = load_file(path) if path.suffix == ".safetensors" else _state_dict(path)
-        tensors = {name: value.detach().cpu() for name, value in state.items() if isinstance(value, torch.Tensor)}
-        halves = {name for name, value in tensors.items() if value.is_floating_point() and value.dtype.itemsize < 4}
-        return {name: (value.float() if name in halves else value).numpy() for name, value in tensors.items()}
+        state = dict(_flat(load_file(path) if path.suffix == ".safetensors" else _state_dict(path)))
+        return {name: array_of(value) for name, value in state.items() if isinstance(value, torch.Tensor)}
     except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
         message = cut(" ".join(str(error).split()), 120) or type(error).__name__
         raise InputError(path, "", f"expected tensors by name ({message})") from error
@@ -160,20 +159,74 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError) as error:
         raise ValueError("as torch.save(model.state_dict(), FILE) writes them; other pickles are not read") from error
-    while isinstance(state, Mapping) and (key := next((name for name in WITHIN if name in state), None)):
-        state = state[key]
     if not isinstance(state, Mapping):
         raise ValueError(f"a state dict, got {type(state).__name__}")
     return state
 
 
-def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
+def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The values in a mapping and in mappings within it, by their keys joined with dots: ``model.entities``."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
+    """The tables of entities and of relations in files; InputError unless there is one of each in all of them."""
+    read = {file: read_tensors(file) for file in files}
+    tensors = {name: values for by_name in read.values() for name, values in by_name.items()}
+    with at(" ".join(map(str, read))):
+        named = _table_names(list(tensors))
+    tables = []
+    for slot, parts in named.items():
+        for name in parts:
+            first, *others = (file for file in read if name in read[file])
+            for other in others:
+                expected = f"expected this table in one file, but {first} has it, too: choose with --tensors FILE"
+                raise InputError(other, name, expected)
+        with at(first):
+            _refuse_sum_of_moduli(model, read[first])
+            tables.append(_table(tensors, parts, slot, model))
+    return tables
+
+
+def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """The names of the two tables (or of their halves) by slot; InputError unless one prefix gives one of each."""
+    found = {slot: _by_prefix(tensors, slot) for slot in NAMES}
+    both = [prefix for prefix in found["entities"] if prefix in found["relations"]]
+    fitting = [found[slot][prefix] for prefix in both for slot in NAMES]
+    if len(both) == 1 and all(len(tables) == 1 for tables in fitting):
+        return {slot: tables[0] for slot, tables in zip(NAMES, fitting, strict=True)}
+    several = [name for tables in fitting for parts in tables for name in parts]
+    listed = (several or sorted(tensors))[:LISTED]
+    expected = "expected one table of entities and one of relations (named as here, in PyKEEN, TorchKGE or OpenKE)"
+    raise InputError("", "", f"{expected}, got {', '.join(listed)[:200] or 'no tensor'}")
+
+
+def _by_prefix(tensors: Sequence[str], slot: str) -> dict[str, list[tuple[str, ...]]]:
+    """The names of each table of a slot, by the prefix (empty, or up to a dot) before its name in ``NAMES``."""
+    found = dict[str, list[tuple[str, ...]]]()
+    for parts in NAMES[slot]:
+        for name in tensors:
+            prefix = name.removesuffix(parts[0])
+            whole = tuple(prefix + part for part in parts)
+            if prefix != name and prefix[-1:] in ("", ".") and set(whole) <= set(tensors):
+                found.setdefault(prefix, []).append(whole)
+    return found
+
+
+def _refuse_sum_of_moduli(model: str, tensors: Mapping[str, np.ndarray]) -> None:
+    """InputError for RotatE of OpenKE or KnowledgeGraphEmbedding, which store the range of their angles."""
+    for name in tensors:
+        if model == "rotate" and name.endswith("embedding_range"):
+            expected = "expected RotatE with a Euclidean norm; this one's distance is the sum of moduli"
+            raise InputError("", name, expected)
+
+
+def _table(tensors: Mapping[str, np.ndarray], parts: Sequence[str], slot: str, model: str) -> np.ndarray:
     """A slot's real table. Complex rows become real and imaginary halves, or angles if they are RotatE's relations."""
-    present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
-    if len(present) != 1:
-        listed = ", ".join(sorted(tensors)[:8]) or "none"
-        raise InputError("", "", f"expected one table {slot!r} (or as in PyKEEN, TorchKGE, OpenKE), got {listed:.200}")
-    (parts,) = present
     for part in parts:
         values = tensors[part]
         if values.ndim != 2 or values.dtype.kind not in "biufc" or values.shape != tensors[parts[0]].shape:

@@ -1,7 +1,7 @@
 """Names as people type them: spellings that are the same, known names that a new one resembles, suggestions."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import Annotated
@@ -44,7 +44,12 @@ def singulars(name: str) -> set[str]:
 
 def same_name(first: str, second: str) -> bool:
     """Whether two names are equal up to case, spaces, hyphens and underscores."""
-    return plain(first).replace(" ", "") == plain(second).replace(" ", "")
+    return bare(first) == bare(second)
+
+
+def bare(name: str) -> str:
+    """What all names that are the same (``same_name``) have in common."""
+    return plain(name).replace(" ", "")
 
 
 def known_as(text: str, names: Collection[str]) -> str | None:
@@ -64,3 +69,42 @@ def find(text: str, names: Collection[str], place: str, expected: str) -> str:
     close = same[:LISTED] or [by_plain[name] for name in near[:SUGGESTED]] or list(names) * (len(names) <= LISTED)
     hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
     raise InputError(place, "", f"expected {expected} of this embedding, got {text!r:.80}{hint}")
+
+
+def by_known_name(values: Mapping[str, str], known: Collection[str]) -> tuple[dict[str, str], list[str]]:
+    """Values by the known name that equals theirs, or else the only ``same_name``; and the names that match none.
+
+    Names that are the same as several others match none.
+    """
+    exact = values.keys() & set(known)
+    found = {name: value for name, value in values.items() if name in exact}
+    free = _by_bare(name for name in known if name not in exact)
+    missing = list[str]()
+    for form, names in _by_bare(name for name in values if name not in exact).items():
+        candidates = free.get(form, [])
+        if len(names) == len(candidates) == 1:
+            found[candidates[0]] = values[names[0]]
+        else:
+            missing += names
+    return found, missing
+
+
+def _by_bare(names: Iterable[str]) -> dict[str, list[str]]:
+    groups = dict[str, list[str]]()
+    for name in names:
+        groups.setdefault(bare(name), []).append(name)
+    return groups
+
+
+def note_of_kinds(missing: Sequence[str], listed: int, without: Sequence[str], entities: int) -> str:
+    """A sentence about listed names that match no entity, and entities without a kind; empty if there are none."""
+    parts = []
+    if missing:
+        parts.append(f"{len(missing):,} of {listed:,} names match no entity ({_first(missing)})")
+    if without:
+        parts.append(f"{len(without):,} of {entities:,} entities have no kind ({_first(without)})")
+    return "; ".join(parts)
+
+
+def _first(names: Sequence[str]) -> str:
+    return ", ".join(f"{name!r:.80}" for name in names[:SUGGESTED]) + ", ..." * (len(names) > SUGGESTED)

@@ -14,6 +14,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pandas as pd
 import torch
@@ -23,19 +24,22 @@ from tqdm import tqdm
 from isi.analyses.joint_models import train_final
 from isi.bundle.folder import Bundle, Manifest
 from isi.bundle.live import LiveEmbedding
+from isi.bundle.names import by_known_name, note_of_kinds
 from isi.bundle.phrases import OF_MODEL, by_model, has_model
+from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.evaluation.ranking import padded_ids
 from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, train_stack
 from isi.graph.files import read_graph
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph, GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.sessions import TEST, TRAIN, VALID, split
-from isi.insertion.arguments import SLOTS, TripleForms, argument, checked_model, listed_triples
+from isi.insertion.arguments import TripleForms, argument, checked_model, column_names, listed_triples
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
+from isi.sources.names import Name as KindName
 from isi.sources.readers import COUNT, check_names
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
@@ -56,6 +60,8 @@ LARGEST_BATCH, SAMPLED = 1024, 3
 #: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds for each update: they
 #: turn a budget of seconds into one of work, so that the result depends on the arguments alone.
 DENSE_RATE, LIST_RATE, OVERHEAD = 1.4e10, 1e8, 5e-4
+#: Two relations repeat each other if they share more than this share of the pairs of either, and this number.
+REPEATED, FEWEST_REPEATED = 0.8, 5
 CLEARLY = 2.0  #: Standard errors by which the reciprocal ranks of a model that has learned exceed others.
 
 
@@ -75,6 +81,7 @@ class TrainingSummary:
     dimension: int
     epochs: int
     batch_size: int
+    repeated: list[list[str]]  #: relations that repeat each other; one alone is symmetric
     test_triples: int  #: head and tail of each are queried
     mrr: float | None
     frequency: float | None  #: of candidates ranked by their number of training triples in the slot of the relation
@@ -87,39 +94,63 @@ class TrainingSummary:
             f" {self.relations:,} relations; model {self.model}, learning rate {self.learning_rate:g}, {self.epochs}"
             f" epochs in batches of {self.batch_size:,}, chosen on validation triples."
         )
+        if self.repeated:
+            named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
+            text += f"\nTriples of symmetric, inverse or equal relations ({named}) are split together with those that"
+            text += " they repeat."
         if self.mrr is not None:
             text += f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; of answers by frequency"
             text += f" {self.frequency:.3f}, at random {self.chance:.3f}. In the end, all triples were trained on."
         return text + f"\nWarning: {self.warning}." * bool(self.warning)
 
 
-def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> GraphTables:
-    """The graph of triples of names (forms: ``listed_triples``; a DataFrame may have a column ``count``).
+def tables_of(triples: TripleForms) -> GraphTables:
+    """The graph of triples of names (forms: ``listed_triples``; a table may have a column ``count``).
 
-    ``kinds``: kinds by entity, for any entities. InputError for a wrong triple, name or count.
+    InputError for a wrong triple, name or count.
     """
     with argument("triples"):
         rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in listed_triples(triples)]
         for row, triple in enumerate(rows):
-            if len(triple) != len(SLOTS):
+            if len(triple) != len(TRIPLE):
                 raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(SLOTS), dtype=object)
+        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object)
         check_names(frame, "")
-        counts = triples[COUNT].tolist() if isinstance(triples, pd.DataFrame) and COUNT in triples else [1] * len(rows)
+        counted: Any = next((name for name in column_names(triples) if str(name).casefold() == COUNT), None)
+        counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError("", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}")
-        return build_tables(MinedSource("triples", frame, Naming(kind_of=dict(kinds or {}))(frame, ())))
+        return build_tables(MinedSource("triples", frame, Naming()(frame, ())))
 
 
-def described(tables: GraphTables, path: Path) -> GraphTables:
-    """The graph with the kinds and phrases of a table (``naming``) for the entities that it lists."""
-    listed, named = tables.entities, naming(str(path), None, household=False)
-    if named.kind_of.keys().isdisjoint(listed["entity"]) and named.phrase_of.keys().isdisjoint(listed["entity"]):
-        raise InputError(path, "", "expected the kind or the phrase of an entity of the graph, got none")
-    old = ((listed["kind"], named.kind_of), (listed["phrase"], named.phrase_of))
-    kinds, phrases = ([of.get(*pair) for pair in zip(listed["entity"], column, strict=True)] for column, of in old)
-    return replace(tables, entities=listed.assign(kind=kinds, phrase=phrases))
+def described(tables: GraphTables, path: Path) -> tuple[GraphTables, str]:
+    """``with_kinds`` of a table of entities (``naming``)."""
+    named = naming(str(path), None, household=False)
+    with at(path):
+        return with_kinds(tables, named.kind_of, named.phrase_of)
+
+
+def with_kinds(
+    tables: GraphTables, kinds: Mapping[str, str], phrases: Mapping[str, str] | None = None
+) -> tuple[GraphTables, str]:
+    """The graph with kinds and phrases by entity (``by_known_name``), and a note of names that have no match.
+
+    All other kinds and phrases stay. InputError if no name matches.
+    """
+    entities, listed = tables.entities, {**kinds, **(phrases or {})}
+    names = entities["entity"].tolist()
+    new_kinds, _ = by_known_name(kinds, names)
+    new_phrases, _ = by_known_name(phrases or {}, names)
+    found, missing = by_known_name(listed, names)
+    if not found:
+        got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
+        raise InputError("", "", f"expected the kind or the phrase of an entity of the graph, got {got}")
+    kind = [new_kinds.get(name, old) for name, old in zip(names, entities["kind"], strict=True)]
+    phrase = [new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)]
+    without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
+    note = note_of_kinds(missing, len(listed), without, len(names))
+    return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
 def train(
@@ -128,10 +159,16 @@ def train(
 ) -> LiveEmbedding:  # fmt: skip
     """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file that ``isi train`` reads.
 
-    The other arguments are those of ``train_bundle`` and ``tables_of``. ``base.manifest.made`` of the result has its
-    measures. Warns if the model has learned nothing.
+    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of ``train_bundle``.
+    ``base.manifest.made`` of the result has its measures. Warns if the model has learned nothing, of names in ``kinds``
+    that match no entity, and of entities without a kind.
     """
-    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples, kinds)
+    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
+    if kinds:
+        with argument("kinds"):
+            tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
+        if note:
+            warnings.warn(f"kinds: {note}", stacklevel=2)
     options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget, "seed": seed}
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
     if summary.warning:
@@ -177,14 +214,17 @@ def train_bundle(
         ): name
         for rate in (RATES if learning_rate is None else (learning_rate,)) for name in ([model] if model else COMPARED)
     }  # fmt: skip
-    splits = held_out(graph, seed, max(1, min(DRAWS, DENSE_LIMIT // cells)))
+    repeated = repeated_relations(graph)
+    groups = groups_of(graph, repeated)
+    splits = held_out(graph, groups, seed, max(1, min(DRAWS, DENSE_LIMIT // cells)))
     config, epochs = compare(points_of(graph, splits), list(configs), int(budget / seconds / len(splits)))
     tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
     final = train_final(points_of(graph, np.concatenate([tested, np.zeros_like(tested)])), config, epochs)
-    measures = test_measures(graph, torch.from_numpy(tested), select(final, torch.tensor([0])))
+    measures = test_measures(graph, groups, torch.from_numpy(tested), select(final, torch.tensor([0])))
     name, rate = configs[config], config.training.learning_rate
     chosen = entities, relations, len(graph.triples), observed, name, rate, dimension, epochs, batch_size
-    summary = TrainingSummary(*chosen, **measures)
+    names = [[graph.relations[relation] for relation in together] for together in repeated]
+    summary = TrainingSummary(*chosen, names, **measures)
     made = {"seed": seed, "weight_decay": DECAY / entities, "init_range": INIT_RANGE, "ratio": ratio, **asdict(summary)}
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
     phrases, triples = list(tables.entities["phrase"].astype(str)), graph.triples.numpy()
@@ -200,14 +240,64 @@ def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:
     return GridPoints.without_insertion("train", graph, list(range(len(splits))), splits)
 
 
-def held_out(graph: Graph, seed: int, draws: int) -> np.ndarray:
-    """Splits, (draws, T), with the same test triples and different validation triples; every name is in train."""
+def repeated_relations(graph: Graph) -> list[list[int]]:
+    """Relations that have the same pairs of entities, as they are or swapped; a symmetric one may stand alone.
+
+    A model answers triples of the one from triples of the other without any knowledge of the entities.
+    """
+    head, relation, tail = graph.triples.numpy().T
+    number = len(graph.entities)
+    pairs = pd.DataFrame({"relation": relation, "pair": head * number + tail, "swapped": tail * number + head})
+    pairs = pairs[head != tail]
+    sizes = pairs["relation"].value_counts()
+    repeats = nx.Graph()
+    for column in ("pair", "swapped"):
+        both = pairs.merge(pairs, left_on="pair", right_on=column)
+        for (one, other), shared in both[["relation_x", "relation_y"]].value_counts().items():
+            enough = shared >= FEWEST_REPEATED and shared > REPEATED * min(sizes[one], sizes[other])
+            if enough and (one != other or column == "swapped"):
+                repeats.add_edge(one, other)
+    return sorted(map(sorted, nx.connected_components(repeats)))
+
+
+def groups_of(graph: Graph, repeated: Sequence[Sequence[int]]) -> np.ndarray:
+    """The first triple, an id, that has the two entities of each triple and a relation that repeats its own; (T,)."""
+    head, relation, tail = graph.triples.numpy().T
+    together = np.arange(len(graph.relations))
+    is_repeated = np.zeros(len(graph.relations), dtype=bool)
+    for relations in repeated:
+        together[list(relations)] = relations[0]
+        is_repeated[list(relations)] = True
+    triples = np.arange(len(relation))
+    alone = np.where(is_repeated[relation], -1, triples)
+    keys = np.stack([together[relation], np.minimum(head, tail), np.maximum(head, tail), alone], axis=1)
+    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return first[group.reshape(-1)]
+
+
+def held_out(graph: Graph, groups: np.ndarray, seed: int, draws: int) -> np.ndarray:
+    """Splits, (draws, T), with the same test triples and different validation triples; every name is in train.
+
+    Triples of a group, (T,), have the same split.
+    """
     number, most = len(graph.triples), MOST_SCORES // len(graph.entities)
     tests = min(max(number // 10, min(FEWEST, number // 5)), most, MOST_HELD_OUT)
-    first = split(graph, seed, 0, 0.0, tests / number)
+    first = split_groups(graph, groups, np.arange(number), seed, 0, 0.0, tests / number)
     rest, splits = np.flatnonzero(first == TRAIN), np.tile(first, (draws, 1))
     for draw, row in enumerate(splits, 1):
-        row[rest] = split(graph.part(rest), seed, draw, min(0.1, tests / number), 0.0)
+        row[rest] = split_groups(graph, groups, rest, seed, draw, min(0.1, tests / number), 0.0)
+    return splits
+
+
+def split_groups(
+    graph: Graph, groups: np.ndarray, triples: np.ndarray, root: int, seed: int, valid: float, test: float
+) -> np.ndarray:
+    """``split`` of some triples, ids (N,), in which those of a group have the same split; (N,), int8."""
+    wholes, group = np.unique(groups[triples], return_inverse=True)
+    splits = split(graph.part(wholes), root, seed, valid, test)[group]
+    relation = graph.triples[:, RELATION].numpy()[triples]
+    for lost in np.setdiff1d(relation, relation[splits == TRAIN]):
+        splits[group == group[relation == lost][0]] = TRAIN
     return splits
 
 
@@ -234,8 +324,11 @@ def compare(points: GridPoints, configs: Sequence[TrainConfig], affordable: int)
     return max(tried, key=itemgetter(0))[1:]
 
 
-def test_measures(graph: Graph, splits: Tensor, theta: Embedding) -> dict[str, Any]:
-    """The last fields of a ``TrainingSummary``, for an embedding trained on splits, (1, T)."""
+def test_measures(graph: Graph, groups: np.ndarray, splits: Tensor, theta: Embedding) -> dict[str, Any]:
+    """The last fields of a ``TrainingSummary``, for an embedding trained on splits, (1, T).
+
+    Triples of a group, (T,), count as one where errors are estimated.
+    """
     names, number = ("mrr", "frequency", "chance"), int((splits == TEST).sum())
     if not number:
         nothing = "no triple can leave training, since each entity and relation needs one: quality is unknown"
@@ -248,7 +341,8 @@ def test_measures(graph: Graph, splits: Tensor, theta: Embedding) -> dict[str, A
     )
     measures = dict(zip(names, (ranks.mean().item() for ranks in (learned, *others)), strict=True))
     gains = torch.stack([learned - other for other in others])
-    clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / gains.shape[1] ** 0.5).all())
+    independent = gains.shape[1] * len(np.unique(groups[splits[0] == TEST])) / number
+    clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / independent**0.5).all())
     nothing = "the model has learned nothing that shows: it ranks answers about as their frequency or chance does"
     return {"test_triples": number, **measures, "warning": None if clear else nothing}
 

@@ -1,5 +1,6 @@
 """``isi train``: trains a bundle on your own triples, scenes or houses."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -32,15 +33,19 @@ def train(
 
     torch.set_num_threads(1)  # so that equal commands write equal bytes
     tables, read = read_graph(files, reader, settings(set), min_count, seed)
+    note = ""
     if entities:
-        tables = described(tables, entities)
+        tables, note = described(tables, entities)
     options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget}
     with flags(**{name: f"--{name.replace('_', '-')}" for name in options}):
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     write(out, bundle)
     show(read)
+    if note:
+        print(f"Warning: {entities}: {note}.")
     print(summary)
-    head, relation, tail = bundle.named_triples()[0]
+    head, relation, tail = map(shlex.quote, bundle.named_triples()[0])
+    folder = shlex.quote(str(out))
     print(f"The embedding is in {out}. Ask it, or insert an entity that it lacks:")
-    print(f'  isi ask "{head}" "{relation}" --embedding {out}')
-    print(f'  isi insert "NEW NAME" --fact "{relation}" "{tail}" --embedding {out}')
+    print(f"  isi ask {head} {relation} --embedding {folder}")
+    print(f"  isi insert 'NEW NAME' --fact {relation} {tail} --embedding {folder}")

@@ -38,7 +38,8 @@ MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estim
 
 @without_denormals()
 def insert(
-    entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int | Sequence[str],
+    entities: np.ndarray | torch.Tensor, relations: np.ndarray | torch.Tensor,
+    triples: TripleForms, *, new: int | Sequence[str],
     model: str | Model, model_options: Mapping[str, Any] | None = None, new_relations: int | Sequence[str] = 0,
     entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
     known_triples: TripleForms | None = None,
@@ -50,6 +51,7 @@ def insert(
 
     Args:
         entities: vectors of the known entities, shape (E, d); if complex, the real half, then the imaginary half.
+            Tensors may need gradients; bfloat16 becomes float32.
         relations: vectors of the relations, shape (R, w), with w = ``Model.width(d)``.
         triples: (head, relation, tail) by names or ids, each with a new entity or relation, in a list, an array, a
             tensor or a DataFrame; or facts by head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``. New

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import torch
 
+from isi.columns import TRIPLE, triple_columns
 from isi.config import check
 from isi.errors import InputError, extra, short, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
@@ -31,7 +32,6 @@ Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 #: Triples in the forms that ``listed_triples`` describes.
 TripleForms: TypeAlias = "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
-SLOTS = ("head", "relation", "tail")
 
 
 @contextmanager
@@ -66,12 +66,29 @@ def options_by_name(values: Any, name: str) -> dict[str, Any]:
     return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
 
 
+def array_of(tensor: torch.Tensor) -> np.ndarray:
+    """A tensor of any device, with or without gradient, as an array; types that NumPy lacks (bfloat16) as float32."""
+    try:
+        return tensor.numpy(force=True)
+    except TypeError:
+        return tensor.to(torch.complex64 if tensor.is_complex() else torch.float32).numpy(force=True)
+
+
+def _as_array(values: Any, dtype: type[np.generic] | None = None) -> np.ndarray:
+    """``numpy.asarray`` of numbers, which may be a tensor or a list of tensors."""
+    if isinstance(values, torch.Tensor):
+        values = array_of(values)
+    elif isinstance(values, list | tuple):
+        values = [array_of(value) if isinstance(value, torch.Tensor) else value for value in values]
+    return np.asarray(values, dtype)
+
+
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
     """An argument as an array, (rows, width), of finite floats; ``InputError`` names the argument and the row."""
     with argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
-            numbers = np.asarray(values, dtype)
-        except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: a tensor with a gradient
+            numbers = _as_array(values, dtype)
+        except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: by a tensor within
             raise InputError("", "", f"expected a table of floats (rows, numbers) ({error})") from error
         if np.iscomplexobj(numbers):
             expected = "expected real numbers: of complex vectors, the real half, then the imaginary half"
@@ -189,8 +206,9 @@ def checked_arguments(
 def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     """Triples in any accepted form as an array, (T, 3), or a list. The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame (columns head, relation and tail, else its columns in order), or the
-    tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
+    Forms: a list, an array, a tensor, a DataFrame or structured array (columns by name, ``triple_columns``; those of a
+    DataFrame without names in order), or the tails of each head and relation,
+    ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
     """
     if isinstance(triples, Mapping):
         rows = []
@@ -201,11 +219,24 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
                 listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
                 rows += [(head, relation, tail) for tail in listed]
         return rows
+    if names := column_names(triples):
+        triples = triples[[names[column] for column in triple_columns(names)]]
+        if isinstance(triples, np.ndarray):  # a structured one
+            return list(triples.tolist())
     if hasattr(triples, "columns"):
-        triples = (triples[list(SLOTS)] if set(SLOTS) <= set(triples.columns) else triples).to_numpy()
+        triples = triples.to_numpy()
     elif isinstance(triples, torch.Tensor):
-        triples = triples.cpu().numpy()
+        triples = array_of(triples)
     return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
+
+
+def column_names(triples: Any) -> list[str]:
+    """The names of the columns of a DataFrame or of a structured array; empty for other forms, and for numbers."""
+    if isinstance(triples, np.ndarray):
+        names = list(triples.dtype.names or ())
+    else:
+        names = list(getattr(triples, "columns", ()))
+    return [] if all(map(is_whole, names)) else names
 
 
 def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
@@ -218,7 +249,7 @@ def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.nda
             limits = [rows.number for rows in columns]
             if len(ids) and any(ids[:, slot].min() < 0 or ids[:, slot].max() >= limits[slot] for slot in range(3)):
                 row, slot = np.argwhere((ids < 0) | (ids >= limits))[0].tolist()
-                columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
+                columns[slot].id(triples[row, slot], f"triple {row}: {TRIPLE[slot]}")
         else:
             ids = _listed_ids(triples.tolist() if isinstance(triples, np.ndarray) else triples, columns)
     return ids
@@ -245,7 +276,7 @@ def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
         is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
         if not is_sized or len(triple) != 3:
             raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-        slots = zip(columns, triple, SLOTS, strict=True)
+        slots = zip(columns, triple, TRIPLE, strict=True)
         rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 

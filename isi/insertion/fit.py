@@ -20,7 +20,8 @@ from isi.training.trainer import Optimizer, train
 
 @without_denormals()
 def fit_new(
-    entities: np.ndarray, relations: np.ndarray, triples: TripleForms, *, new: int,
+    entities: np.ndarray | torch.Tensor, relations: np.ndarray | torch.Tensor,
+    triples: TripleForms, *, new: int,
     model: str | Model, model_options: Mapping[str, Any] | None = None,
     entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
     known_triples: TripleForms | None = None, epochs: int = 100, all_epochs: int = 0,

@@ -22,7 +22,7 @@ from isi.insertion.arguments import Names, Source, all_names, argument, listed_t
 from isi.insertion.inverses import BothWays, joined
 from isi.insertion.result import Inserted
 from isi.pykeen import reading
-from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
+from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of, unwrapped
 
 SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
@@ -41,7 +41,8 @@ def insert(
     To train the copy, use ``fit_new`` or ``train_on``: PyKEEN's own ``train`` starts again from random vectors.
 
     Args:
-        model: stores the vectors of entities in tables, as most models do. DistMult and ComplEx work with all
+        model: stores the vectors of entities in tables, as most models do, perhaps within a wrapper of
+            ``torch.compile`` or ``DataParallel``, which copies lack. DistMult and ComplEx work with all
             initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others with those that need no inverse
             (map_mean, mean, es, ...). Or the result of PyKEEN's pipeline: ``insert(result, triples)``.
         factory: the triples factory that the model was trained on.
@@ -132,7 +133,7 @@ def inserted(
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
     """Copies of a model and its factory, with the vectors, labels and triples of new entities and relations."""
-    larger = deepcopy(model)
+    larger = deepcopy(unwrapped(model))
     larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)
     grown = stored(tables_of(larger), torch.from_numpy(done.entities[done.known :]))
     base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
@@ -166,10 +167,10 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
 def of_result(model: Any, factory: Any, triples: Any) -> tuple[PykeenModel, CoreTriplesFactory, Any]:
     """Model, factory and triples of a call with them, or with the result of PyKEEN's pipeline and triples."""
     if not isinstance(model, PipelineResult):
-        return model, factory, triples
+        return unwrapped(model), factory, triples
     if triples is None:
         factory, triples = None, factory
-    return model.model, model.training if factory is None else factory, triples  # type: ignore[return-value]
+    return unwrapped(model.model), model.training if factory is None else factory, triples
 
 
 def checked_labels(model: PykeenModel, factory: CoreTriplesFactory) -> tuple[list[str] | None, list[str] | None]:

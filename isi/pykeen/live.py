@@ -1,5 +1,6 @@
 """``isi.of``: a live embedding of a PyKEEN model."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,7 @@ from pykeen.triples import TriplesFactory
 
 from isi.bundle.folder import Manifest
 from isi.bundle.live import LiveEmbedding
-from isi.bundle.names import plain
+from isi.bundle.names import by_known_name, note_of_kinds, plain
 from isi.bundle.query import OpenBundle
 from isi.errors import InputError
 from isi.insertion.inverses import joined
@@ -30,7 +31,8 @@ def of(
 
     Args:
         factory: the triples factory with labels that the model was trained on; not with a result of the pipeline.
-        kinds: kinds of entities by label, which leave unfitting answers out.
+        kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that match no entity
+            (``same_name``), and of entities without a kind.
         margin: of a distance model; null: estimated (``isi.pykeen.insert``).
 
     Raises:
@@ -46,8 +48,12 @@ def of(
     options: dict[str, Any] = vars(read.model) if name else {}
     manifest = Manifest(model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[])
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
+    kind_of, missing = by_known_name(kinds or {}, entities)
+    without = [label for label in entities if kinds and label not in kind_of]
+    if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
+        warnings.warn(f"kinds: {note}", stacklevel=2)
     return LiveEmbedding(OpenBundle(
         manifest, read.entity[0].numpy(), read.relation[0].numpy(), entities,
-        [(kinds or {}).get(label, "") for label in entities], list(map(plain, entities)), relations, triples, None,
+        [kind_of.get(label, "") for label in entities], list(map(plain, entities)), relations, triples, None,
         None if name else read.model,
     ))  # fmt: skip

@@ -12,6 +12,7 @@ from pykeen.nn import modules
 from pykeen.nn.representation import Embedding as Table
 from pykeen.nn.representation import Representation
 from torch import Tensor
+from torch.nn import Module
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
@@ -23,6 +24,7 @@ from isi.models.model import Model
 from isi.models.stack import Embedding
 
 PykeenModel = ERModel[Any, Any, Any]
+WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
 ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
 
 
@@ -92,6 +94,16 @@ class InteractionModel(Model):
         raise NoRelationMap
 
 
+def unwrapped(model: Any) -> Any:
+    """The model in a wrapper of ``torch.compile`` (``_orig_mod``) or of ``DataParallel`` (``module``); else itself."""
+    while isinstance(model, Module) and not isinstance(model, ERModel):
+        inner = next((part for name, part in model.named_children() if name in WRAPPED), None)
+        if inner is None:
+            return model
+        model = inner
+    return model
+
+
 def tables_of(model: object) -> list[Table]:
     """The entity tables of a model; InputError unless it stores all vectors of entities in tables."""
     if not isinstance(model, ERModel):
@@ -146,6 +158,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 
     Of a model with inverse triples, row 2r is that of relation r and row 2r + 1 that of its inverse, as in PyKEEN.
     """
+    model = unwrapped(model)
     forms = tuple(map(form_of, tables_of(model)))
     entity = torch.cat([_read(table)[1] for table in tables_of(model)], 1)
     read = [_read(representation) for representation in model.relation_representations]

@@ -1,0 +1,113 @@
+"""Columns of triples are found by their names, and refused by them, in every function that takes triples."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import isi
+from isi.bundle.live import LiveEmbedding
+from isi.bundle.train import tables_of
+from isi.columns import triple_columns
+from isi.errors import InputError
+from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, small
+
+FACTS = [("jug", "atLocation", "kitchen"), ("jug", "hasAffordance", "turn on")]
+ARRAYS: dict[str, Any] = {"model": "distmult", "relation_names": BETWEEN}
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        (["head", "relation", "tail"], [0, 1, 2]), (["tail", "head", "count", "relation"], [1, 3, 0]),
+        (["H", "R", "T"], [0, 1, 2]), (["Subject", "Object", "Predicate"], [0, 2, 1]),
+        (["from", "to", "rel"], [0, 2, 1]), (["source", "target", "label"], [0, 2, 1]),
+        (["source", "target", "relation", "label"], [0, 2, 1]), ([" Head ", "rel", "TAIL"], [0, 1, 2]),
+        (["head", "relation", "tail", "source", "target", "label"], [0, 1, 2]),
+    ],
+)  # fmt: skip
+def test_columns_are_found_by_name(columns: list[str], expected: list[int]) -> None:
+    assert triple_columns(columns) == expected
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        ["a", "b", "c"], ["head", "tail"], ["from", "to", "source", "target", "rel"],
+        ["head", "rel", "predicate", "tail"], ["Head", "head", "rel", "tail"], ["head", "relation", "object"], [],
+    ],
+)  # fmt: skip
+def test_columns_that_do_not_fit_are_refused(columns: list[str]) -> None:
+    with pytest.raises(InputError, match="expected the columns head, relation, tail") as error:
+        triple_columns(columns)
+    assert all(repr(name) in str(error.value) for name in columns)
+
+
+def train(facts: Any) -> object:
+    return tables_of(facts).triples.values.tolist()
+
+
+def insert(facts: Any) -> object:
+    return isi.insert(
+        ENTITIES, LABELS, facts, new=["jug"], entity_names=NAMES, initializer="map", **ARRAYS
+    ).entities.tolist()
+
+
+def insert_beside_known(facts: Any) -> object:
+    known = (
+        facts.replace("jug", "kettle") if isinstance(facts, pd.DataFrame) else [("kettle", *row[1:]) for row in facts]
+    )
+    return isi.insert(
+        ENTITIES, LABELS, FACTS, new=["jug"], entity_names=NAMES, known_triples=known, initializer="rs",
+        options={"k": 9}, **ARRAYS
+    ).entities.tolist()  # fmt: skip
+
+
+def fit_new(facts: Any) -> object:
+    larger = np.concatenate([ENTITIES, ENTITIES[:1]])
+    return isi.fit_new(larger, LABELS, facts, new=1, entity_names=[*NAMES, "jug"], epochs=1, **ARRAYS)[0].tolist()
+
+
+def live_insert(facts: Any) -> object:
+    home = LiveEmbedding(small())
+    home.insert("jug", facts)
+    return list(home.additions.facts)
+
+
+def live_observe(facts: Any) -> object:
+    home = LiveEmbedding(small())
+    home.insert("jug", [("jug", "atLocation", "bedroom")])
+    home.observe(facts)
+    return list(home.additions.facts)
+
+
+def pykeen_insert(facts: Any) -> object:
+    pytest.importorskip("pykeen")
+    from pykeen.models import DistMult
+    from pykeen.triples import TriplesFactory
+
+    known = np.array([["kettle", "atLocation", "kitchen"], ["bed", "hasAffordance", "turn on"]])
+    factory = TriplesFactory.from_labeled_triples(known)
+    model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
+    return isi.pykeen.inserted(model, factory, facts, initializer="mean").insert_triples.tolist()
+
+
+@pytest.mark.parametrize(
+    "function", [train, insert, insert_beside_known, fit_new, live_insert, live_observe, pykeen_insert]
+)
+def test_every_function_reads_columns_by_name(function: Callable[[Any], object]) -> None:
+    expected = function(FACTS)
+    frame = pd.DataFrame(FACTS, columns=["Subject", "Predicate", "Object"])
+    assert function(frame[["Object", "Subject", "Predicate"]]) == expected
+    assert function(pd.DataFrame(FACTS)) == expected
+    with pytest.raises(InputError, match="columns: expected the columns"):
+        function(frame.rename(columns={"Predicate": "edge"}))
+
+
+@pytest.mark.parametrize("column", ["count", "Count"])
+def test_counts_are_read_in_any_table(column: str) -> None:
+    frame = pd.DataFrame(FACTS, columns=["h", "r", "t"]).assign(**{column: [3, 1]})
+    for form in (frame, frame.to_records(index=False)):
+        assert sorted(tables_of(form).triples["count"]) == [1, 3]
