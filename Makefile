@@ -31,7 +31,7 @@ $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 
 install: $(INSTALLED)  ## set up .venv
 
-repro: $(CHECKED)  ## run all stages that are not up to date; print the report's path and headline
+repro: $(CHECKED)  ## run all stages that are not up to date; print headline and path of the report, and how it differs from the committed one
 	@python tools/repro.py
 	@python -m tools.headline reports
 

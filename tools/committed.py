@@ -37,7 +37,7 @@ def compared(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     if apart:
         largest = max(apart, key=apart.__getitem__)
         line += f"; the largest difference is {apart[largest]:.2g}, in {largest}: "
-        line += f"{new[largest]:g} instead of {old[largest]:g}"
+        line += f"{new[largest]:g} instead of {old[largest]:g} (docs/change.md: go back)"
     alone = len(new) + len(old) - 2 * len(both)
     return f"{line}; {alone} are in one report only" if alone else line
 
