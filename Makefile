@@ -5,10 +5,11 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 
 VENV := .venv
-BIN := $(CURDIR)/$(VENV)/bin
+# Relative, so that the shell needs no quotes, whatever the path of this folder has in it.
+PIP := $(VENV)/bin/pip
 INSTALLED := $(VENV)/installed
 CHECKED := $(VENV)/params-checked
-export PATH := $(BIN):$(PATH)
+export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: help install repro beyond quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme site console lock models initializers clean
@@ -17,11 +18,11 @@ help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
 
 $(INSTALLED): requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --no-deps $(TORCH)
-	$(BIN)/pip install --quiet --no-deps --require-hashes -r requirements.lock
-	$(BIN)/pip install --quiet --editable '.[pipeline,test]'   # and what a CUDA build of torch wants besides
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
+	"$(PYTHON)" -m venv $(VENV)
+	$(PIP) install --quiet --no-deps $(TORCH)
+	$(PIP) install --quiet --no-deps --require-hashes -r requirements.lock
+	$(PIP) install --quiet --editable '.[pipeline,test]'   # and what a CUDA build of torch wants besides
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
@@ -30,9 +31,9 @@ $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 
 install: $(INSTALLED)  ## set up .venv
 
-repro: $(CHECKED)  ## run all stages that are not up to date; print the report's path and headline
+repro: $(CHECKED)  ## run all stages that are not up to date; print headline and path of the report, and how it differs from the committed one
 	@python tools/repro.py
-	@python tools/headline.py reports
+	@python -m tools.headline reports
 
 beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions, with a page of its own
 	@python -m isi.params beyond
@@ -43,7 +44,7 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)
 	@cd quick && python ../tools/repro.py
-	@python tools/headline.py quick/reports
+	@python -m tools.headline quick/reports
 
 record: $(CHECKED)  ## record scenes of the live simulator (ARGS="--scenes FloorPlan1-3" instead of the params' list; see --help)
 	@python -m stages.record $(ARGS)
@@ -60,7 +61,7 @@ pytest: $(INSTALLED)
 	pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 wheel: $(INSTALLED)  ## build the wheel and the source distribution, and check them, in dist/ (installs the extra `release`)
-	$(BIN)/pip install --quiet --editable '.[release]'
+	$(PIP) install --quiet --editable '.[release]'
 	rm -rf dist
 	python -m build --no-isolation
 	twine check --strict dist/*
@@ -72,7 +73,7 @@ kill-test: $(INSTALLED)  ## kill 20 runs of a small pipeline at random moments a
 	python -m tests.kills $(ARGS)
 
 mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about an hour; table in docs/benchmarks (installs the extra `mutants`)
-	$(BIN)/pip install --quiet --editable '.[mutants]'
+	$(PIP) install --quiet --editable '.[mutants]'
 	mutmut run $(ARGS)
 	python -m tools.mutants
 
@@ -80,30 +81,30 @@ verify: $(INSTALLED)  ## recompute vectors, MRR* and epochs of the last run from
 	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about ten minutes (installs the extra `benchmark`), into docs/benchmarks
-	$(BIN)/pip install --quiet --editable '.[benchmark]'
+	$(PIP) install --quiet --editable '.[benchmark]'
 	@mkdir -p .benchmarks
 	pytest -o addopts= tests/benchmarks --benchmark-only --benchmark-json=.benchmarks/latest.json
 	python -m tools.benchmarks .benchmarks/latest.json
 
 words: $(INSTALLED)  ## embed the phrases of data/raw/words again (installs the extra `words`)
-	$(BIN)/pip install --quiet --editable '.[words]'
+	$(PIP) install --quiet --editable '.[words]'
 	python -m tools.embed_phrases
 
 readme: $(INSTALLED)  ## copy tables and numbers of the report and the benchmarks into the README and docs/
 	python -m tools.docs
 
 lock: $(INSTALLED)  ## write requirements.lock, with hashes, from the packages installed in .venv
-	$(BIN)/pip install --quiet uv
-	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
+	$(PIP) install --quiet uv
+	$(PIP) freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
 	uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate $(VENV)/frozen -o requirements.lock > /dev/null
 
 site: $(INSTALLED)  ## build the documentation as a site for offline use, site/index.html (installs the extra `site`)
-	$(BIN)/pip install --quiet --editable '.[site]'
+	$(PIP) install --quiet --editable '.[site]'
 	NO_MKDOCS_2_WARNING=1 mkdocs build --quiet --strict
 	pytest tests/test_site.py
 
 console: $(INSTALLED)  ## run the commands of pages and copy their output there (installs the extra `words`)
-	$(BIN)/pip install --quiet --editable '.[words]'
+	$(PIP) install --quiet --editable '.[words]'
 	python -m tools.docs docs/insert.md $$(grep -lr '^<!-- console:' docs | grep -v docs/insert.md)
 
 models: $(INSTALLED)  ## search learning rate, weight decay and margin of each embedding model, in about ten minutes

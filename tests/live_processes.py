@@ -4,11 +4,12 @@ import json
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+from tests.environment import PATIENCE, wait_for
 
 COMMAND = [sys.executable, "-m", "isi", "live"]
 
@@ -33,9 +34,8 @@ class Client:
 @contextmanager
 def socket_of(folder: Path, path: Path) -> Iterator[subprocess.Popen[bytes]]:
     with subprocess.Popen([*COMMAND, str(folder), "--socket", str(path)], stderr=subprocess.PIPE) as process:
-        while not path.is_socket() and process.poll() is None:
-            time.sleep(0.05)
         try:
+            assert wait_for(lambda: path.is_socket() or process.poll() is not None)
             yield process
         finally:
             process.kill()
@@ -43,8 +43,7 @@ def socket_of(folder: Path, path: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 def connect(path: Path) -> Client:
     connection = socket.socket(socket.AF_UNIX)
-    connection.settimeout(30)
-    while connection.connect_ex(str(path)):  # it does not listen yet
-        time.sleep(0.05)
+    connection.settimeout(PATIENCE)
+    assert wait_for(lambda: not connection.connect_ex(str(path)))  # it may not listen yet
     both = connection.makefile("rwb")
     return Client(both, both)  # type: ignore[arg-type]

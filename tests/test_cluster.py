@@ -5,7 +5,6 @@ import signal
 import socket
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -55,9 +54,9 @@ def fail(points: GridPoints, *_: object) -> None:
 
 
 def noted(folder: Path, points: GridPoints, config: TrainConfig, session: int) -> TrainResult:
-    """Write a file named after this process and the first seed, then train."""
+    """Write a file named after this process and the first seed, wait until a worker was killed, then train."""
     (folder / f"{os.getpid()} {points.seeds[0]}").touch()
-    time.sleep(0.5)
+    assert wait_for((folder / "killed").exists)
     return train_stack(points, config, session)
 
 
@@ -79,6 +78,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
         note = wait_for(lambda: next(tmp_path.iterdir(), None))
         assert note
         os.kill(int(note.name.split()[0]), signal.SIGKILL)
+        (tmp_path / "killed").touch()
 
     killer = threading.Thread(target=kill_one)
     killer.start()

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -344,7 +345,8 @@ def test_help_loads_nothing_that_is_slow() -> None:
 
 
 def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
-    command = f"{sys.executable} -m isi nearest bed --embedding {home} | true"  # which reads nothing
+    nearest = shlex.join([sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)])
+    command = f"{nearest} | true"  # which reads nothing
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S602
     assert done.stderr == ""
 

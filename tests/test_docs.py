@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from isi.__main__ import main
+from tests import committed
 from tests.documented import blocks, commands
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, small, written
 from tools import docs
@@ -24,9 +25,16 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
 @each_page
-def test_what_pages_show_is_what_was_made(page: Path) -> None:
+def test_what_pages_show_is_what_was_made(page: Path, request: pytest.FixtureRequest) -> None:
+    """Pages show the report of the last run or, if `make readme` has not run since, that of the last commit."""
     text = page.read_text(encoding="utf-8")
-    assert docs.filled(text) == text, "make readme"
+    if docs.filled(text) != text:
+        assert docs.filled(text, request.getfixturevalue("as_committed")) == text, "make readme"
+
+
+@pytest.fixture(scope="module")
+def as_committed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return committed.with_report(tmp_path_factory.mktemp("committed"))
 
 
 @each_page

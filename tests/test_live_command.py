@@ -23,7 +23,7 @@ from isi.bundle.folder import Bundle, Manifest, write
 from isi.bundle.journal import text_of
 from isi.bundle.stream import VERBS, Request, answer, serve, take_step
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
-from tests.environment import CAN_MOUNT, OWN_MOUNTS
+from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
 from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
 
@@ -41,7 +41,9 @@ def written(folder: Path) -> Path:
 
 def answered(folder: Path, *requests: Any) -> list[dict[str, Any]]:
     """The answers of a process to all requests at once."""
-    done = subprocess.run([*COMMAND, str(folder)], input=lines(*requests), capture_output=True, check=True, timeout=60)
+    done = subprocess.run(
+        [*COMMAND, str(folder)], input=lines(*requests), capture_output=True, check=True, timeout=PATIENCE
+    )
     assert done.stderr == b""
     return [json.loads(line) for line in done.stdout.splitlines()]
 
@@ -177,7 +179,7 @@ def test_clients_of_a_socket_see_one_embedding(home: Path, tmp_path: Path) -> No
         assert third({"observe": [["new a", "on", "e2"]]})["updated"] == ["new a"]
         assert len(one({"history": True})["history"]) == 2
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, b"")
     assert not path.exists()
     with socket_of(home, path) as process:  # again, after a socket that a killed process has left
@@ -191,14 +193,14 @@ def test_clients_of_a_socket_see_one_embedding(home: Path, tmp_path: Path) -> No
 def test_a_second_process_is_refused_in_one_line_and_a_signal_ends_the_first(home: Path) -> None:
     with serving(home) as (process, ask):
         assert ask({"insert": "new a", "facts": [["new a", "in", "e1"]]})["inserted"]
-        second = subprocess.run([*COMMAND, str(home)], input=b"", capture_output=True, check=False, timeout=60)
+        second = subprocess.run([*COMMAND, str(home)], input=b"", capture_output=True, check=False, timeout=PATIENCE)
         assert (second.returncode, second.stderr.count(b"\n")) == (1, 1)
         assert str(home).encode() in second.stderr
         with pytest.raises(isi.InputError):
             isi.open(home, journal=True)
         assert ask({"nearest": "e1"})["nearest"]
         process.send_signal(signal.SIGTERM)
-        out, errors = process.communicate(timeout=30)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out) == (0, b"")
     assert errors.count(b"\n") == 1
     assert isi.open(home, journal=True).inserted.keys() == {"new a"}

@@ -1,6 +1,7 @@
 """Stopped commands, and a second run in the same folder: one line of output, and no process stays."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 import yaml
 
 from tests import sleepers
-from tests.environment import ENVIRONMENT, wait_for
+from tests.environment import ENVIRONMENT, PATIENCE, wait_for
 from tools import workspace as workspaces
 
 ROOT = Path(__file__).parent.parent
@@ -65,12 +66,20 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
         env=WITH_CODE, preexec_fn=_heed_ctrl_c,
     ) as process:  # fmt: skip
         try:
-            assert wait_for(lambda: begun() or process.poll() is not None, 60)
+            assert wait_for(lambda: begun() or process.poll() is not None)
             assert process.poll() is None, process.communicate()
             yield process
         finally:
-            for left in session(process.pid):
-                os.kill(left, signal.SIGKILL)
+            wait_for(lambda: not kill_all(process.pid))
+
+
+def kill_all(leader: int) -> set[int]:
+    """Kill the living processes in the session of a leader; returns their ids, some of which may end by themselves."""
+    found = session(leader)
+    for left in found:
+        with suppress(ProcessLookupError):  # it ended meanwhile
+            os.kill(left, signal.SIGKILL)
+    return found
 
 
 def _heed_ctrl_c() -> None:
@@ -92,16 +101,16 @@ def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
 ) -> None:
     with running([sys.executable, "-c", SLEEP, "."], tmp_path, asleep(tmp_path)) as stage:
         (os.killpg if whom == "all" else os.kill)(stage.pid, signalled)  # a terminal signals all
-        out, err = stage.communicate(timeout=30)
+        out, err = stage.communicate(timeout=PATIENCE)
         assert (stage.returncode, out) == (status, "")
         assert err == f"sleepers: stopped by {signalled.name}; no file is half-written; run it again\n"
-        assert not session(stage.pid)
+        assert wait_for(lambda: not session(stage.pid)), session(stage.pid)
 
 
 def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> None:
     with running([sys.executable, "-c", SLEEP, "."], tmp_path, asleep(tmp_path)) as stage:
         os.kill(int(next(path.name for path in tmp_path.iterdir() if path.name.isdigit())), signal.SIGKILL)
-        _, err = stage.communicate(timeout=30)
+        _, err = stage.communicate(timeout=PATIENCE)
         assert stage.returncode == 1
         assert len(err.splitlines()) == 1
         assert err.startswith("sleepers: params.yaml: compute.workers: a worker process was killed")
@@ -114,7 +123,7 @@ def test_no_process_of_a_stage_outlives_it_or_its_parent(tmp_path: Path, killed:
         stage, workers = int(parent.stdout.readline()), {int(p.name) for p in tmp_path.iterdir() if p.name.isdigit()}
         assert {parent.pid, stage} | workers <= session(parent.pid)
         os.kill(parent.pid if killed == "parent" else stage, signal.SIGKILL)
-        assert wait_for(lambda: not session(parent.pid), 10), session(parent.pid)
+        assert wait_for(lambda: not session(parent.pid)), session(parent.pid)
 
 
 @SIGNALS
@@ -124,7 +133,7 @@ def test_a_stage_that_is_stopped_while_it_writes_leaves_the_earlier_output_and_n
     (tmp_path / "table").write_bytes(b"the last good one")
     with running([sys.executable, "-c", WRITE], tmp_path, (tmp_path / "begun").exists) as stage:
         stage.send_signal(signalled)
-        _, err = stage.communicate(timeout=30)
+        _, err = stage.communicate(timeout=PATIENCE)
     assert (stage.returncode, len(err.splitlines())) == (status, 1)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "table"]
     assert (tmp_path / "table").read_bytes() == b"the last good one"
@@ -138,9 +147,9 @@ def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(tmp_path: Path
     command = [sys.executable, "-m", "stages.train_theta0", "ai2thor"]
     with running(command, tmp_path, lambda: bool(started) or True) as stage:
         started.append(stage.pid)
-        assert wait_for(importing, 30)
+        assert wait_for(importing)
         stage.send_signal(signal.SIGINT)
-        _, err = stage.communicate(timeout=30)
+        _, err = stage.communicate(timeout=PATIENCE)
     assert (stage.returncode, len(err.splitlines())) == (130, 1), err
     assert "stopped by SIGINT" in err
 
@@ -152,7 +161,7 @@ def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(tmp_path: Path
 def pipeline(tmp_path: Path) -> Path:
     """A workspace whose only stage sleeps."""
     workspaces.make(tmp_path, {})
-    cmd = f"exec {sys.executable} -c '{SLEEP}' asleep"
+    cmd = shlex.join(["exec", sys.executable, "-c", SLEEP, "asleep"])
     stages = {"sleep": {"cmd": cmd, "outs": [{"asleep/out": {"persist": True}}]}}
     (tmp_path / "dvc.yaml").write_text(yaml.safe_dump({"stages": stages}), encoding="utf-8")
     (tmp_path / "asleep").mkdir()
@@ -166,12 +175,12 @@ REPRO = [sys.executable, str(ROOT / "tools/repro.py")]
 def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) -> None:
     with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
         os.killpg(dvc.pid, signal.SIGINT)
-        _, err = dvc.communicate(timeout=30)
+        _, err = dvc.communicate(timeout=PATIENCE)
         assert dvc.returncode not in (0, None)
         assert "Traceback" not in err
         assert "sleepers: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
         assert len([line for line in err.splitlines() if line]) == 2  # DVC's own: the stage failed
-        assert not session(dvc.pid)
+        assert wait_for(lambda: not session(dvc.pid)), session(dvc.pid)
 
 
 @SIGNALS
@@ -180,11 +189,11 @@ def test_make_repro_that_is_stopped_ends_in_one_line_with_all_its_processes(
 ) -> None:
     with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
         os.killpg(repro.pid, signalled)
-        _, err = repro.communicate(timeout=30)
+        _, err = repro.communicate(timeout=PATIENCE)
         stopped = f"repro: stopped by {signalled.name}; no file is half-written"
         assert err == f"{stopped}; the same command goes on from here\n"
         assert repro.returncode == status
-        assert wait_for(lambda: not session(repro.pid), 10)
+        assert wait_for(lambda: not session(repro.pid))
 
 
 @pytest.mark.parametrize("first", [DVC, REPRO], ids=["dvc", "make"])
@@ -212,6 +221,6 @@ def test_a_run_that_is_ended_ends_with_all_its_processes(
 ) -> None:
     with running(command, pipeline, asleep(pipeline / "asleep")) as run:
         run.send_signal(signalled)
-        _, err = run.communicate(timeout=30)
+        _, err = run.communicate(timeout=PATIENCE)
         assert (run.returncode, err) == (-signalled, "")  # which a shell gives as 128 + its number
-        assert wait_for(lambda: not session(run.pid), 10), session(run.pid)
+        assert wait_for(lambda: not session(run.pid)), session(run.pid)

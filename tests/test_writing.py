@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import resource
+import shlex
 import subprocess
 import sys
 from functools import partial
@@ -20,7 +21,7 @@ from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, wor
 __all__ = ["workspace"]  # a fixture
 
 ROOT = Path(__file__).parent.parent
-BUILD = f"{sys.executable} -m stages.build_graph ai2thor"
+BUILD = [sys.executable, "-m", "stages.build_graph", "ai2thor"]
 
 
 mounts = pytest.mark.skipif(not CAN_MOUNT, reason="no file system can be mounted here")
@@ -89,7 +90,7 @@ def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(work
     script = f"""
         mount -t tmpfs -o size=8k tmpfs data/graph/ai2thor
         cd data/graph/ai2thor && echo earlier > entities.parquet && echo earlier > triples.parquet
-        cd ../../.. && {BUILD}; status=$?
+        cd ../../.. && {shlex.join(BUILD)}; status=$?
         cd data/graph/ai2thor && ls -A && cat * && exit $status
     """
     ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
@@ -104,7 +105,7 @@ def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
     leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     before = outputs(workspace)
-    script = f"mount --bind data/graph data/graph && mount -o remount,bind,ro data/graph && exec {BUILD}"
+    script = f"mount --bind data/graph data/graph && mount -o remount,bind,ro data/graph && exec {shlex.join(BUILD)}"
     ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
     assert only_line(ended.stderr).endswith(
         "data/graph/ai2thor/entities.parquet: cannot be written (Read-only file system)"
@@ -139,13 +140,13 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
 def test_output_that_nobody_takes_ends_a_stage_in_at_most_one_line(workspace: Path) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(BUILD.split(), cwd=workspace, stdout=full, stderr=subprocess.PIPE, text=True)
+        ended = subprocess.run(BUILD, cwd=workspace, stdout=full, stderr=subprocess.PIPE, text=True)
     line = only_line(ended.stderr)
     assert line.startswith("build_graph: standard output")
     assert "No space left on device" in line
     assert ended.returncode == 1
     reader, writer = os.pipe()
     os.close(reader)
-    ended = subprocess.run(BUILD.split(), cwd=workspace, stdout=writer, stderr=subprocess.PIPE, text=True)
+    ended = subprocess.run(BUILD, cwd=workspace, stdout=writer, stderr=subprocess.PIPE, text=True)
     os.close(writer)
     assert (ended.returncode, ended.stderr) == (141, "")

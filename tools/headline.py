@@ -1,4 +1,4 @@
-"""Print the headline numbers of a report and its path."""
+"""Print the headline numbers of a report, its path and, for the project's own, a comparison with the last commit."""
 
 import json
 import sys
@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tabulate import tabulate  # type: ignore[import-untyped]
+
+from tools.committed import ROOT, against_commit
 
 #: Columns: two lines of the title, and the keys of the numbers in ``metrics.json``.
 COLUMNS = (
@@ -81,6 +83,8 @@ def main(folder: Path) -> None:
         if differences := title in parts(before) and changes(part, parts(before)[title]):
             print(f"Change since the previous run:\n{differences}")
     print(f"\nThe report: {folder / 'index.html'}")
+    if folder.resolve() == ROOT / "reports":
+        print(against_commit("reports/metrics.json"))
 
 
 if __name__ == "__main__":

@@ -63,6 +63,7 @@ def main(arguments: list[str]) -> int:
     """Run ``dvc repro`` with the arguments, and print its output with lines of progress; returns its exit status."""
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
     pipeline = next((path for path in PIPELINES if str(path) in arguments), PIPELINES[0])
+    allow_no_git()
     lock = LockFile(pipeline.with_name("dvc.lock"))
     lock.mend()
     mend_notes()
@@ -75,6 +76,20 @@ def main(arguments: list[str]) -> int:
         with suppress(OSError):  # no space on the disk
             seconds = {name: took for name, took in progress.seconds.items() if name in names}
             HERE.write_text(json.dumps(seconds, indent=1, sort_keys=True), encoding="utf-8")
+
+
+def allow_no_git() -> None:
+    """Tell DVC, in its local configuration, if this folder is in no git repository; otherwise it refuses to run."""
+    here = Path.cwd()
+    if any((folder / ".git").exists() for folder in (here, *here.parents)):
+        return
+    from dvc.config import Config  # here, since it is slow to import
+
+    config = Config(".dvc")
+    if not config["core"]["no_scm"]:
+        with config.edit("local") as local:
+            local["core"]["no_scm"] = True
+        print("repro: no git repository: `dvc exp` and `dvc ... diff` cannot run here (docs/reproduce.md)", flush=True)
 
 
 class LockFile:

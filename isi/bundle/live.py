@@ -344,11 +344,18 @@ class LiveEmbedding:
 
     def close(self) -> None:
         """Let other processes change the folder."""
-        if self._journal and self.folder:
-            vectors = {row.key: StoredVector(row.vector, row.record.fallback) for row in self._rows.values()}
-            if vectors and vectors.keys() != self.inserter.stored.keys():
-                stored.write(self.folder, vectors)
+        if self._journal:
+            self._store()
             self._journal.close()
+
+    def _store(self) -> None:
+        """Write the vectors into the folder, so that the next process need not compute them."""
+        vectors = dict[str, StoredVector]()
+        for row in self._rows.values():
+            vectors[row.key] = StoredVector(row.vector, row.record.fallback)
+        if self.folder and vectors and vectors.keys() != self.inserter.stored.keys():
+            stored.write(self.folder, vectors)
+            self.inserter.stored = vectors
 
     def __enter__(self) -> Self:
         return self
