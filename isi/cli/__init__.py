@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter, ValidationError
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, ValidationError
 from cyclopts.validators import Number
 
 from isi.errors import InputError, cut, short
@@ -88,6 +88,8 @@ def main(argv: Sequence[str] | None = None) -> None:
                 run, arguments, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
             except CycloptsError as error:
                 message = " ".join(str(error).split())
+                if isinstance(error, UnusedCliTokensError):
+                    message += " A name of several words stands in quotes."
                 if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
                     message = f"{error.argument.name}: {error.exception_message}"
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from isi.insertion.interference import Interference
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
+LISTED = 20  #: Names of entities in a text.
 Fact = Annotated[
     tuple[tuple[str, str, str], ...], Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat")
 ]
@@ -271,8 +272,11 @@ def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
     if json:
         show(asdict(effect) | {"interference_of_all": measured and asdict(measured)}, True)
         return
-    lines = [f"{change}: {', '.join(names)}" for change in ("inserted", "updated", "removed")
-             if (names := getattr(effect, change))]  # fmt: skip
+    lines = list[str]()
+    for change in ("inserted", "updated", "removed"):
+        if names := getattr(effect, change):
+            more = f" and {len(names) - LISTED:,} more" if len(names) > LISTED else ""
+            lines.append(f"{change}: {', '.join(names[:LISTED])}{more}")
     if effect.facts:
         lines.append(f"facts added: {effect.facts:,}")
     if effect.lost:

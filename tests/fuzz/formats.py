@@ -32,7 +32,7 @@ from isi.tables import paths
 from isi.tables.table import as_text
 from tests import procthor
 from tests.fuzz.mutations import Files
-from tests.small_live import assert_same, live_of, seen
+from tests.small_live import KNOWN, assert_same, live_of, seen
 
 ROOT = Path(__file__).parent.parent.parent
 OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))
@@ -201,7 +201,12 @@ REQUESTS: list[dict[str, Any]] = [
     {"ask": ["mug", None, "e1"]}, {"nearest": "fork"}, {"interference": True}, {"history": True}, {"undo": True},
     {"remove": True, "facts": [["fork", "on", "mug"]]}, {"remove": "fork"}, {"interference": ["mug"]},
     {"insert": "cup", "facts": [["cup", "in", "mug"]], "initializer": "map", "options": {"strength": 2.0}, "seed": 1},
-    {"ask": [None, "in", "mug"]},
+    {"ask": [None, "in", "mug"]}, {"ask": [["mug", "in", None], [None, "on", "e2"]], "top": 1},
+    {"move": ["mug", "in", "e7"], "source": "camera", "time": "2026-01-01T12:00:00Z"},
+    {"move": ["e2", "on", "mug"], "instead_of": "e9"}, {"compact": True},
+    {"remove": True, "facts": [list(fact) for fact in KNOWN.named_triples()[:2]], "time": 1.5e9},
+    {"observe": [list(KNOWN.named_triples()[0]), ["plate", "in", "e1"]], "upsert": True},
+    {"insert": "mug", "facts": [["mug", "on", "e8"]], "upsert": True}, {"undo": True, "source": "me"},
 ]  # fmt: skip
 
 
@@ -217,6 +222,7 @@ def stream() -> str:
     for error in errors:
         assert error.isprintable()
         assert len(error) < 300
+        assert not error.startswith("internal")
     assert_same(seen(live), seen(live_of(live.history)))
     if len(errors) == len(replies):
         raise InputError("requests.jsonl", "", errors[0])
