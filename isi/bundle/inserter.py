@@ -26,7 +26,7 @@ from isi.models.stack import Embedding, without_denormals
 
 #: Numbers of facts for which an initializer is chosen. The choice for the largest one serves entities with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-TOLERANCE, BUDGET = 0.02, 3.0  #: Of the choice, as in ``isi.insert``.
+TOLERANCE, BUDGET = 0.013, 3.0  #: Of the choice, as in ``isi.insert``.
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
@@ -120,8 +120,10 @@ class Inserter:
             choice = self.choice(method.facts, method.words)
             why, warnings = choice.why, choice.warnings
         abouts = [additions.entities[name] for name in names]
-        kinds = [(about.kind, "") if about.kind else self.base.kind_of(name, facts[name], words[name].nearest)
-                 for name, about in zip(names, abouts, strict=True)]  # fmt: skip
+        kinds = [
+            (about.kind, "") if about.kind else self._kind(name, about, facts[name], words[name])
+            for name, about in zip(names, abouts, strict=True)
+        ]
         every = sorted({fact for name in names for fact in facts[name]})
         result = self.insert(method, names, every, words, [kind for kind, _ in kinds])
         rows, vectors = dict[str, InsertedEntity](), result.entities[len(self.base.entities) :]
@@ -138,6 +140,12 @@ class Inserter:
             rows[name] = InsertedEntity(record, vector.copy(), words[name], kind, tuple(filter(None, notes)))
         return rows
 
+    def _kind(self, name: str, about: NewEntity, facts: list[Fact], words: PhraseVector) -> tuple[str, str]:
+        """The kind of a new entity, and the reason."""
+        if self.phrases is None or words.vector is None:
+            return self.base.kind_of(name, facts, None)
+        return self.base.kind_of(name, facts, self.phrases.alike(plain(name), about.definition))
+
     def insert(
         self, method: Method, names: list[str], facts: Iterable[Fact], words: Mapping[str, PhraseVector],
         kinds: Sequence[str],
@@ -150,13 +158,16 @@ class Inserter:
         base, number = self.base, len(self.base.entities)
         ids = ChainMap({name: row for row, name in enumerate(names, number)}, base.entity_ids)
         triples = [(ids[head], base.relation_ids[relation], ids[tail]) for head, relation, tail in facts]
-        new_kinds = [base.kind_numbers.get(kind, len(base.kind_numbers)) for kind in kinds]
         return api.insert(
             base.entities, base.relations, np.array(triples, np.int64).reshape(-1, 3), new=len(names),
             model=base.model, known_triples=base.triples, words=self.word_rows(names, words),
-            kinds=np.concatenate([base.kind_ids, new_kinds]), initializer=initializer, options=options,
-            seed=method.seed,
+            kinds=self.kind_ids(kinds), initializer=initializer, options=options, seed=method.seed,
         )  # fmt: skip
+
+    def kind_ids(self, kinds: Sequence[str]) -> np.ndarray:
+        """A number for the kind of each known entity and of new ones, (E + n,); -1 without a kind."""
+        new = [self.base.kind_numbers.get(kind, -1) for kind in kinds]
+        return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
     def word_rows(self, names: Sequence[str], words: Mapping[str, PhraseVector]) -> np.ndarray | None:
         """Word vectors of the known entities and of new ones, (E + n, v); null if no new one has words."""
@@ -201,7 +212,7 @@ class Inserter:
         """What known entities are hidden from: the first arguments of ``choice.hide``."""
         base = self.base
         theta0 = replace(base.embedding, model=api.one_score(base.model))
-        return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids + 1, 0
+        return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids, 0
 
     def prepare(self) -> Iterator[None]:
         """Choose initializers and fit curves for all numbers of facts, a step at each ``next``."""
