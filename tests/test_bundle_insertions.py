@@ -266,6 +266,20 @@ def test_a_name_that_looks_like_a_known_one_is_refused_unless_it_is_new(tmp_path
         assert live.insert(name, facts, new=True).inserted == [name]
 
 
+@pytest.mark.parametrize(
+    ("name", "same"), [("tv", "television"), ("fridge", "refrigerator"), ("kitchen towel", None),
+                       ("bath towel", None), ("night lamp", None), ("espresso machine", None), ("bread knife", None)],
+)  # fmt: skip
+def test_names_of_one_thing_agree_in_all_words_and_not_in_the_head_noun_alone(name: str, same: str | None) -> None:
+    known = ["television", "refrigerator", "towel", "floor lamp", "coffee machine", "butter knife"]
+    live = LiveEmbedding(small(entity_names=known, phrases=known, kinds=["object"] * 6, words=None))
+    if same is None:
+        live.insert(name)
+    else:
+        with pytest.raises(InputError, match=same):
+            live.insert(name)
+
+
 @pytest.mark.parametrize("change", [
     lambda live: live.insert("hob", [("hob", "atLocation", "attic")]), lambda live: live.insert("qzx"),
     lambda live: live.insert("hob", [("kettle", "atLocation", "attic")]), lambda live: live.observe([HOB]),

@@ -40,7 +40,7 @@ class PhraseVector(NamedTuple):
     vector: np.ndarray | None  #: float32, shape (v,); null without usable words
     note: str  #: the source of the vector, or why there is none
     nearest: int | None = None  #: the known entity of the highest cosine; null without words
-    cosine: float | None = None  #: that cosine
+    cosine: float | None = None  #: that cosine, or ``PhraseVectors.unweighted``
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,8 @@ class PhraseVectors:
     origin: WordSource  #: what made them, for a manifest
     embed: Callable[[str, str | None], np.ndarray]  #: the vector, (v,), of a phrase and its definition, or zeros
     least: float = LEAST
+    #: the cosine of a phrase and a known one (id) if head nouns weigh as much as other words; None: as they are
+    unweighted: Callable[[str, int], float] | None = None
 
     @property
     def source(self) -> str:
@@ -69,7 +71,8 @@ class PhraseVectors:
         cosines = self._unit @ unit(vector)
         nearest, best = int(cosines.argmax()), float(cosines.max())
         if best >= self.least:
-            return PhraseVector(vector, f"by {self.source}", nearest, best)
+            cosine = self.unweighted(phrase, nearest) if self.unweighted else best
+            return PhraseVector(vector, f"by {self.source}", nearest, cosine)
         note = f"{phrase!r} is unlike all known phrases: its highest cosine is {best:.2f}, by {self.source}"
         return PhraseVector(None, note, nearest, best)
 
@@ -86,6 +89,13 @@ def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors
     phrases; if it has words of too few, the result is null. InputError for a file that has none.
     """
     origin = bundle.manifest.words
+
+    def unweighted(embed: Callable[[str], np.ndarray]) -> Callable[[str, int], float]:
+        def cosine(phrase: str, row: int) -> float:
+            return float(unit(embed(phrase)) @ unit(embed(bundle.phrases[row])))
+
+        return cosine
+
     if vectors is None and origin is not None and bundle.words is not None:
         if origin.model == MODEL and bundle.words.shape[1] == WIDTH and has_model():
             least = LEAST_OF_PHRASES if origin.text == "phrase" else LEAST
@@ -104,11 +114,15 @@ def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors
         if not known.any():
             raise InputError(vectors, "", "expected word vectors of this embedding's phrases, got none")
         of_file = WordSource(source=str(vectors), text="phrase", model=None)
-        return PhraseVectors(known, of_file, lambda phrase, _: with_head(in_file, phrase))
+        return PhraseVectors(
+            known, of_file, lambda phrase, _: with_head(in_file, phrase), unweighted=unweighted(in_file)
+        )
     records, vocabulary = bundle.insertions(), shipped()
     definitions = [records[name].definition if name in records else None for name in bundle.entity_names]
     known = np.stack(list(map(vocabulary.vector, bundle.phrases, definitions)))
-    return PhraseVectors(known, SHIPPED, vocabulary.vector) if known.any(1).mean() >= ENOUGH else None
+    if known.any(1).mean() < ENOUGH:
+        return None
+    return PhraseVectors(known, SHIPPED, vocabulary.vector, unweighted=unweighted(vocabulary.total))
 
 
 class StaticWords(NamedTuple):
