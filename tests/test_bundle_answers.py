@@ -13,7 +13,7 @@ from isi.bundle.names import find, plain, singulars
 from isi.bundle.query import Query, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.probability import fit_platt
+from isi.insertion.probability import PlattCurve, fit_platt
 from tests.small_bundle import TRIPLES, opened
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
@@ -108,6 +108,32 @@ def test_answers_are_sure_if_one_is_known_or_likely_or_there_are_no_probabilitie
         assert Answers(("kettle", "atLocation", "?"), rows).sure is sure
 
 
+@pytest.mark.parametrize("likely", [PlattCurve(0.0, 5.0), None])
+@pytest.mark.parametrize(
+    ("query", "sensible"),
+    [(Query(KETTLE, AT, TAIL), True), (Query(TURN_ON, AT, TAIL), False), (Query(TURN_ON, AT, HEAD), False),
+     (Query(KITCHEN, HAS, TAIL), False), (Query(KITCHEN, AT, HEAD), True), (Query(BED, HAS, HEAD), False)],
+)  # fmt: skip
+def test_what_no_known_triple_asks_of_a_kind_has_no_sure_answer(
+    query: Query, sensible: bool, likely: PlattCurve | None
+) -> None:
+    assert answer(opened(), query, 5, likely).sure is sensible
+    assert answer(opened(kinds=NO_KINDS), query, 5, likely).sure
+    assert answer(opened(triples=NONE), query, 5, likely).sure
+
+
+def test_a_fact_of_an_unusual_kind_is_an_answer_all_the_same() -> None:
+    many = [f"e{row}" for row in range(50)]
+    triples = np.array([*((row, AT, 30 + row % 20) for row in range(30)), (31, AT, 32)])
+    home = opened(
+        entities=np.ones((50, 4), np.float32), entity_names=many, kinds=["object"] * 30 + ["room"] * 20, phrases=many,
+        triples=triples, words=None,
+    )  # fmt: skip
+    told = answer(home, Query(31, AT, TAIL), 5, PlattCurve(0.0, 5.0), given=[("e31", "atLocation", "e32")])
+    assert (told.sure, told.answers[0].entity, told.answers[0].given) == (True, "e32", True)
+    assert not answer(home, Query(33, AT, TAIL), 5, PlattCurve(0.0, 5.0)).sure  # one odd triple is not usual
+
+
 def test_only_fitting_queries_are_made() -> None:
     assert queries_of(opened(), KETTLE, {}) == [Query(KETTLE, AT, TAIL), Query(KETTLE, HAS, TAIL)]
     assert queries_of(opened(), KITCHEN, {BED: 1.0}) == [Query(KITCHEN, AT, HEAD)]  # as rooms do
@@ -126,18 +152,29 @@ def test_the_kind_of_a_new_entity_is_the_one_with_the_largest_shares_of_its_fact
     """Heads of atLocation are two objects and a room; of hasAffordance, a room: 2/3 against 1/3 + 1."""
     odd = opened(triples=np.array([*TRIPLES[:2], (KITCHEN, AT, BEDROOM), (BEDROOM, HAS, TURN_ON)]))
     at, has = ("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on")
-    assert [odd.kind_of("stove", facts, BED)[0] for facts in ([at], [has], [at, has], [*[at] * 4, has])] == [
+    assert [odd.kind_of("stove", facts, None)[0] for facts in ([at], [has], [at, has], [*[at] * 4, has])] == [
         "object", "room", "room", "object",
     ]  # fmt: skip
-    assert odd.kind_of("hall", [("bed", "atLocation", "hall")], BED)[0] == "room"
+    assert odd.kind_of("hall", [("bed", "atLocation", "hall")], None)[0] == "room"
 
 
-def test_without_facts_of_use_the_kind_is_that_of_the_most_similar_word() -> None:
-    kind, reason = opened().kind_of("stove", [], BED)
+@pytest.mark.parametrize("like", [KITCHEN, BEDROOM, BED])
+def test_of_the_kinds_that_a_fact_allows_the_words_tell_one(like: int) -> None:
+    """Tails of atLocation are two rooms and the bed, heads are objects."""
+    home = opened(triples=np.array([*TRIPLES, (KETTLE, AT, BED)]))
+    cosines = np.eye(6)[like] + 2 * np.eye(6)[TURN_ON]  # what is more alike is no tail
+    assert home.kind_of("hall", [("kettle", "atLocation", "hall")], cosines)[0] == home.kinds[like]
+    assert home.kind_of("hall", [("hall", "atLocation", "kitchen")], cosines)[0] == "object"
+
+
+def test_without_facts_of_use_the_kind_is_that_of_the_most_similar_words() -> None:
+    like_bed, like_turn_on = np.eye(6)[[BED, TURN_ON]]
+    kind, reason = opened().kind_of("stove", [], like_bed)
     assert (kind, "stove" in reason, "bed" in reason) == ("object", True, True)
-    assert opened(triples=NONE).kind_of("stove", [("stove", "atLocation", "kitchen")], TURN_ON)[0] == "affordance"
+    fact = ("stove", "atLocation", "kitchen")
+    assert opened(triples=NONE).kind_of("stove", [fact], like_turn_on)[0] == "affordance"
     assert opened().kind_of("stove", [], None) == ("", "")
-    assert opened(kinds=NO_KINDS).kind_of("stove", [("stove", "atLocation", "kitchen")], BED) == ("", "")
+    assert opened(kinds=NO_KINDS).kind_of("stove", [fact], like_bed) == ("", "")
 
 
 def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted() -> None:

@@ -235,6 +235,19 @@ def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
     return [float(np.mean(values)) for values in measures.values()]
 
 
+def test_hidden_entities_have_candidates_of_their_kind() -> None:
+    kinds = np.where(np.arange(ENTITIES) < ENTITIES - 1, np.arange(ENTITIES) % 3 - 1, 5)  # -1: none; 5: alone
+    context = hide(THETA, TRIPLES, NUMBERS, None, kinds, 0, ENTITIES).context  # type: ignore[union-attr]
+    assert set(context.kinds[context.novel].flatten().tolist()) == {-1, 0, 1, 5}
+    for draw, hidden in enumerate(context.novel.tolist()):
+        for place, entity in enumerate(hidden):
+            alike = context.eligible[draw] & torch.from_numpy(kinds == kinds[entity])
+            expected = context.eligible[draw] if kinds[entity] in (-1, 5) else alike
+            assert context.candidates[draw, place].tolist() == expected.tolist()
+    free = hide(THETA, TRIPLES, NUMBERS, None, None, 0, ENTITIES).context  # type: ignore[union-attr]
+    assert free.candidates.tolist() == free.eligible[:, None].tolist()
+
+
 @pytest.mark.parametrize("share", [1.0, 2.5])
 def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
     draws = hide(THETA, FEWER, NUMBERS, None, None, 1, 12)

@@ -207,6 +207,42 @@ def test_kinds_may_be_listed_or_named() -> None:
     assert call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators == done.indicators
 
 
+@pytest.mark.parametrize(
+    "kinds",
+    [np.array([0, *[-1] * 11, 0, 1]), ["a", *[None] * 11, "a", "b"], ["a", *[""] * 11, "a", "b"],
+     {"e0": "a", "cup": "a", "e1": None, "mug": "b"}],
+    ids=["-1", "None", "empty", "missing"],
+)  # fmt: skip
+def test_an_entity_without_a_kind_is_of_no_kind(kinds: Any) -> None:
+    done = call(kinds=kinds, initializer="es", words=words(), known_triples=None)
+    assert done.indicators is not None
+    assert (done.indicators[0], len(done.indicators[1])) == ([0], 8)
+
+
+@pytest.mark.parametrize("name", INITIALIZERS.names())
+def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
+    """Kind a has eligible entities, b an entity that is in no known triple, c no known one."""
+    known = KNOWN_TRIPLES[:4]
+    seen = {end for head, _, tail in known for end in (head, tail)}
+    alone = next(entity for entity in KNOWN if entity not in seen)
+    of_kind = [entity for entity in sorted(seen)[1:] if entity in seen]
+    kinds = dict.fromkeys(of_kind, "a") | {alone: "b", "cup": "a"}
+
+    def weights(kind: str | None, **others: str) -> np.ndarray | None:
+        given = None if kind is None else kinds | {"mug": kind} | others
+        return call(kinds=given, initializer=name, words=words(), triples=TRIPLES[:3], known_triples=known).weights
+
+    free = weights(None)
+    if free is None or name in {"neighbour_mean", "kind_mean"}:
+        return  # no mean, or one of the known ends of its triples, or of its kind by definition
+    for kind in ("", "b", "c"):  # without an eligible entity of its kind, all count
+        both = weights(kind)
+        assert both is not None
+        np.testing.assert_allclose(both[1], free[1], atol=1e-6)
+        assert {KNOWN[row] for row in np.flatnonzero(both[0])} <= set(of_kind)
+        np.testing.assert_allclose(both[0].sum(), 1, atol=1e-5)
+
+
 def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -14,7 +14,17 @@ from hypothesis import strategies as st
 
 from isi.bundle import phrases
 from isi.bundle.folder import MODEL, InsertionRecord, WordSource
-from isi.bundle.phrases import LEAST, PhraseVectors, StaticWords, parts, phrase_vectors, shipped
+from isi.bundle.phrases import (
+    HEAD_NOUN,
+    LEAST,
+    PhraseVectors,
+    StaticWords,
+    head_of,
+    parts,
+    phrase_vectors,
+    shipped,
+    unit,
+)
 from isi.graph.words import read_vectors
 from isi.tables import paths
 from tests.small_bundle import NAMES, small, without_words
@@ -30,15 +40,27 @@ SMALL = StaticWords(
 )
 
 
-def test_a_phrase_is_the_weighted_mean_of_its_words() -> None:
+def test_a_phrase_is_the_weighted_mean_of_its_words_moved_towards_its_head_noun() -> None:
     np.testing.assert_allclose(SMALL.vector("cup"), [0.6, 0.8, 0], atol=1e-6)
     # 0.1 (1, 0, 0) + (0, 0, 1), divided by its length
-    np.testing.assert_allclose(SMALL.vector("The stand"), np.array([0.1, 0, 1]) / np.hypot(0.1, 1), atol=1e-6)
-    np.testing.assert_allclose(
-        SMALL.vector("mug, xqzzy & cup!"), np.array([1.6, 0.8, 0]) / np.hypot(1.6, 0.8), atol=1e-6
-    )
+    mean = np.array([0.1, 0, 1]) / np.hypot(0.1, 1)
+    np.testing.assert_allclose(SMALL.total("The stand"), [0.1, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(SMALL.vector("The stand"), unit(mean + np.array([0, 0, HEAD_NOUN])), atol=1e-6)
+    mean = np.array([1.6, 0.8, 0]) / np.hypot(1.6, 0.8)
+    of_cup = HEAD_NOUN * np.array([0.6, 0.8, 0])
+    np.testing.assert_allclose(SMALL.vector("mug, xqzzy & cup!"), unit(mean + of_cup), atol=1e-6)
+    np.testing.assert_allclose(SMALL.vector("mug xqzzy"), [1, 0, 0], atol=1e-6)  # of a head noun without a vector
     assert not SMALL.vector("Obj_0x7f|-02.14").any()
     assert SMALL.vector("").tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("phrase", "head"),
+    [("kitchen scale", "scale"), ("mug", "mug"), ("bag of chips", "bag"), ("turn on", "turn"), ("on", "on"), ("", ""),
+     ("remote control for the television", "control"), ("Bath-Mat", "Mat"), ("!", "!")],
+)  # fmt: skip
+def test_the_head_noun_is_the_last_word_before_a_preposition(phrase: str, head: str) -> None:
+    assert head_of(phrase) == head
 
 
 def test_a_definition_counts_as_much_as_the_phrase() -> None:
@@ -71,8 +93,9 @@ def test_the_vocabulary_that_ships_knows_the_words_of_a_home() -> None:
     known = {phrase: vocabulary.vector(phrase) for phrase in listed}
     assert sum(vector.any() for vector in known.values()) > 0.95 * len(known)
     pairs = {
-        "robot vacuum": "vacuum cleaner", "espresso machine": "coffee machine", "sofa bed": "sofa", "forks": "fork",
-        "refrigerator": "fridge", "couch": "sofa", "bookcase": "bookshelf",
+        "robot vacuum": "vacuum cleaner", "espresso machine": "coffee machine", "forks": "fork", "sofa bed": "bed",
+        "refrigerator": "fridge", "couch": "sofa", "bookcase": "bookshelf", "kitchen towel": "towel",
+        "toilet brush": "scrub brush", "bedroom lamp": "lamp",
     }  # fmt: skip
     for new, expected in pairs.items():
         assert max(known, key=lambda phrase: known[phrase] @ vocabulary.vector(new)) == expected

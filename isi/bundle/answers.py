@@ -71,6 +71,9 @@ def answer(
     names, known = opened.entity_names, torch.isin(entities, torch.tensor(sorted(opened.answers(query)))).tolist()
     first_inserted = len(names) - len(opened.manifest.inserted)
     is_given = [known[place] and completed(opened, query, row) in given for place, row in enumerate(entities.tolist())]
+    usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
+    if query.given not in usual and not any(known):
+        curve = torch.zeros_like  # no known triple asks this of its kind
     order = sorted(range(len(entities)), key=lambda place: (not is_given[place], not known[place]))[:most]
     shared = {} if indicators is None else {row: opened.answers(query._replace(given=row)) for row in indicators}
     rows = [

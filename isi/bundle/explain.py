@@ -32,7 +32,7 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the vector (MAP: in the mean of the prior); null if none or all equal: then similarity alone decides
+    #: in the vector (MAP: in the mean of the prior); None if there are none or many equal ones: then similarity decides
     weight: float | None
     words: float | None  #: cosine of the word vectors; null if one is missing
     relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); null if none
@@ -178,16 +178,18 @@ def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
     result = live.inserter.insert(method, [name], facts, words, [row.kind], live.known_triples)
     seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
-        live.inserter.word_rows([name], words), None, 0,
+        live.inserter.word_rows([name], words), live.inserter.kind_ids([row.kind]), 0,
     )  # fmt: skip
     has_words, has_triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
-    named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
-    similar = similarity.word_similarity(seen)[0, 0]
+    candidates, named = seen.candidates[0, 0], similarity.word_eligible(seen)[0, 0]
+    similar, related = similarity.word_similarity(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
     likeness = similar * named * has_words + related * has_triples
-    weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
-    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # equal weights say nothing
-        weight = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
-        rank = weight + 1e-6 * likeness
+    weight, rank = None, likeness.masked_fill(~candidates, -torch.inf)
+    if result.weights is not None:
+        weights = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
+        of_candidates = weights[candidates]
+        if len(of_candidates) <= SHOWN or of_candidates.min() < of_candidates.max():  # many equal ones say nothing
+            weight, rank = weights, weights + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
     best = best[torch.isfinite(rank[best])]
     if weight is None:

@@ -29,7 +29,7 @@ from isi.models.stack import Embedding, without_denormals
 
 #: Numbers of facts for which an initializer is chosen. The choice for the largest one serves entities with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-TOLERANCE, BUDGET = 0.02, 3.0  #: Of the choice, as in ``isi.insert``.
+TOLERANCE, BUDGET = 0.013, 3.0  #: Of the choice, as in ``isi.insert``.
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
@@ -138,7 +138,7 @@ class Inserter:
             about = additions.entities[name]
             kinds[name], reasons[name] = about.kind or "", ""
             if not about.kind:
-                kinds[name], reasons[name] = self.base.kind_of(name, facts[name], words[name].nearest)
+                kinds[name], reasons[name] = self._kind(name, about, facts[name], words[name])
         inputs = {name: [name, facts[name], kinds[name], digest_of(words[name].vector)] for name in names}
         shared = [self._digest, initializer, options, method.seed, sorted(additions.retracted)]
         keys = {name: key_of(shared, inputs if together else inputs[name], name) for name in names}
@@ -183,6 +183,12 @@ class Inserter:
             given = {**registered.defaults, **dict(method.options)}
             return method.initializer, options_of(method.initializer, given, "initializer")
 
+    def _kind(self, name: str, about: NewEntity, facts: list[Fact], words: PhraseVector) -> tuple[str, str]:
+        """The kind of a new entity, and the reason."""
+        if self.phrases is None or words.vector is None:
+            return self.base.kind_of(name, facts, None)
+        return self.base.kind_of(name, facts, self.phrases.alike(plain(name), about.definition))
+
     def insert(
         self, method: Method, names: list[str], facts: Iterable[Fact], words: Mapping[str, PhraseVector],
         kinds: Sequence[str], known_triples: np.ndarray,
@@ -192,13 +198,16 @@ class Inserter:
         base, number = self.base, len(self.base.entities)
         ids = ChainMap({name: row for row, name in enumerate(names, number)}, base.entity_ids)
         triples = [(ids[head], base.relation_ids[relation], ids[tail]) for head, relation, tail in facts]
-        new_kinds = [base.kind_numbers.get(kind, len(base.kind_numbers)) for kind in kinds]
         return api.insert(
             base.entities, base.relations, np.array(triples, np.int64).reshape(-1, 3), new=len(names),
             model=base.model, known_triples=known_triples, words=self.word_rows(names, words),
-            kinds=np.concatenate([base.kind_ids, new_kinds]), initializer=initializer, options=options,
-            seed=method.seed,
+            kinds=self.kind_ids(kinds), initializer=initializer, options=options, seed=method.seed,
         )  # fmt: skip
+
+    def kind_ids(self, kinds: Sequence[str]) -> np.ndarray:
+        """A number for the kind of each known entity and of new ones, (E + n,); -1 without a kind."""
+        new = [self.base.kind_numbers.get(kind, -1) for kind in kinds]
+        return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
     def word_rows(self, names: Sequence[str], words: Mapping[str, PhraseVector]) -> np.ndarray | None:
         """Word vectors of the known entities and of new ones, (E + n, v); null if no new one has words."""
@@ -243,7 +252,7 @@ class Inserter:
         """What known entities are hidden from: the first arguments of ``choice.hide``."""
         base = self.base
         theta0 = replace(base.embedding, model=api.one_score(base.model))
-        return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids + 1, 0
+        return theta0, base.triples, np.array([number]), base.words if words else None, base.kind_ids, 0
 
     def preparation(self) -> Iterator[Callable[[], object]]:
         """Steps that choose initializers and fit curves for all numbers of facts; some take a second."""

@@ -22,6 +22,8 @@ from isi.models.stack import Embedding
 
 ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
 USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
+#: Without facts, a known entity counts for the kind of a new one with the weight exp(cosine of the words / this).
+TEMPERATURE = 0.07
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
 
 
@@ -168,25 +170,36 @@ class OpenBundle(Bundle):
 
         return count
 
-    def kind_of(self, new: str, facts: Iterable[Fact], similar: int | None) -> tuple[str, str]:
-        """The kind of a new entity and the reason; empty texts if unknown. ``similar``: id of a known one by words.
+    def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
+        """The kind of a new entity and the reason; empty texts if unknown. ``alike``: cosines of its words, (E,).
 
-        Each fact counts for the kinds of known entities in the same slot of its relation, by their shares.
+        Each fact counts for the kind of the most similar known entity in the same slot of its relation (without words:
+        for all kinds there, by their shares), if this kind is usual there. Without facts, all known entities count,
+        similar ones most.
         """
-        votes, roles = Counter[str](), dict[str, None]()
+        votes, roles = np.zeros(len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
             slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
-            kinds = self.kinds_in_slot(self.relation_ids[relation], slot)
-            votes.update({kind: number / kinds.total() for kind, number in kinds.items()})
-            roles |= {f"the {role} of {relation}": None} if kinds else {}
-        if votes:
-            kind = max(sorted(votes), key=votes.__getitem__)
-            return kind, f"{new} counts as {kind}, like {' and '.join(roles)}"
-        kind = "" if similar is None else self.kinds[similar]
-        return (
-            kind,
-            f"{new} counts as {kind}, like {self.entity_names[similar]}" if kind and similar is not None else "",
-        )
+            usual = set(self.candidates(self.relation_ids[relation], slot).tolist())
+            in_slot = self.in_slot(self.relation_ids[relation], slot)
+            if there := [row for row in in_slot if self.kinds[row] and row in usual]:
+                listed = there if alike is None else [max(there, key=alike.__getitem__)]
+                votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))
+                roles[f"the {role} of {relation}"] = None
+        like = " and ".join(roles)
+        if not roles and alike is not None:
+            listed = [row for row, kind in enumerate(self.kinds) if kind]
+            votes = self._of_kinds(listed, np.exp(alike[listed] / TEMPERATURE))
+            of_kind = [row for row in listed if self.kind_ids[row] == votes.argmax()]
+            like = self.entity_names[max(of_kind, key=alike.__getitem__)] if of_kind else ""
+        if not like:
+            return "", ""
+        kind = list(self.kind_numbers)[int(votes.argmax())]
+        return kind, f"{new} counts as {kind}, like {like}"
+
+    def _of_kinds(self, entities: Sequence[int], weights: np.ndarray) -> np.ndarray:
+        """The total weight of entities, (N,), of each kind; ``entities``: ids."""
+        return np.bincount(self.kind_ids[entities], weights, len(self.kind_numbers))
 
     def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
         """Facts in any form of ``listed_triples``, by name and once each; InputError for a name that is unknown."""

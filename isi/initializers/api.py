@@ -35,7 +35,7 @@ class InitContext:
     eligible: Tensor  #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
     novel: Tensor  #: ids; shape: (M, n)
     words: Tensor  #: word vectors, zero where there is none; shape: (E, v)
-    kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
+    kinds: Tensor  #: the kind of each entity; ids, -1 without one; shape: (E,)
     other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
     novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
@@ -44,6 +44,24 @@ class InitContext:
     trained: Tensor  #: training triples of D⁰; shape: (M, T), bool
     root: int  #: root seed of the random streams
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
+    by_kind: bool = False  #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
+
+    @property
+    def candidates(self) -> Tensor:
+        """Eligible entities that may be indicators of each novel one; shape (M, n, E), or (M, 1, E) if all may."""
+        return self.of_kind(self.eligible)
+
+    def of_kind(self, entities: Tensor) -> Tensor:
+        """Those of a mask, (M, E), that have the kind of each novel entity, if ``by_kind``; shape as ``candidates``.
+
+        All of them for a novel entity without a kind, or if no eligible entity has its kind.
+        """
+        if not self.by_kind:
+            return entities[:, None]
+        kind = self.kinds[self.novel][..., None]
+        alike = (self.kinds == kind) & (kind >= 0)
+        alone = ~(alike & self.eligible[:, None]).any(-1, keepdim=True)
+        return entities[:, None] & (alike | alone)
 
     def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
         """Random numbers, (M, n, d), from one stream per model and purpose."""

@@ -17,7 +17,8 @@ _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 
 
 @initializer("soft_es", label="Soft ES", role="baseline", colour="#56a3d9", needs=("words",),
-             defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES})  # fmt: skip
+             defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES},
+             calibration=[{"temperature": 0.13}])  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Soft ES (ConSE): the mean of all known entities, weighted by softmax(cos / temperature) of their names."""
     return similarity.mean_of_first(
@@ -48,7 +49,7 @@ def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight:
     return similarity.mean_of_first(
         context,
         both=lambda: softmax(similar + related, named),
-        triples=lambda: softmax(related, context.eligible[:, None]),
+        triples=lambda: softmax(related, context.candidates),
         words=lambda: softmax(similar, named),
     )
 
@@ -59,7 +60,7 @@ def softmax(score: Tensor, eligible: Tensor) -> Tensor:
 
 
 def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
-    return softmax(similarity.mean_relational_score(context) / temperature, context.eligible[:, None])
+    return softmax(similarity.mean_relational_score(context) / temperature, context.candidates)
 
 
 @initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d",
@@ -107,7 +108,8 @@ def projection(context: InitContext, penalty: Positive) -> InitResult:
 
 def predicted(context: InitContext, penalty: float) -> Tensor:
     """ȳ + Bᵀ(x - x̄), B = argmin Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + penalty ‖B‖²; x: unit word vector, y: vector; (M, n, d)."""
-    weight = similarity.word_eligible(context)[:, 0, :, None].double()
+    named = context.eligible & (context.words != 0).any(-1)
+    weight = named[..., None].double()
     words, entity = normalize(context.words.double(), dim=-1), context.theta0.entity.double()
     number = weight.sum(1, keepdim=True).clamp(min=1)
     from_words, to_entity = ((weight * table).sum(1, keepdim=True) / number for table in (words, entity))

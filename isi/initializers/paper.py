@@ -57,7 +57,7 @@ def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> Init
     return similarity.centroid_of_first(
         context,
         both=lambda: top_k(related, top_k(similar, named, candidates), k),
-        triples=lambda: top_k(related, context.eligible[:, None], k),
+        triples=lambda: top_k(related, context.candidates, k),
         words=lambda: top_k(similar, named, k),
     )
 

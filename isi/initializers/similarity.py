@@ -73,7 +73,7 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
 
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
     """The k eligible entities of highest ``relational_score``, which defines ``alpha``; shape (M, n, E), bool."""
-    return top_k(relational_score(context, alpha), context.eligible[:, None], k)
+    return top_k(relational_score(context, alpha), context.candidates, k)
 
 
 def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
@@ -116,8 +116,8 @@ def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
 
 
 def all_known(context: InitContext) -> Tensor:
-    """All known entities as the indicators of each novel entity; shape (M, n, E), bool."""
-    return context.known[:, None].expand(-1, context.novel.shape[1], -1)
+    """All known entities (of its kind, if ``by_kind``) as the indicators of each novel entity; (M, n, E), bool."""
+    return context.of_kind(context.known).expand(-1, context.novel.shape[1], -1)
 
 
 def same_kind(context: InitContext) -> Tensor:
@@ -136,8 +136,8 @@ def has_insert_triples(context: InitContext) -> Tensor:
 
 
 def word_eligible(context: InitContext) -> Tensor:
-    """Mask of the candidates for indicators of ES: eligible, with a word vector; shape (M, 1, E), bool."""
-    return (context.eligible & (context.words != 0).any(-1))[:, None]
+    """Mask of the candidates for indicators of ES, which have a word vector; shape (M, n or 1, E), bool."""
+    return context.candidates & (context.words != 0).any(-1)
 
 
 def cosines(vectors: Tensor) -> Tensor:

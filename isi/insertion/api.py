@@ -70,7 +70,8 @@ def insert(
         words: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from names or ids
             to vectors or texts.
         word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
-        kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds.
+        kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and priors are of
+            known entities of a new one's kind. No kind: an empty text, None, or, in an array of numbers, -1.
         initializer: a name; null: the best by calibration. ``options`` replace its default options.
         seed: root seed of random initializers and of the hidden entities.
         calibrate: without a named initializer and ``options``, hide known entities, insert them from as many of their
@@ -331,4 +332,5 @@ def init_context_of(
     vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
     listed, keys = torch.from_numpy(insert_triples), new[None, :1] - known
     context = initializers.context_of(theta0, session, new[None], triples, vectors, seed, keys, listed)
-    return context if len(known_triples) else replace(context, eligible=context.known)
+    eligible = context.eligible if len(known_triples) else context.known
+    return replace(context, eligible=eligible, by_kind=kinds is not None)

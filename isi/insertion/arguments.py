@@ -282,7 +282,7 @@ def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """The kind of each entity as a number, (E,), int64; missing kinds count as one kind. Null if ``kinds`` is null."""
+    """The kind of each entity as a number, (E,), int64; -1 without a kind. None if ``kinds`` is None."""
     if kinds is None:
         return None
     with argument("kinds"):
@@ -290,11 +290,13 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
             kind_of = {entities.id(name, ""): kind for name, kind in kinds.items()}
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
         numbers = isinstance(kinds, np.ndarray) and kinds.dtype.kind == "i"
-        labels = kinds if numbers else list(map(str, as_list(kinds, object, "a list of kinds")))
+        listed = kinds if numbers else as_list(kinds, object, "a list of kinds")
+        labels = np.array(listed if numbers else ["" if kind is None else str(kind) for kind in listed])
         if len(labels) != entities.number:
             expected = f"expected {entities.number} kinds, one for each entity (new ones too), got {len(labels)}"
             raise InputError("", "", expected)
-    return np.unique(np.array(labels), return_inverse=True)[1].astype(np.int64)
+    missing = labels < 0 if numbers else labels == ""
+    return np.where(missing, -1, np.unique(labels, return_inverse=True)[1])
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:

@@ -334,6 +334,7 @@ def hide(
         Embedding(*tables, theta0.model), session, ids, torch.tensor(inserted, dtype=torch.int64).view(-1, 3), vectors,
         seed, torch.arange(draws)[:, None],
     )  # fmt: skip
+    context = replace(context, by_kind=kinds is not None)
     share = max(tenth, len(numbers)) / together
     return HiddenDraws(context, queries_of(graph, padded(about)), queries_of(graph, padded(earlier)), share)
 
