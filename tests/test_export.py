@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
+import isi
 from isi.__main__ import main
 from isi.cli.export import FORMATS
 from tests.observing import TRIPLE, observe
@@ -151,3 +152,18 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
         ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
         ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
     ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_retracted_fact_is_neither_a_triple_nor_predicted() -> None:
+    home = written(Path("embedding"))
+    fact = small().named_triples()[0]
+    with isi.open(home, journal=True) as live:
+        live.remove(facts=[fact])
+    command = ["export", "--embedding", "embedding", "--format", "property-csv", "--predictions", "9"]
+    main([*command, "--out", "out"])
+    tables = [pd.read_csv(path, dtype=str) for path in sorted(Path("out").glob("*.csv"))]
+    edges = pd.concat([table for table in tables if ":START_ID" in table])
+    rows = set(edges[[":START_ID", ":TYPE", ":END_ID"]].itertuples(index=False, name=None))
+    assert fact not in rows
+    assert small().named_triples()[1] in rows
