@@ -36,7 +36,7 @@ from isi.insertion.arguments import SLOTS, TripleForms, argument, checked_model,
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
-from isi.sources.readers import COUNT, check_names
+from isi.sources.readers import COUNT, check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
@@ -105,6 +105,7 @@ def tables_of(triples: TripleForms, kinds: Mapping[str, str] | None = None) -> G
                 raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
         frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(SLOTS), dtype=object)
         check_names(frame, "")
+        frame = cleaned(frame)
         counts = triples[COUNT].tolist() if isinstance(triples, pd.DataFrame) and COUNT in triples else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
