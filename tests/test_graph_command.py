@@ -16,7 +16,7 @@ from isi.cli.graph import describe
 from isi.config import read as read_params
 from isi.graph.files import guess, read_graph, write_graph
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources.names import name_fault
+from isi.names import clean, name_fault
 from isi.tables import paths
 from tests.observing import TRIPLE
 
@@ -75,7 +75,7 @@ def test_it_writes_a_folder_that_it_reads(folder: Path, capsys: pytest.CaptureFi
 
 
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S", "Zs"])
-NAMES = st.text(LETTERS, min_size=1, max_size=9).filter(lambda text: not name_fault(text))
+NAMES = st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
 
 
 @given(st.dictionaries(st.tuples(NAMES, NAMES, NAMES), st.integers(1, 9), min_size=1), st.data())

@@ -336,3 +336,15 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
 def test_what_is_no_fact_is_refused(fact: Any) -> None:
     with pytest.raises(isi.InputError):
         live_of().observe([fact])
+
+
+def test_a_new_name_is_stored_in_one_form_and_found_in_any() -> None:
+    live = live_of()
+    composed, decomposed, hidden = "caf\u00e9 mug", "cafe\u0301 mug", "caf\u00e9\u200b\u00a0mug"
+    live.insert(decomposed, [(decomposed, "in", "e1")])
+    assert list(live.inserted) == [composed]
+    for name in (composed, decomposed, hidden):
+        assert live.observe([(name, "in", "e1")]).known == 1
+        with pytest.raises(isi.InputError, match="known"):
+            live.insert(name, [(name, "in", "e2")])
+    assert live.remove(hidden).removed == [composed]

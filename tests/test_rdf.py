@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rdflib import Graph, URIRef
 
-from isi.sources.rdf import BLANK, LITERALS, STRUCTURE, local_name
-from tests.observing import TRIPLE, observe, refused, written
+from isi.graph.files import guess
+from isi.sources.rdf import BLANK, LITERALS, MANY_TYPES, SAME, STRUCTURE, UNUSABLE, local_name
+from tests.observing import TRIPLE, observe, refusal, refused, written
 
 HOME = """@prefix : <http://home.example/things#> .
 @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
@@ -111,3 +112,79 @@ def test_as_many_triples_as_rdflib_finds(tmp_path_factory: pytest.TempPathFactor
     graph.serialize(path, format="nt", encoding="utf-8")
     assert set(observe("rdf", path).rows(*TRIPLE)) == set(rows)
     assert len(observe("rdf", path).table) == len(graph)
+
+
+# Vocabulary, types and labels
+
+PREFIXES = """@prefix : <http://home.example/things#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix sh: <http://www.w3.org/ns/shacl#> .
+:mug :at :kitchen .
+"""
+
+
+def test_predicates_of_rdfs_owl_and_shacl_are_no_facts_and_are_counted(tmp_path: Path) -> None:
+    more = """:at rdfs:domain :Thing ; rdfs:range :Room ; owl:inverseOf :holds ; a owl:ObjectProperty .
+:Mug rdfs:subClassOf :Thing ; owl:disjointWith :Room ; rdfs:seeAlso :manual . :shape sh:targetClass :Mug .
+:mug owl:sameAs :cup ; owl:versionInfo "3" .
+"""
+    observed = observe("rdf", written(tmp_path / "a.ttl", PREFIXES + more))
+    assert observed.rows(*TRIPLE) == [("mug", "at", "kitchen")]
+    assert observed.counts == {STRUCTURE: 7, SAME: 1, LITERALS: 1}
+    message = refusal("rdf", written(tmp_path / "b.ttl", PREFIXES.replace(":mug :at :kitchen .", "") + more))
+    assert "7" in message
+    assert STRUCTURE[:40] in message
+
+
+@pytest.mark.parametrize(
+    ("types", "kind", "counted"),
+    [
+        (":Mug, owl:Thing, owl:NamedIndividual", "Mug", 0), ("rdfs:Resource, :Mug", "Mug", 0),
+        (":Thing, :Mug", "Mug", 0), (":Artifact, :Mug, :Thing", "Mug", 0), (":Cup, :Mug", "Mug", 1),
+        (":Same, :Mug", "Mug", 1), ("owl:Thing", "entity", 0),
+    ],
+)  # fmt: skip
+def test_of_several_types_the_lowest_and_rarest_is_the_kind(
+    tmp_path: Path, types: str, kind: str, counted: int
+) -> None:
+    more = f"""{PREFIXES} :mug a {types} . :kitchen a :Room . :cup :at :kitchen ; a :Cup .
+:Mug rdfs:subClassOf :Artifact, :Same . :Same rdfs:subClassOf :Mug . :Artifact rdfs:subClassOf :Thing .
+"""
+    observed = observe("rdf", written(tmp_path / "a.ttl", more))
+    assert observed.kind_of() == {"mug": kind, "kitchen": "Room", "cup": "Cup"}
+    assert observed.counts[MANY_TYPES] == counted
+    assert "entities" in MANY_TYPES  # the setting
+
+
+def test_spaces_of_labels_are_collapsed_and_unusable_labels_are_counted(tmp_path: Path) -> None:
+    more = f'{PREFIXES} :mug rdfs:label " coffee\\n  mug " . :kitchen rdfs:label "", "x\\u0000" . :at rdfs:label " " .'
+    observed = observe("rdf", written(tmp_path / "a.ttl", more))
+    assert observed.phrase_of() == {"mug": "coffee mug", "kitchen": "kitchen"}
+    assert observed.counts[UNUSABLE] == 2
+
+
+def test_long_literals_of_ntriples_are_dropped_as_others_are(tmp_path: Path) -> None:
+    text = line("mug", "at", "kitchen") + f'<{NAMES}kitchen> <{NAMES}wkt> "{"POLYGON " * 150_000}" .\n'
+    observed = observe("rdf", written(tmp_path / "a.nt", text + line("pan", "at", "kitchen")))
+    assert observed.rows(*TRIPLE) == [("mug", "at", "kitchen"), ("pan", "at", "kitchen")]
+    assert observed.counts == {LITERALS: 1}
+
+
+def test_a_line_of_ntriples_may_be_too_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.sources.rdf.MOST", 1000)
+    text = line("mug", "at", "kitchen") + line("mug", "at", "k" * 1000)
+    refused("rdf", written(tmp_path / "a.nt", text), ["a.nt: line 2", "line longer than 1,000"])
+
+
+@pytest.mark.parametrize("file", ["home.jsonld", "home.JSON"])
+def test_json_ld_is_read_without_the_network(home: Path, tmp_path: Path, file: str) -> None:
+    expected = observe("rdf", home)
+    Graph().parse(home).serialize(tmp_path / file, format="json-ld", encoding="utf-8")
+    observed = observe("rdf", tmp_path / file)
+    assert sorted(observed.rows(*TRIPLE)) == EXPECTED
+    assert observed.kinds.equals(expected.kinds)
+    assert guess(tmp_path / file) == "rdf"
+    for context in ('"https://schema.org"', '[{"a": "urn:x:a"}, "https://schema.org"]', '{"@import": "https://x.org"}'):
+        path = written(tmp_path / "remote.jsonld", f'{{"@context": {context}, "@id": "urn:x:b", "a": "c"}}')
+        refused("rdf", path, ["remote.jsonld", "@context", "https://"])

@@ -79,7 +79,7 @@ def test_a_source_must_give_each_entity_one_kind_and_before_its_observations_are
     ("rows", "expected"),
     [
         ([], "expected observations, got none"),
-        ([("mug", 1), ("../mug", 1)], r"expected a name without .*'\.\./mug'"),
+        ([("mug", 1), ("mu\tg", 1)], r"expected a name without .*'mu\\tg'"),
         ([("mug", 600_000_000), ("cup", 600_000_000)], "expected at most 1,000,000,000 observations"),
     ],
 )

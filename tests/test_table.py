@@ -11,8 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
+from isi.graph.files import read_graph
+from isi.names import clean, name_fault
 from isi.sources import Source
-from isi.sources.names import name_fault, phrase
+from isi.sources.names import UNMATCHED, phrase
+from isi.sources.readers import HEADERLESS
 from tests.observing import TRIPLE, observe, refused, written
 
 LOG = """head,relation,tail,count,room,instance
@@ -72,7 +75,7 @@ def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path, monkeypatch: pytest
 
 
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S"])
-NAMES = st.text(LETTERS, min_size=1, max_size=9).filter(lambda text: not name_fault(text))
+NAMES = st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
 
 
 @given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
@@ -133,3 +136,88 @@ def test_a_broken_parquet_table_is_refused_by_its_row(
 ) -> None:
     pq.write_table(pa.table({"head": ["a"], **columns}), tmp_path / "a.parquet")
     refused("table", tmp_path / "a.parquet", ["a.parquet", *expected])
+
+
+# Forms of tables
+
+
+@pytest.mark.parametrize(
+    ("field", "name"),
+    [('"Weird Al" poster', '"Weird Al" poster'), ('5" pipe', '5" pipe'), ('"open quote', '"open quote'),
+     ('"mug"', '"mug"'), ('"tv 55"" "', 'tv 55"'), ('"""Weird Al"" poster"', '"Weird Al" poster')],
+)  # fmt: skip
+def test_quotes_are_text_where_tabs_part_columns_unless_pandas_has_doubled_them(
+    tmp_path: Path, field: str, name: str
+) -> None:
+    for header in ("head\trelation\ttail\n", ""):
+        path = written(tmp_path / "a.tsv", f"{header}{field}\tat\tkitchen\nmug\tat\tkitchen\n")
+        assert observe("table", path).rows(*TRIPLE) == [(name, "at", "kitchen"), ("mug", "at", "kitchen")]
+
+
+@given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
+def test_what_pandas_writes_with_tabs_is_read_as_it_was(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.tsv"
+    pd.DataFrame(rows, columns=TRIPLE).to_csv(path, index=False, sep="\t")
+    assert observe("table", path).rows(*TRIPLE) == rows
+
+
+def test_a_table_of_tabs_whose_header_is_quoted_is_quoted(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.tsv", '"head"\t"relation"\t"tail"\n"mug"\t"at"\t"5"" pipe"\n')
+    assert observe("table", path).rows(*TRIPLE) == [("mug", "at", '5" pipe')]
+
+
+@pytest.mark.parametrize("file", ["train.txt", "a.tsv", "A.TSV", "a.CSV", "a.Txt", "a.CSV.GZ"])
+def test_three_columns_without_a_header_are_a_triple_and_suffixes_have_any_case(tmp_path: Path, file: str) -> None:
+    rows = [("mug", "isA", "object"), ("head", "at", "kitchen")]
+    separator = "," if "csv" in file.lower() else "\t"
+    content = "".join(separator.join(row) + "\n" for row in rows).encode()
+    path = written(tmp_path / file, gzip.compress(content) if file.endswith("GZ") else content)
+    observed = observe("table", path)
+    assert observed.rows(*TRIPLE) == rows
+    assert observed.counts == {HEADERLESS.format("head, relation, tail"): 2}
+    _, read = read_graph([path])
+    assert read[str(path)]["reader"] == "table"
+
+
+def test_columns_have_any_case(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "Tail,Relation,HEAD,Count\nkitchen,at,mug,3\n")
+    assert observe("table", path).rows(*TRIPLE, "count") == [("mug", "at", "kitchen", 3)]
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "remedy"),
+    [("a.csv", "subject,object,predicate\na,b,c\n", "add the line head,relation,tail"),
+     ("a.csv", "from,to,rel\na,b,c\n", "add the line head,relation,tail"), ("a.csv", "0,1,2\na,b,c\n", "0"),
+     ("a.csv", "a;at;b\n", "add the line head,relation,tail"), ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
+     ("a.csv", "a,at,b,3\n", "add the line head,relation,tail"), ("a.csv", "", "line 1")],
+)  # fmt: skip
+def test_a_table_with_another_header_is_refused_with_a_remedy(
+    tmp_path: Path, file: str, content: str, remedy: str
+) -> None:
+    refused("table", written(tmp_path / file, content), [file, "line 1", remedy])
+
+
+def test_a_line_that_is_too_long_and_a_missing_file_are_called_so(tmp_path: Path) -> None:
+    long = "head,relation,tail\na,at,b\na,at," + "x" * 2**20
+    refused("table", written(tmp_path / "a.csv", long), ["a.csv: line 3", "line longer than 1,048,576 bytes"])
+    refused("table", tmp_path / "nope.csv", ["nope.csv: no such file"])
+    refused("rooms", tmp_path / "nope.json", ["nope.json: no such file"])
+    refused("rdf", tmp_path / "nope.nt", ["nope.nt: no such file"])
+    refused("rdf", tmp_path / "nope.ttl", ["nope.ttl: no such file"])
+
+
+def test_a_folder_with_two_tables_of_triples_is_refused(tmp_path: Path) -> None:
+    for name in ("triples.csv", "edges.csv"):
+        written(tmp_path / name, "head,relation,tail\na,at,b\n")
+    refused("table", tmp_path, ["triples.csv", "edges.csv"])
+
+
+def test_names_of_the_table_of_entities_that_match_nothing_are_counted(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "head,relation,tail\nmug,at,kitchen\n")
+    listed = written(tmp_path / "e.csv", "entity,phrase\nMugg,big mug\nkitchen,galley\ncup,cup\n")
+    observed = observe("table", path, entities=str(listed))
+    assert observed.counts == {f"{UNMATCHED}: Mugg, cup": 2}
+    assert observed.phrase_of() == {"mug": "mug", "kitchen": "galley"}
+    refused("table", path, ["Mugg"], entities=str(written(tmp_path / "f.csv", "entity,phrase\nMugg,big mug\n")))

@@ -10,7 +10,6 @@ import json
 import os
 import re
 import shutil
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -24,6 +23,7 @@ from safetensors.numpy import load, save
 
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short, unwritable
+from isi.names import check_text, name_fault
 
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
 STORED = "inserted.safetensors"  #: Computed from the others (``isi.bundle.stored``).
@@ -33,17 +33,6 @@ MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, e
 #: Keys of fields in version 1 of the format, where they differ from the names here.
 KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told",
         "requested_initializer": "asked"}  # fmt: skip
-#: Unicode categories of refused characters: control characters, surrogates, line and paragraph separators.
-CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
-
-
-def check_text(text: str) -> str:
-    """Return the text if it can be printed in one line and one field; else raise ``ValueError``."""
-    if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
-        raise ValueError(f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}")
-    return text
-
-
 Text = Annotated[str, AfterValidator(check_text)]
 TEXTS = TypeAdapter(list[Text])
 NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]  #: Head, relation and tail by name; a list in JSON.
@@ -257,10 +246,11 @@ def triple_ids(
     entities, relations = dict[str, int](), dict[str, int]()
     for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
         for row, name in enumerate(listed):
-            with at(path, f"line {row + first}"):
-                TEXTS.validate_python([name])
-                if not name.strip() or ids.setdefault(name, row) != row:
-                    raise InputError("", "", f"expected a name, neither blank nor repeated, got {short(name)}")
+            fault = name_fault(name)
+            if not fault and ids.setdefault(name, row) != row:
+                fault = f"expected each name once, got {short(name)}"
+            if fault:
+                raise InputError(path, f"line {row + first}", fault)
     triples = []
     for line, triple in enumerate(rows, first):
         for slot, name, known in zip(COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True):

@@ -41,6 +41,7 @@ from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import TripleForms
 from isi.insertion.interference import Interference, measure
+from isi.names import clean
 
 if TYPE_CHECKING:
     from isi.bundle.explain import Explanation, Report
@@ -129,10 +130,10 @@ class LiveEmbedding:
             text, named = (each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind))
             of_kind = named and find(named, kinds, "kind", "a kind")
             with at(repr(name)[:80]):
-                about[name] = NewEntity(
+                about[clean(name)] = NewEntity(
                     definition=text, kind=of_kind, initializer=initializer, options=dict(options or {}), seed=seed
                 )
-        listed = self.now.facts(facts, names)
+        listed = self.now.facts(facts, list(about))
         added = self.now.unknown(listed)
         do: Literal["insert", "observe"] = "insert" if about else "observe"
         change = Change(do=do, entities=about, facts=added, time=time, source=source)

@@ -6,14 +6,14 @@ from difflib import get_close_matches
 from functools import lru_cache
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator
 
-from isi.bundle.folder import Text
 from isi.config import check
 from isi.errors import InputError
+from isi.names import check_name, clean
 
 SUGGESTED, LISTED = 3, 8  #: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
-NewName = Annotated[Text, Field(max_length=200, pattern=r"\S")]
+NewName = Annotated[str, AfterValidator(check_name)]
 
 
 def check_new(name: str, known: Sequence[str], like: str | None, new: bool) -> None:
@@ -31,7 +31,7 @@ def check_new(name: str, known: Sequence[str], like: str | None, new: bool) -> N
 @lru_cache(2**16)
 def plain(name: str) -> str:
     """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
-    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", name).split()).casefold()
+    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", clean(name)).split()).casefold()
 
 
 def singulars(name: str) -> set[str]:
@@ -43,7 +43,7 @@ def singulars(name: str) -> set[str]:
 
 
 def same_name(first: str, second: str) -> bool:
-    """Whether two names are equal up to case, spaces, hyphens and underscores."""
+    """Whether two names are equal up to case, spaces, hyphens, underscores, Unicode's forms, invisible characters."""
     return bare(first) == bare(second)
 
 

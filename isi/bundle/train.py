@@ -40,7 +40,7 @@ from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names
+from isi.sources.readers import COUNT, check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
@@ -116,6 +116,7 @@ def tables_of(triples: TripleForms) -> GraphTables:
                 raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
         frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object)
         check_names(frame, "")
+        frame = cleaned(frame)
         counted: Any = next((name for name in column_names(triples) if str(name).casefold() == COUNT), None)
         counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")

@@ -29,7 +29,8 @@ from isi.experiment.store import JOINT, Store
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
-from isi.sources.names import ENTITY, name_fault
+from isi.sources.names import ENTITY
+from isi.sources.triples import OF_NEO4J
 from isi.tables import paths
 from isi.tables.io import atomically
 from isi.tables.table import as_text
@@ -39,11 +40,9 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Name of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
-#: Headers of Neo4j's importer, by column.
-HEADERS = {
-    "entity": ":ID", "phrase": "phrase", "kind": ":LABEL", "head": ":START_ID", "tail": ":END_ID", "relation": ":TYPE",
-    "count": "count:int", "score": "score:float", "rank": "rank:int",
-}  # fmt: skip
+HEADERS = {column: header for header, column in OF_NEO4J.items()}
+#: Characters of valid names that XML cannot hold (control characters are in no name).
+NOT_XML = re.compile("[\ufffe\uffff]")
 BUDGET = 2**24  #: Maximum number of scores in one matrix.
 
 
@@ -86,7 +85,7 @@ def export(
 
 @dataclass(frozen=True)
 class GraphExport:
-    """The tables to export. Names are checked (``check_names``)."""
+    """The tables to export."""
 
     name: str
     entities: pd.DataFrame  #: columns entity, kind, phrase
@@ -109,7 +108,6 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
         expected = "expected an experiment of params.yaml: a graph of beyond/params.yaml has no model"
         raise InputError("--predictions", experiment, expected)
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
-    check_names(files, entities, triples)
     predictions = by_joint_model(Store(experiment), most, seed) if most else pd.DataFrame(columns=PREDICTED)
     return GraphExport(experiment, entities, triples, predictions)
 
@@ -121,20 +119,11 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
     triples = pd.DataFrame(opened.named_triples(), columns=TRIPLE).assign(count=1)
-    check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
     not_predicted = np.concatenate([opened.triples, opened.retracted])
     ids, kinds = torch.from_numpy(not_predicted), torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
     graph = Graph(opened.entity_names, opened.relation_names, ids, torch.ones(len(ids), dtype=torch.int64), kinds)
     predictions = best_tails(graph, opened.embedding, torch.ones(len(entities), dtype=torch.bool), most)
     return GraphExport(name if NAME.fullmatch(name) else "embedding", entities, triples, predictions)
-
-
-def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """Refuse names that other tools cannot read: the ``InputError`` names the file and the column."""
-    columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
-    for path, names in [*columns, (files[1], triples["relation"])]:
-        if fault := next(filter(None, map(name_fault, names.unique())), None):
-            raise InputError(path, f"column {names.name!r}", fault)
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
@@ -188,7 +177,11 @@ def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
             attributes = {str(name): value for name, value in row.items() if name not in ("head", "tail")}
             graph.add_edge(row["head"], row["tail"], graph.number_of_edges(), **attributes)
     nx.write_graphml_xml(graph, content)
-    return {path: content.getvalue().decode()}
+    text = content.getvalue().decode()
+    if wrong := NOT_XML.search(text):
+        others = ", ".join(name for name in FORMATS if name != "graphml")
+        raise InputError(path, "", f"XML cannot hold the character {wrong[0]!a} of a name: write {others}")
+    return {path: text}
 
 
 def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:

@@ -16,7 +16,8 @@ import pandas as pd
 
 from isi import config
 from isi.errors import InputError, at, short
-from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, name_fault
+from isi.names import clean, name_fault
+from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
 from isi.tables.table import Table
 
@@ -36,6 +37,7 @@ KINDS = Table(
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, "int64")}, key=["step"]
 )
+CHANGED = "names changed to Unicode's NFC, without invisible characters and outer spaces"
 REPEATED = "observations dropped that an earlier event has, too"
 CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.frames`` yields.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
@@ -130,17 +132,25 @@ class Source:
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()
+        changed: dict[str, str] = {}  # valid names that ``clean`` changes
         total = 0
         while rows := list(islice(observations, CHUNK)):
             columns = list(zip(*rows, strict=True))
-            new = set(zip(*columns[3:6], strict=True)) - triples
+            names = set().union(*columns[3:6])
             total += sum(columns[6])
-            fault = next(filter(None, map(name_fault, {name for triple in new for name in triple})), None)
+            fault = next(filter(None, map(name_fault, names)), None)
             if fault or total > MOST_OBSERVED:
                 raise InputError(self._place, "", fault or f"expected at most {MOST_OBSERVED:,} observations in all")
-            triples |= new
+            new_rooms = set(columns[1]) - {None}
+            changed |= {name: clean(name) for name in names | new_rooms if clean(name) != name}
+            for place in (1, 3, 4, 5) if changed else ():  # room, head, relation, tail
+                columns[place] = tuple(changed.get(name, name) for name in columns[place])
+            triples |= set(zip(*columns[3:6], strict=True))
             rooms |= set(columns[1]) - {None}
-            yield pd.DataFrame(rows, columns=list(OBSERVATIONS.columns), dtype=object).astype({"count": "int64"})
+            frame = dict(zip(OBSERVATIONS.columns, columns, strict=True))
+            yield pd.DataFrame(frame, dtype=object).astype({"count": "int64"})
+        if changed:
+            self.counts[CHANGED] = len(changed)
         if not triples:
             raise InputError(self._place, "", "expected observations, got none")
         name_entities = self._mining.name_entities or self._reader.name_entities

@@ -12,9 +12,10 @@ import pandas as pd
 
 from isi.config import Sha256
 from isi.errors import InputError, at, cut, short
+from isi.names import name_fault
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, once, reader
-from isi.sources.names import Name, household, name_fault
+from isi.sources.names import Name, household
 from isi.sources.readers import MOST, json_lines, parse_json, read_table, refuse
 from isi.sources.recordings import SIMULATORS, Scene, SceneObject, locate, read_recording, scene_objects
 from isi.tables import paths
@@ -59,6 +60,13 @@ def _register(simulator: str, **known: Any) -> None:
         return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
 
 
+def _is_scene(value: Any) -> bool:
+    """Whether JSON is an event, or a list of events or objects; JSON-LD is also a list."""
+    if isinstance(value, list):
+        return not (value and isinstance(value[0], dict) and "@id" in value[0])
+    return _is_event(value)
+
+
 def _is_event(value: Any) -> bool:
     others = {"rooms", "nodes"}
     return isinstance(value, dict) and others.isdisjoint(value) and not {"objects", "metadata"}.isdisjoint(value)
@@ -68,7 +76,7 @@ _register("ai2thor", reads_json=lambda value: isinstance(value, dict) and not {"
 _register("robothor")
 
 
-@reader("ai2thor_scene", household, path="path", reads_json=lambda value: isinstance(value, list) or _is_event(value))
+@reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
 def ai2thor_scene(
     mining: Mining, path: str, room: Name | None = None, broken: Broken = "error", circular: Circular = "keep"
 ) -> Iterator[Observation]:

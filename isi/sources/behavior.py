@@ -8,8 +8,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field
 
 from isi.errors import InputError, short
+from isi.names import name_fault
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import Name, household, name_fault
+from isi.sources.names import Name, household
 from isi.sources.readers import check_settings, packaged, read_json, read_table, refuse
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"

@@ -12,8 +12,9 @@ from pydantic import Field, ValidationInfo, field_validator
 from isi import config
 from isi.config import Section
 from isi.errors import InputError, short
+from isi.names import check_name, name_fault
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import AT_LOCATION, check_name, household, name_fault
+from isi.sources.names import AT_LOCATION, household
 from isi.sources.readers import COUNT, check_names, check_settings, read_table, read_text, reading, refuse
 from isi.tables import paths
 

@@ -1,6 +1,7 @@
 """Names, kinds and phrases of the entities of a source."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -10,32 +11,15 @@ import pandas as pd
 from pydantic import AfterValidator, Field
 
 from isi.config import Section
-from isi.errors import InputError, short
+from isi.errors import InputError
+from isi.names import check_name, clean, some
 
-LONGEST = 200  #: Maximum number of characters of a name.
+UNMATCHED = "names in the table of entities that no triple has"  #: Description of a count.
 ENTITY = "entity"  #: The kind of an entity without a given kind.
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
 
 
-def name_fault(name: object) -> str | None:
-    """The message of the error for an invalid name; null for a valid one."""
-    if not isinstance(name, str) or not name:
-        return f"expected a name, got {short(name) if name else 'none'}"
-    if len(name) > LONGEST:
-        return f"expected a name of at most {LONGEST} characters, got {len(name):,}: {short(name)}"
-    if not name.isprintable() or name != name.strip() or "../" in name:
-        return f"expected a name without control characters, space around it or '../', got {short(name)}"
-    return None
-
-
-def check_name(name: str) -> str:
-    """Return a valid name; ValueError for any other (``name_fault``)."""
-    if fault := name_fault(name):
-        raise ValueError(fault)
-    return name
-
-
-#: The name of an entity, a relation, a scene or an object is printable text of 1 to ``LONGEST`` characters.
+#: The name of an entity, a relation, a scene or an object.
 Name = Annotated[str, AfterValidator(check_name)]
 
 
@@ -75,26 +59,39 @@ class Naming:
     phrase_of: dict[str, str] = field(default_factory=dict)  #: as ``kind_of``
     strict: bool = False  #: whether an entity without a kind is refused
     words: Callable[[str], str] = phrase  #: gives the phrase of an entity that is not in ``phrase_of``
+    listed: Collection[str] = ()  #: entities of a user's table; those that no triple has are counted in ``counts``
+    counts: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
         """Entities (``KINDS``) of unique triples, sorted; InputError for an unknown relation, two kinds or none."""
         relations = set(triples["relation"])
-        if unknown := set(self.kinds or ()) - relations:
+        if unknown := set(map(clean, self.kinds or ())) - relations:
             raise InputError("kinds", f"relation {min(unknown)!r}", "expected a relation of the triples")
         if self.household and (unknown := relations - set(HOUSEHOLD)):
             raise InputError(f"relation {min(unknown)!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
-        kinds = self._by_relation(triples, rooms) | self.kind_of
+        kind_of, phrase_of = _cleaned(self.kind_of), _cleaned(self.phrase_of)
+        kinds = self._by_relation(triples, rooms, kind_of) | kind_of
         names = sorted({*triples["head"], *triples["tail"]})
+        if self.listed:
+            self._count_unmatched(names)
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
             raise InputError(f"entity {without!r}", "", "expected a kind in the table of entities or the setting kinds")
-        phrases = [self.phrase_of.get(name) or self.words(name) for name in names]
+        phrases = [phrase_of.get(name) or self.words(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 
-    def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
+    def _count_unmatched(self, names: Collection[str]) -> None:
+        unmatched = sorted(set(map(clean, self.listed)).difference(names))
+        if len(unmatched) == len(self.listed):
+            raise InputError("entities", "", f"expected entities of the triples, got {some(unmatched)}")
+        if unmatched:
+            self.counts[f"{UNMATCHED}: {some(unmatched)}"] = len(unmatched)
+
+    def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str], kind_of: Mapping[str, str]) -> dict[str, str]:
         """Kind by entity, from relations; InputError for two. Skips entities in ``kind_of`` unless ``household``."""
-        ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
-        described = () if self.household else self.kind_of
+        given = {clean(relation): ends for relation, ends in (self.kinds or {}).items()}
+        ends: Mapping[str, Ends] = HOUSEHOLD if self.household else given
+        described = () if self.household else kind_of
         slots = {
             (relation, slot, name)
             for slot in ("head", "tail")
@@ -110,6 +107,10 @@ class Naming:
                 expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
                 raise InputError(f"entity {name!r}", "", expected)
         return {name: kind for name, (kind, _) in kind_and_place.items()}
+
+
+def _cleaned(texts: Mapping[str, str]) -> dict[str, str]:
+    return {clean(name): clean(text) for name, text in texts.items()}
 
 
 household = Naming(household=True, words=str)  #: In a household, the phrase of an entity is its name.

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from typing import Literal as Choice
 from urllib.parse import unquote
 
 from isi.errors import InputError, cut, extra, short
+from isi.names import clean, name_fault
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import KindsByRelation, Naming, name_fault
-from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
+from isi.sources.names import KindsByRelation, Naming
+from isi.sources.readers import MOST, open_text, parse_json, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
 
 if TYPE_CHECKING:
@@ -24,29 +26,43 @@ if TYPE_CHECKING:
 #: Descriptions of counts: triples that give no observation.
 LITERALS = "triples dropped that end in a literal"
 BLANK = "triples dropped with a blank node"
-STRUCTURE = "triples dropped with a predicate of RDF's own vocabulary"
+STRUCTURE = "triples dropped with a predicate of the vocabulary of RDF, RDFS, OWL or SHACL"
+SAME = "triples dropped of owl:sameAs, whose two names stay two entities"
+MANY_TYPES = "entities of several types, of which the rarest is the kind; the setting entities gives kinds"
+UNUSABLE = "labels dropped that are empty, too long, or contain control characters"
 REPEATED = "triples dropped that repeat an earlier one"
-SUFFIXES = (".nt", ".ttl")
+SUFFIXES = (".nt", ".ttl", ".jsonld")
+SHACL = "http://www.w3.org/ns/shacl#"
 
 
-@reader("rdf", Naming(), path="path", suffixes=SUFFIXES)
+def _is_jsonld(value: object) -> bool:
+    """Whether JSON is RDF: an object with a context or a graph, or a list whose objects have IRIs."""
+    first = value[0] if isinstance(value, list) and value else value
+    return isinstance(first, dict) and not {"@context", "@graph", "@id"}.isdisjoint(first)
+
+
+@reader("rdf", Naming(), path="path", suffixes=SUFFIXES, reads_json=_is_jsonld)
 def rdf(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False, names: Choice["local", "iri"] = "local",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of an RDF graph (``.nt``, ``.ttl``, or either with ``.gz``): types are kinds, labels are phrases.
+    """Observations of an RDF graph (``.nt``, ``.ttl``, ``.jsonld``, perhaps with ``.gz``): types are kinds.
 
-    The other settings are those of ``table``; the table ``entities`` overrides types and labels. ``names``: a name is
-    the ``local`` part of an IRI, or the whole ``iri``. InputError for two entities or two relations of one name.
+    Labels are phrases. The other settings are those of ``table``; the table ``entities`` overrides types and labels.
+    ``names``: a name is the ``local`` part of an IRI, or the whole ``iri``. Predicates of RDF, RDFS, OWL and SHACL make
+    no facts. InputError for two entities or two relations of one name.
     """
     with extra("rdf"):
         from rdflib import OWL, RDF, RDFS, BNode, Literal
 
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
-    mining.name_entities = named = naming(entities, kinds, household)
+    no_facts, no_kinds = (str(RDF), str(RDFS), str(OWL), SHACL), {OWL.NamedIndividual, OWL.Thing, RDFS.Resource}
+    mining.name_entities = named = naming(entities, kinds, household, mining.counts)
     iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
-    types: dict[str, list[tuple[str, Node]]] = {}  # by IRI: places and types
-    labels = dict[str, tuple[str, str]]()  # by IRI: place and label
+    types: dict[str, dict[Node, str]] = {}  # places of types by IRI
+    above: dict[Node, set[Node]] = {}  # classes above a class
+    labels = dict[str, str]()  # by IRI
+    unusable = Counter[str]()  # number of labels by IRI
     seen = set[Triple]()
 
     def name_of(place: str, node: Node, role: str = "") -> str:
@@ -54,7 +70,8 @@ def rdf(
         name = local_name(iri) if names == "local" else iri
         if fault := name_fault(name):
             raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
-        if role and (other := iris[role].setdefault(name, iri)) != iri:
+        other = iris[role].setdefault(clean(name), iri) if role else iri
+        if clean(other) != clean(iri):
             also = f"{short(name)} is also the name of <{cut(other)}>; set names: iri to use whole IRIs as names"
             raise InputError(path, place, also)
         return name
@@ -63,36 +80,61 @@ def rdf(
         if isinstance(head, BNode) or isinstance(tail, BNode):
             mining.counts[BLANK] += 1
         elif relation == RDF.type:
-            types.setdefault(str(head), []).extend([(place, tail)] * (tail != OWL.NamedIndividual))
+            if tail not in no_kinds:
+                types.setdefault(clean(str(head)), {}).setdefault(tail, place)
         elif relation == RDFS.label and isinstance(tail, Literal):
-            if (tail.language or "en").partition("-")[0] == "en":
-                labels.setdefault(str(head), (place, str(tail)))
+            label = clean(" ".join(str(tail).split()))
+            if (tail.language or "en").partition("-")[0] != "en":
+                continue
+            if name_fault(label):
+                unusable[clean(str(head))] += 1
+            else:
+                labels.setdefault(clean(str(head)), label)
         elif isinstance(tail, Literal):
             mining.counts[LITERALS] += 1
-        elif str(relation).startswith(str(RDF)):
+        elif relation == OWL.sameAs:
+            mining.counts[SAME] += 1
+        elif str(relation).startswith(no_facts):
             mining.counts[STRUCTURE] += 1
+            if relation == RDFS.subClassOf:
+                above.setdefault(head, set()).add(tail)
         else:
             ends = name_of(place, head, "entity"), name_of(place, tail, "entity")
             triple = ends[0], name_of(place, relation, "relation"), ends[1]
-            if triple in seen:
+            form = clean(triple[0]), clean(triple[1]), clean(triple[2])
+            if form in seen:
                 mining.counts[REPEATED] += 1
             else:
-                seen.add(triple)
                 yield None, None, None, *triple, 1
+            seen.add(form)
     if not seen:
-        raise InputError(path, "", "expected triples between entities that have IRIs, got none")
+        dropped = ", ".join(f"{number:,} {what}" for what, number in mining.counts.items())
+        raise InputError(path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}")
+    of_entities = {name: types.get(clean(iri), {}) for name, iri in iris["entity"].items()}
+    number_of = Counter(node for nodes in of_entities.values() for node in nodes)  # entities of each type
     listed = set(named.kind_of)
     for name, iri in iris["entity"].items():  # types and labels of relations are ignored
-        for place, node in types.get(iri, ()) if name not in listed else ():
-            kind = name_of(place, node)
-            if (other := named.kind_of.setdefault(name, kind)) != kind:
-                got = f"expected one type of {short(name)}, got {cut(kind)} and {cut(other)}"
-                raise InputError(path, place, got)
-        if iri in labels and name not in named.phrase_of:
-            place, label = labels[iri]
-            if fault := name_fault(label):
-                raise InputError(path, place, f"label: {fault}")
-            named.phrase_of[name] = label.lower()
+        given = of_entities[name]
+        lowest = [node for node in given if not any(_is_above(node, other, above) for other in given)] or list(given)
+        if lowest and name not in listed:
+            rarest = min(lowest, key=lambda node: (number_of[node], str(node)))
+            named.kind_of[name] = name_of(given[rarest], rarest)
+            mining.counts.update([MANY_TYPES] * (len(lowest) > 1))
+        if clean(iri) in labels:
+            named.phrase_of.setdefault(name, labels[clean(iri)].lower())
+        if dropped_labels := unusable[clean(iri)]:
+            mining.counts[UNUSABLE] += dropped_labels
+
+
+def _is_above(node: Node, other: Node, above: Mapping[Node, set[Node]]) -> bool:
+    """Whether a class is above another one, directly or through others."""
+    found: set[Node] = set()
+    waiting = [other]
+    while waiting:
+        new = above.get(waiting.pop(), set()) - found
+        found |= new
+        waiting += new
+    return node in found and node != other
 
 
 def local_name(iri: str) -> str:
@@ -117,7 +159,9 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
 
         parser = W3CNTriplesParser(Sink())  # type: ignore[no-untyped-call]
         with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
-            for number, line in enumerate(iter(lambda: file.readline(BLOCK), ""), 1):
+            for number, line in enumerate(iter(lambda: file.readline(MOST + 1), ""), 1):
+                if len(line) > MOST:
+                    raise InputError(path, f"line {number}", f"line longer than {MOST:,} characters")
                 parser.line = line.rstrip("\r\n")
                 triples.clear()
                 try:
@@ -136,5 +180,29 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
                 place, problem = f"line {error.lines + 1}", str(error._why)
             raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
         yield from (("", triple) for triple in sorted(graph))
+    elif suffix_of(path) in (".jsonld", ".json"):
+        text = read_text(path, "JSON-LD, which is read as a whole,")
+        if address := _remote_context(parse_json(Any, text, path)):
+            raise InputError(path, "@context", f"expected a context in the file: {short(address)} is not downloaded")
+        try:
+            graph = Graph().parse(data=text, format="json-ld", publicID="file:///")
+        except Exception as error:  # as above
+            raise InputError(path, "", f"expected JSON-LD ({type(error).__name__}: {cut(str(error), 120)})") from error
+        yield from (("", triple) for triple in sorted(graph))
     else:
-        raise InputError(path, "", "expected a file name that ends in .nt, .nt.gz, .ttl or .ttl.gz")
+        raise InputError(path, "", "expected a file name that ends in .nt, .ttl or .jsonld (or these with .gz)")
+
+
+def _remote_context(value: Any) -> str | None:
+    """The address of a context that JSON-LD would have downloaded; None without any."""
+    waiting = [value]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, dict):
+            context = part.get("@context")
+            contexts = context if isinstance(context, list) else [context]
+            for address in (*contexts, part.get("@import")):
+                if isinstance(address, str):
+                    return address
+        waiting += part.values() if isinstance(part, dict) else part if isinstance(part, list) else []
+    return None

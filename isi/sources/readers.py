@@ -5,12 +5,14 @@ from __future__ import annotations
 import codecs
 import csv
 import gzip
+import re
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from io import BufferedReader, TextIOWrapper
-from itertools import count, islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import TextIO, TypeVar
 
@@ -19,15 +21,22 @@ from pydantic_core import from_json
 
 from isi import config
 from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
-from isi.sources.names import name_fault
+from isi.names import clean, name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
 BLOCK, BATCH = 2**20, 65_536  #: Maximum number of bytes of a line of a table; number of rows in a batch.
 MOST, MOST_ROWS = 2**26, 1_000_000  #: Maximum size of a file that is read as a whole: characters, rows.
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
+TAB = "\t"
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
-SEPARATORS = {".csv": ",", ".tsv": "\t"}
+SEPARATORS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
+#: Words in headers of triples, in this and other projects: a line with one of them in each column is a header.
+HEADER_WORDS = frozenset(
+    ("head", "relation", "tail", "subject", "predicate", "object", "source", "target", "from", "to", "rel", "entity",
+     "node", "start", "end", "edge", "type", "label", "property", "id", *"hrtspo012")
+)  # fmt: skip
+HEADERLESS = "lines without a header, read as {}"  #: Description of a count.
 #: Errors that reading a broken file raises, beside those of pyarrow.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error)
 T = TypeVar("T")
@@ -41,6 +50,8 @@ def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterato
     except Exception as error:
         if not isinstance(error, UNREADABLE) and not is_of_pyarrow(error):
             raise
+        if isinstance(error, FileNotFoundError):
+            raise InputError(path, "", "no such file") from error
         raise InputError(path, place(), f"expected {content} ({cut(str(error), 120)})") from error
 
 
@@ -53,8 +64,9 @@ def packaged(package: str, path: str, content: str) -> Path:
 
 
 def suffix_of(path: Path) -> str:
-    """The suffix of a file's name, without ``.gz``: ``.csv`` for ``log.csv.gz``."""
-    return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
+    """The suffix of a file's name in lower case, without ``.gz``: ``.csv`` for ``log.CSV.gz``."""
+    name = Path(path.name.lower())
+    return Path(name.stem).suffix if name.suffix == ".gz" else name.suffix
 
 
 def open_bytes(path: Path) -> gzip.GzipFile | BufferedReader:
@@ -142,17 +154,25 @@ def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = (
             raise InputError(path, f"{names.index.name} {place}", f"{column}: {faults[name]}")
 
 
+def cleaned(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with all names in their clean form (``isi.names.clean``)."""
+    names = table.drop(columns=COUNT, errors="ignore")
+    forms = {name: clean(name) for column in names for name in table[column].unique()}
+    return table.assign(**{str(column): table[column].map(forms) for column in names})
+
+
 def read_table(
-    path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None
-) -> pd.DataFrame:
+    path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None,
+    aliases: Mapping[str, str] | None = None,
+) -> pd.DataFrame:  # fmt: skip
     """Read a whole table of 1 to ``MOST_ROWS`` rows of valid names; its index holds line numbers (``read_batches``).
 
-    Each key is a list of columns in which no two rows agree. Null as ``optional`` ignores any other columns.
+    Each key is a list of columns in which no two rows agree. None as ``optional`` ignores any other columns.
     """
     batches, rows = [], 0
-    for batch in read_batches(path, columns, optional or (), others=optional is None):
+    for batch in read_batches(path, columns, optional or (), optional is None, aliases):
         check_names(batch, path, optional or ())
-        batches.append(batch)
+        batches.append(cleaned(batch))
         rows += len(batch)
         if rows > MOST_ROWS:
             raise InputError(path, "", f"expected a table of at most {MOST_ROWS:,} rows")
@@ -165,24 +185,33 @@ def read_table(
 
 
 def read_batches(
-    path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False
-) -> Iterator[pd.DataFrame]:
-    """Yield the rows of a file (``.csv``, ``.tsv``, either with ``.gz``, or ``.parquet``) in batches.
+    path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False,
+    aliases: Mapping[str, str] | None = None, headerless: Counter[str] | None = None,
+) -> Iterator[pd.DataFrame]:  # fmt: skip
+    """Yield the rows of a file (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
 
-    Columns: ``required``, and ``optional`` if present; further columns are ignored if ``others``, else refused. Values:
-    text (null is empty); in ``COUNT``, integers of at least 1. Index: numbers of lines, or of rows of Parquet from 1;
-    its name is ``line`` or ``row``.
+    Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if ``others``, else
+    refused. ``aliases``: columns by other names. Values: text (None is empty); in ``COUNT``, integers of at least 1.
+    Index: numbers of lines, or of rows of Parquet from 1; its name is ``line`` or ``row``. ``headerless``: where the
+    lines of a text without a header, which then has the columns ``required``, are counted; None refuses such a text.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
-        raise InputError(path, "", "expected a file name that ends in .csv, .csv.gz, .tsv, .tsv.gz or .parquet")
+        raise InputError(path, "", "expected a file name that ends in .csv, .tsv, .txt (or these with .gz) or .parquet")
     rows, unit = (_parquet_rows(path), "row") if form == ".parquet" else (_text_rows(path, SEPARATORS[form]), "line")
-    _, header = next(rows)
+    _, first = next(rows)
+    known = {name: name for name in (*required, *optional)} | dict(aliases or {})
+    header = [known.get(name, known.get(name.strip().lower(), name)) for name in first]
     names = [name for name in header if name in (*required, *optional)]
-    if not set(required) <= set(names) or len(set(names)) < len(names) or not (others or names == header):
+    is_header = set(required) <= set(names)
+    if not is_header and unit == "line" and headerless is not None and _is_triple(first):
+        rows, header, names = chain([(1, first)], rows), list(required), list(required)
+    elif not is_header or len(set(names)) < len(names) or not (others or names == header):
         expected = f"expected the columns {', '.join(required)}"
         expected += f" and optionally {', '.join(optional)}" * bool(optional)
-        got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
+        got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
+        if unit == "line" and not is_header:
+            got += f"; if line 1 is no header, add the line {SEPARATORS[form].join(required).replace(TAB, '<tab>')}"
         raise InputError(path, "line 1" if unit == "line" else "columns", f"{expected}; got {got}")
     while batch := list(islice(rows, BATCH)):
         places, values = zip(*batch, strict=True)
@@ -192,23 +221,51 @@ def read_batches(
             expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
             refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
             frame[COUNT] = number
+        if headerless is not None and not is_header:
+            headerless[HEADERLESS.format(", ".join(required))] += len(frame)
         yield frame
+
+
+def _is_triple(values: Sequence[str]) -> bool:
+    """Whether the first line of a table has three columns, and not a word of ``HEADER_WORDS`` in each."""
+    words = [set(re.findall("[a-z0-9]+", value.lower())) for value in values]
+    return len(values) == 3 and any(HEADER_WORDS.isdisjoint(each) for each in words)
 
 
 def _text_rows(path: Path, separator: str) -> Iterator[tuple[int, Sequence[str]]]:
     """Yield (line, values) of the header and of each line that is not blank."""
     line = 1
     with reading(path, "a table of UTF-8 text", lambda: f"line {line}"), open_bytes(path) as file:
-        lines = (content.decode("utf-8-sig") for content in iter(lambda: file.readline(BLOCK), b""))
-        rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
-        yield line, (header := next(rows, []))
-        line = rows.line_num + 1
+        lines = map(_decoded, iter(lambda: file.readline(BLOCK + 1), b""))
+        first = next(lines, "")
+        # A text with tabs has no quoting, unless each field of its first line is quoted.
+        is_quoted = separator != TAB or all(re.fullmatch('"[^"]*"', field) for field in first.strip().split(TAB))
+        quoting = csv.QUOTE_MINIMAL if is_quoted else csv.QUOTE_NONE
+        form = {"delimiter": separator, "skipinitialspace": True, "strict": True, "quoting": quoting}
+        rows = csv.reader(chain([first], lines), **form)  # type: ignore[arg-type]
+        width = None
         for row in rows:
-            if row and len(row) != len(header):
-                raise csv.Error(f"expected {len(header)} columns, got {len(row)}")
-            if row:
-                yield line, row
+            width = len(row) if width is None else width
+            if row and len(row) != width:
+                raise csv.Error(f"expected {width} columns, got {len(row)}")
+            if row or line == 1:
+                yield line, row if is_quoted else [_unquoted(field) for field in row]
             line = rows.line_num + 1
+        if width is None:
+            yield 1, []
+
+
+def _decoded(line: bytes) -> str:
+    if len(line) > BLOCK:
+        raise csv.Error(f"line longer than {BLOCK:,} bytes")
+    return line.decode("utf-8-sig")
+
+
+def _unquoted(field: str) -> str:
+    """The text of a field that pandas has quoted, since it contains a quote; other quotes are part of the text."""
+    inner = field[1:-1]
+    is_quoted = field[:1] == field[-1:] == '"' and '"' in inner and '"' not in inner.replace('""', "")
+    return inner.replace('""', '"') if is_quoted else field
 
 
 def _parquet_rows(path: Path) -> Iterator[tuple[int, Sequence[str]]]:

@@ -10,7 +10,8 @@ from pydantic import AfterValidator, BaseModel, Field, create_model
 from isi import config
 from isi.config import Count, EachOnce, Positive, Section, Seed
 from isi.errors import InputError, cut, short
-from isi.sources.names import Name, entity_name, name_fault
+from isi.names import name_fault
+from isi.sources.names import Name, entity_name
 from isi.sources.readers import GZIP, json_lines, packaged, parse_json, reading
 from isi.tables import paths
 from isi.tables.io import check_sha256

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, create_model
 
 from isi.errors import InputError
+from isi.names import name_fault
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import Name, household, name_fault, phrase
+from isi.sources.names import Name, household, phrase
 from isi.sources.readers import read_json
 
 #: Names that are no labels: those that Hydra gives to nodes, ``O(12)``, and what it does not know.

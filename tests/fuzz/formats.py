@@ -22,8 +22,8 @@ from isi.errors import InputError
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
+from isi.names import name_fault
 from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
-from isi.sources.names import name_fault
 from isi.sources.recorder import Recording
 from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names

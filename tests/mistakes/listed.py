@@ -15,7 +15,7 @@ of_names, of_behavior = of_file("triples with ids", "ids/entity2id.txt"), of_fil
 
 TABLE_CASES = [
     Case("no file", "table, CSV", {"log.csv": None}, "log.csv", {"entities": None}),
-    Case("a name that tells no form", "table, CSV", {}, "log.txt", {"path": "log.txt", "entities": None}),
+    Case("a name that tells no form", "table, CSV", {"log.dat": "x"}, "log.dat", {"path": "log.dat", "entities": None}),
     log("a column that is missing", "head,tail\na,b\n", "line 1"),
     log("a field too many", LOG + "mug,atLocation,kitchen,\n", "line 3"),
     log("text in another encoding", LOG + "caf\udce9,atLocation,kitchen\n", "line 3|UTF-8"),
@@ -129,8 +129,8 @@ BEHAVIOR_CASES = [
     of_behavior("a category without a synset", '{"scenes": {"a": {"b_0": {"boat-abcdef": 1}}}}', "'boat-abcdef'"),
     changed("a category twice", "BEHAVIOR", MAPPED, "3,walls,", "3,stove,", "'stove'"),
     Case("a setting of what is not there", "BEHAVIOR", {}, "'boat.n.01'", {"structure": ["boat.n.01"]}),
-    Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": [" open"]}}),
-    Case("a name that is none", "BEHAVIOR", {}, "names.stove.n.01", {"names": {"stove.n.01": "../stove"}}),
+    Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": ["\topen"]}}),
+    Case("a name that is none", "BEHAVIOR", {}, "names.stove.n.01", {"names": {"stove.n.01": "sto\tve"}}),
     Case("two synsets of one name", "BEHAVIOR", {}, "'stove'", {"names": {"cabinet.n.01": "stove"}}),
 ]  # fmt: skip
 

@@ -18,8 +18,8 @@ SCENE_CASES = [
     of_scene("a number of 5,000 digits", "[" + "9" * 5_000 + "]"),
     of_scene("more than a scene", " " * (2**26 + 1)),
     of_scene("no objects", "[]"),
-    of_scene("a name that is none", json.dumps({"sceneName": "../x", "objects": THINGS}), "scene"),
-    Case("a setting that is no name", "scene", {}, "room", {"room": "kitchen "}),
+    of_scene("a name that is none", json.dumps({"sceneName": "a\tb", "objects": THINGS}), "scene"),
+    Case("a setting that is no name", "scene", {}, "room", {"room": " "}),
     Case("no path", "scene", {}, "sources.fuzz.path", {"path": "a\0b"}),
     of_scene("nothing but a floor", scene(FLOOR | {"receptacleObjectIds": []})),
     of_scene("an object without an id", scene({"objectType": "Mug"}), "scene.0.objectId"),
@@ -109,7 +109,7 @@ RECORDING_CASES = [
 ]  # fmt: skip
 
 HOUSE_CASES = [
-    of_houses("no file", None, "line 1"),
+    of_houses("no file", None, "no such file"),
     Case("another file than params vouch for", "houses of ProcTHOR", {}, "houses.jsonl|sha256", {"sha256": "0" * 64}),
     of_houses("no houses", "\n"),
     of_houses("a line that is no JSON", house() + "\n{", "line 2"),
