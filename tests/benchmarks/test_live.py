@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,16 @@ import pytest
 
 import isi
 from isi.bundle.folder import Bundle, Manifest, write
+from isi.bundle.journal import Change, Chosen
 from isi.bundle.live import LiveEmbedding
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]
-WAYS = ["isi.insert", "insert", "observe", "ask", "observe, pipe", "ask, pipe"]
+MANY = 10_000  #: Facts between known entities, in a long life.
+WAYS = [
+    "isi.insert", "insert", "observe", "observe, 10,000 facts", "observe and ask, 10,000 facts", "ask", "observe, pipe",
+    "ask, pipe",
+]  # fmt: skip
 
 
 @pytest.fixture
@@ -40,8 +45,18 @@ def fact(number: int) -> tuple[str, str, str]:
     return f"object {number % OBJECTS}", RELATIONS[place % 3], f"e{place // 3 % ENTITIES}"
 
 
+def long_life(bundle: Bundle) -> list[Change | Chosen]:
+    """A change that adds many facts between known entities."""
+    known = set(map(tuple, bundle.triples.tolist()))
+    ids = product(range(ENTITIES), range(3), range(ENTITIES))
+    rows = [row for row in ids if row not in known][:: ENTITIES * 3 * ENTITIES // MANY][:MANY]
+    names = bundle.entity_names
+    facts = [(names[head], RELATIONS[relation], names[tail]) for head, relation, tail in rows]
+    return [Change(do="observe", facts=facts)]
+
+
 def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
-    live, numbers = LiveEmbedding(bundle), count()
+    live, numbers = LiveEmbedding(bundle, long_life(bundle) if "10,000" in way else None), count()
     for number in range(OBJECTS):
         live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
@@ -51,7 +66,19 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
     if way == "insert":
         names = (f"new {number}" for number in count())
         return lambda: live.insert(name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map")
-    return (lambda: live.observe([fact(next(numbers))])) if way == "observe" else lambda: live.ask("object 0", "at")
+
+    def observe() -> object:
+        return live.observe([fact(next(numbers))])
+
+    def ask() -> object:
+        return live.ask("object 0", "at")
+
+    def observe_and_ask() -> object:
+        return observe(), ask()
+
+    if way.startswith("observe and ask"):
+        return observe_and_ask
+    return observe if way.startswith("observe") else ask
 
 
 @pytest.fixture
