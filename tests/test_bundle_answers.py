@@ -122,6 +122,12 @@ def test_what_no_known_triple_asks_of_a_kind_has_no_sure_answer(
     assert answer(opened(triples=NONE), query, 5, likely).sure
 
 
+@pytest.mark.parametrize(("head", "tail", "sensible"), [(KETTLE, KITCHEN, True), (TURN_ON, KITCHEN, False),
+                                                        (KETTLE, BEDROOM, True), (BED, KETTLE, False)])  # fmt: skip
+def test_between_kinds_that_no_known_triple_joins_no_relation_is_sure(head: int, tail: int, sensible: bool) -> None:
+    assert answer_relation(opened(), head, tail, 5, lambda _: PlattCurve(0.0, 5.0)).sure is sensible
+
+
 def test_a_fact_of_an_unusual_kind_is_an_answer_all_the_same() -> None:
     many = [f"e{row}" for row in range(50)]
     triples = np.array([*((row, AT, 30 + row % 20) for row in range(30)), (31, AT, 32)])
