@@ -38,13 +38,19 @@ def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) ->
 def test_a_run_that_is_killed_twice_loses_nothing_and_leaves_no_process(pipeline: Workspace) -> None:
     """DVC is killed while workers train Θ⁰, then a worker of the next run; the run after that makes the same bytes."""
     assert "data/embeddings/published/theta0.log.parquet" in pipeline.expected
-    killed = ["DVC", "a worker"]
 
     def strike() -> Fault | None:
-        faults = [pipeline.strike(whom, signal.SIGKILL, 0, random.Random(0), running="a worker") for whom in killed]
-        assert all(fault and fault.status for fault in faults)
-        return faults[-1]
+        fault = ended_by("DVC")
+        if fault:
+            fault = ended_by("a worker")
+        return fault
 
-    fault = survived(pipeline, strike)
+    def ended_by(whom: str) -> Fault | None:
+        """A kill that ended the run; None if the worker's work was done before."""
+        fault = pipeline.strike(whom, signal.SIGKILL, 0, random.Random(0), running="a worker")
+        return fault if fault and fault.status else None
+
+    attempts = (survived(pipeline, strike) for _ in range(5))
+    fault = next(filter(None, attempts), None)
     assert fault
     assert (fault.lost, fault.stage.split()) == ("", ["train_theta0", "published"])

@@ -502,11 +502,14 @@ def go_on(folder: Path, requests: Sequence[dict[str, Any]], kills: int, seed: in
             if not left:
                 assert all("error" not in ask(request) for request in requests[done:])
                 return counts
-            sent, least = rng.randint(1, 12), done
-            os.write(ask.writer.fileno(), lines(*requests[done : done + sent]))
-            time.sleep(rng.random() * 0.2)
+            sent, least = requests[done : done + rng.randint(4, 12)], done
+            os.write(ask.writer.fileno(), lines(*sent))
+            answered_before = rng.randint(0, len(sent) // 2)
+            for _ in range(answered_before):
+                ask.reader.readline()
+            time.sleep(rng.random() * 0.02)
             process.kill()
-            counts.append((sent, ask.reader.read().count(b"\n"), 0))
+            counts.append((len(sent), answered_before + ask.reader.read().count(b"\n"), 0))
     return counts
 
 
