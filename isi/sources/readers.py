@@ -137,10 +137,12 @@ def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str)
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
-def check_settings(path: Path, content: str, named: Iterable[str], known: Iterable[str]) -> None:
+def check_settings(path: Path, content: str, named: Iterable[T], known: Iterable[T]) -> None:
     """InputError if an item in ``named`` (by settings) is not ``known`` (in the file); ``content``: kind of item."""
-    if unknown := set(named).difference(known):
-        raise InputError(path, f"{content} {short(min(unknown))}", "a setting names it, but this file lacks it")
+    if unknown := [item for item in dict.fromkeys(named) if item not in set(known)]:
+        missing = f"a setting names it, but this file lacks it; {len(unknown)} missing in all" * (len(unknown) > 1)
+        problem = missing or "a setting names it, but this file lacks it"
+        raise InputError(path, f"{content} {short(unknown[0])}", problem)
 
 
 def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
