@@ -35,6 +35,7 @@ Materials = Literal["suncg", "simulator"]  #: Setting: sample from SUNCG's share
 #: or a listed content does not list the receptacle. Circular: two objects contain each other, perhaps through others.
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
+OBJECTS = "expected a non-empty list of objects, or a mapping with such a list as 'objects'"
 ABSENT = "properties that no object reports, so that their affordances are missing"
 EMPTY = "events dropped without objects"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room gives it"
@@ -98,20 +99,24 @@ def ai2thor_scene(
     scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
-    absent = set(AFFORDANCES)
+    absent: set[str] | None = None  # properties that no object reports; None: no objects yet
 
     def observations(place: str, event: Any) -> list[Observation]:
+        nonlocal absent
         fields = _fields(event)
-        if "objects" in fields and not fields["objects"]:
+        if "objects" in fields and fields["objects"] in (None, []):
             mining.counts[EMPTY] += 1
             return []
         with at(path, place):
             scene = _scene(file, fields, room)
-            absent.intersection_update(absent_properties(fields["objects"]))
+            without = set(absent_properties(fields["objects"]))
+            absent = without if absent is None else absent & without
             mining.counts.update([ROOMLESS] * (0 if scene.room else len(scene.objects)))
             return list(mine([scene], reported_materials, file, mining.counts, broken, circular))
 
     yield from once(starmap(observations, _events(file)), mining.counts)
+    if absent is None:
+        raise InputError(path, "", OBJECTS)
     if absent:
         mining.counts[f"{ABSENT}: {', '.join(name for name in AFFORDANCES if name in absent)}"] = len(absent)
 
@@ -141,7 +146,7 @@ def _scene(path: Path, fields: Mapping[str, Any], room: str | None) -> Scene:
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:
-        raise InputError(path, "", "expected a non-empty list of objects, or a mapping with such a list as 'objects'")
+        raise InputError(path, "", OBJECTS)
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
     return Scene(name, 0, room or of_plan, scene_objects(path, name, reported))

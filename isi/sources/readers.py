@@ -139,10 +139,10 @@ def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str)
 
 def check_settings(path: Path, content: str, named: Iterable[T], known: Iterable[T]) -> None:
     """InputError if an item in ``named`` (by settings) is not ``known`` (in the file); ``content``: kind of item."""
-    if unknown := [item for item in dict.fromkeys(named) if item not in set(known)]:
-        missing = f"a setting names it, but this file lacks it; {len(unknown)} missing in all" * (len(unknown) > 1)
-        problem = missing or "a setting names it, but this file lacks it"
-        raise InputError(path, f"{content} {short(unknown[0])}", problem)
+    present = set(known)
+    if unknown := [item for item in dict.fromkeys(named) if item not in present]:
+        more = f" (and {len(unknown) - 1:,} more)" * (len(unknown) > 1)
+        raise InputError(path, f"{content} {short(unknown[0])}", f"a setting names it, but this file lacks it{more}")
 
 
 def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
