@@ -213,7 +213,9 @@ def read_batches(
         expected += f" and optionally {', '.join(optional)}" * bool(optional)
         got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
         if unit == "line" and not is_header:
-            got += f"; if line 1 is no header, add the line {SEPARATORS[form].join(required).replace(TAB, '<tab>')}"
+            separator = SEPARATORS[form].replace(TAB, "<tab>")
+            got += f"; write {separator} between columns" * (len(first) == 1)
+            got += f"; if line 1 is no header, add the line {separator.join(required)}"
         raise InputError(path, "line 1" if unit == "line" else "columns", f"{expected}; got {got}")
     while batch := list(islice(rows, BATCH)):
         places, values = zip(*batch, strict=True)
