@@ -13,7 +13,9 @@ from rdflib import RDF, RDFS, Graph, Literal, URIRef
 import isi
 from isi.__main__ import main
 from isi.cli.export import FORMATS
-from tests.observing import TRIPLE, observe
+from isi.graph.files import read_graph
+from tests.observing import TRIPLE, observe, refused
+from tests.observing import written as make_file
 from tests.small_bundle import small, written
 from tests.small_experiment import ENTITIES, TRIPLES, write_experiment
 
@@ -167,3 +169,35 @@ def test_a_retracted_fact_is_neither_a_triple_nor_predicted() -> None:
     rows = set(edges[[":START_ID", ":TYPE", ":END_ID"]].itertuples(index=False, name=None))
     assert fact not in rows
     assert small().named_triples()[1] in rows
+
+
+# Files that are read again
+
+
+@pytest.mark.parametrize("predictions", ["0", "2"])
+@pytest.mark.parametrize(
+    ("form", "out"),
+    [("turtle", "home.ttl"), ("jsonld", "home.jsonld"), ("jsonld", "home.json"), ("graphml", "home.graphml"),
+     ("property-csv", "home"), ("property-csv", "home/edges.csv"), ("pykeen-tsv", "home.tsv"),
+     ("pykeen-tsv", "home.txt")],
+)  # fmt: skip
+def test_isi_graph_reads_what_isi_export_writes(folder: Path, form: str, out: str, predictions: str) -> None:
+    export(form, out.removesuffix("/edges.csv"), "--labels", "--predictions", predictions)
+    graph, read = read_graph([folder / out])
+    assert set(graph.triples[TRIPLE].astype(str).itertuples(index=False, name=None)) == ROWS
+    assert len(read) == 1
+    if form not in ("turtle", "jsonld", "pykeen-tsv"):  # these hold no counts
+        assert graph.triples["count"].sum() == TRIPLES["count"].sum()
+    if form != "pykeen-tsv" and not out.endswith("edges.csv"):
+        kinds = dict(zip(ENTITIES["entity"], ENTITIES["kind"], strict=True))
+        assert dict(zip(graph.entities["entity"], graph.entities["kind"].astype(str), strict=True)) == kinds
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("<graphml", "GraphML"), ("", "GraphML"),
+     ('<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed"><node id="a"/>'
+      '<node id="b"/><edge source="a" target="b"/></graph></graphml>', "edge 1, relation")],
+)  # fmt: skip
+def test_graphml_without_relations_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+    refused("graphml", make_file(tmp_path / "a.graphml", text), ["a.graphml", expected])

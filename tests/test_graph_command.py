@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from isi.__main__ import main
 from isi.cli.graph import describe
 from isi.config import read as read_params
+from isi.errors import InputError
 from isi.graph.files import guess, read_graph, write_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.names import clean, name_fault
@@ -155,3 +157,38 @@ def test_the_reader_is_guessed_from_the_name_or_the_keys(
     path, text = tmp_path / name, json.dumps(content, indent=1 if name == "a.json" else None).encode()
     path.write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
     assert guess(path) == reader
+
+
+# Paths
+
+
+def test_a_path_may_hold_an_equals_sign_or_bytes_that_are_no_text(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("run=3/log.csv", os.fsdecode(b"d\xff/log.csv")):
+        (folder / name).parent.mkdir()
+        (folder / name).write_text(LOG, encoding="utf-8")
+        assert "observations: 10" in said(capsys, name)
+    with pytest.raises(InputError, match=r"run=3/nope\.csv: no such file"):
+        read_graph(["run=3/nope.csv"])
+    with pytest.raises(InputError, match=r"kitchen=nope\.json: no such file"):
+        read_graph(["kitchen=nope.json"])
+
+
+def test_bytes_that_are_no_text_are_printed_and_named_in_errors(folder: Path) -> None:
+    path = os.fsdecode(b"d\xff.csv")
+    (folder / path).write_text(LOG, encoding="utf-8")
+    (folder / os.fsdecode(b"e\xff.csv")).write_text("x\n", encoding="utf-8")
+    code = "import sys; from isi.__main__ import main; main(['graph', *sys.argv[1:]])"
+    for name, rc in ((path, 0), (os.fsdecode(b"e\xff.csv"), 1), (os.fsdecode(b"f\xff.csv"), 1)):
+        done = subprocess.run([sys.executable, "-c", code, name], capture_output=True, check=False, cwd=folder)
+        assert done.returncode == rc
+        assert b"Traceback" not in done.stderr
+        assert b"udcff" in done.stdout + done.stderr
+
+
+def test_a_file_that_is_given_twice_is_refused(folder: Path) -> None:
+    (folder / "link.csv").symlink_to("log.csv")
+    for files in (["log.csv", "log.csv"], ["log.csv", "./log.csv"], ["log.csv", "link.csv"]):
+        with pytest.raises(InputError, match="twice"):
+            read_graph(files)

@@ -455,7 +455,7 @@ def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> N
     ("disease_or_syndrom", "disease_or_syndrome", True), ("Kitchen", "kitchen", True), ("forks", "fork", True),
     ("living-room", "living room", True), ("kithcen", "kitchen", True), ("kitchan", "kitchen", True),
     ("kitten", "kitchen", False), ("entity 12", "entity 13", False), ("entity 1", "entity 12", False),
-    ("mug", "mud", False),
+    ("mug", "mud", False), ("cafe\u0301 bar table", "caf\u00e9 bar table", True),
 ])  # fmt: skip
 def test_a_slip_of_the_pen_is_told_from_another_label(new: str, known: str, expected: bool) -> None:
     assert nearly_known([new, "espresso"], ["bed", known, "counter"]) == ({new: known} if expected else {})

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from isi.errors import InputError
 from isi.graph.files import guess, read_graph
-from isi.sources.ai2thor import ROOMLESS
+from isi.sources.ai2thor import ABSENT, EMPTY, ROOMLESS
+from isi.sources.recordings import AFFORDANCES
 from isi.sources.spark_dsg import UNLABELLED
 from tests.fuzz.formats import HOME
-from tests.observing import TRIPLE, observe, written
+from tests.observing import TRIPLE, observe, refused, written
 
 #: Written by spark-dsg 1.1.3: two rooms, kitchen and one of unknown class; labels of objects 5 (arm_chair) and 6 (Mug).
 GRAPH = Path(__file__).parent / "scene_graph.json"
@@ -136,11 +138,112 @@ def test_events_are_read_from_lists_and_from_lines(tmp_path: Path) -> None:
 def test_each_file_may_have_a_room_of_its_own(tmp_path: Path) -> None:
     mug, bed = (written(tmp_path / f"{thing['objectType']}.json", json.dumps([thing])) for thing in (MUG, BED))
     graph, read = read_graph([f"kitchen={mug}", f"bedroom={bed}"])
-    assert read == {
-        f"{room}={file}": {"reader": "ai2thor_scene"} for room, file in (("kitchen", mug), ("bedroom", bed))
-    }
+    assert list(read) == [f"kitchen={mug}", f"bedroom={bed}"]
+    assert {of_file["reader"] for of_file in read.values()} == {"ai2thor_scene"}
     located = graph.triples[graph.triples["relation"] == "atLocation"]
     assert list(zip(located["head"], located["tail"], strict=True)) == [("bed", "bedroom"), ("mug", "kitchen")]
-    assert read_graph([mug])[1] == {str(mug): {"reader": "ai2thor_scene", ROOMLESS: 1}}
+    assert read_graph([mug])[1][str(mug)][ROOMLESS] == 1
     equals = written(tmp_path / "a=b.json", json.dumps([MUG]))
     assert list(read_graph([equals])[1]) == [str(equals)]
+
+
+# Keys of old versions, and scenes with gaps
+
+
+def test_keys_of_old_versions_are_those_of_today(tmp_path: Path) -> None:
+    egg = {"objectId": "Egg|1", "objectType": "Egg", "cookable": True}
+    old = [
+        egg | {"canChangeTempToHot": True},
+        {"objectId": "Fridge|1", "objectType": "Fridge", "canChangeTempToCold": True},
+    ]
+    new = json.loads(
+        json.dumps(old).replace("canChangeTempToHot", "isHeatSource").replace("canChangeTempToCold", "isColdSource")
+    )
+    given = [triples("ai2thor_scene", written(tmp_path / "a.json", json.dumps(scene))) for scene in (old, new)]
+    assert given[0] == given[1]
+    assert given[0].keys() >= {("egg", "hasAffordance", "heat"), ("fridge", "hasAffordance", "cool")}
+
+
+def test_properties_that_no_object_reports_are_named(tmp_path: Path) -> None:
+    counts = observe("ai2thor_scene", written(tmp_path / "a.json", json.dumps([MUG]))).counts
+    (what,) = (what for what in counts if what.startswith(ABSENT))
+    assert counts[what] == len(AFFORDANCES) - 1
+    assert "openable" in what
+    assert "sliceable" not in what
+    every = MUG | dict.fromkeys(AFFORDANCES, False)
+    counts = observe("ai2thor_scene", written(tmp_path / "b.json", json.dumps([every]))).counts
+    assert not any(what.startswith(ABSENT) for what in counts)
+
+
+def test_events_without_objects_are_counted_unless_there_are_no_others(tmp_path: Path) -> None:
+    lines = [{"metadata": {"objects": [MUG]}}, {"metadata": {}}, {"metadata": {"objects": []}}, {"objects": None}]
+    path = written(tmp_path / "a.jsonl", "\n".join(map(json.dumps, lines)))
+    observed = observe("ai2thor_scene", path, room="hall")
+    assert observed.counts[EMPTY] == 3
+    assert ("mug", "atLocation", "hall") in observed.rows(*TRIPLE)
+    refused("ai2thor_scene", written(tmp_path / "b.jsonl", "\n".join(map(json.dumps, lines[1:]))), ["b.jsonl"])
+
+
+@pytest.mark.parametrize(
+    ("scene", "setting"),
+    [([{"objectId": "Table|1", "objectType": "Table", "receptacleObjectIds": ["Apple|1"]}], "broken"),
+     ([MUG | {"parentReceptacles": ["Bed|1"]}], "broken"),
+     ([MUG | {"parentReceptacles": ["Bed|1"]}, BED | {"parentReceptacles": ["Mug|1"]}], "circular")],
+)  # fmt: skip
+def test_impossible_containment_is_refused_with_the_setting_that_drops_it(
+    tmp_path: Path, scene: list[object], setting: str
+) -> None:
+    path = written(tmp_path / "a.json", json.dumps(scene))
+    settings = {"circular": "error"} if setting == "circular" else {}
+    refused("ai2thor_scene", path, [f"--set {setting}=drop"], **settings)
+    assert observe("ai2thor_scene", path, room="hall", **{setting: "drop"}).counts
+
+
+# Labels that are given
+
+
+def scene_graph(tmp_path: Path, label: str) -> Path:
+    """The graph of the tests with this label for the class of room 0 in its labelspace."""
+    text = GRAPH.read_text(encoding="utf-8")
+    assert '"kitchen"' in text
+    return written(tmp_path / "dsg.json", text.replace('"kitchen"', json.dumps(label)).replace('"arm_chair"', '"B2"'))
+
+
+@pytest.mark.parametrize("label", ["A101", "C7", "r(3)"])
+def test_labels_of_a_labelspace_or_a_setting_may_look_like_names_of_nodes(tmp_path: Path, label: str) -> None:
+    assert triples("spark_dsg", scene_graph(tmp_path, label))["b2", "atLocation", label.lower()] == 1
+    of_setting = triples("spark_dsg", GRAPH, rooms={"R(1)": label}, labels={6: "C3"})
+    assert of_setting["c3", "atLocation", label.lower()] == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"), [({"rooms": {"R(9)": "office"}}, "R(9)"), ({"labels": {77: "chair", 78: "bed"}}, "77")]
+)
+def test_settings_that_name_what_the_file_lacks_are_refused(settings: dict[str, object], named: str) -> None:
+    refused("spark_dsg", GRAPH, [next(iter(settings)), named], room="hall", **settings)
+
+
+def test_names_of_rooms_and_objects_stay_unless_words_are_joined(tmp_path: Path) -> None:
+    names = ["NA", "True", "Mug", "CoffeeTable", "side_table", "TVStand", "iPhone"]
+    home = {"rooms": [{"name": "Hall", "objects": names}]}
+    observed = observe("rooms", written(tmp_path / "a.json", json.dumps(home)))
+    expected = {"NA", "True", "Mug", "coffee table", "side table", "tv stand", "i phone", "Hall"}
+    assert set(observed.kinds["entity"]) == expected
+    assert observed.phrase_of()["Mug"] == "mug"
+
+
+# Guesses
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [({"directed": True, "nodes": [{"id": "mug"}], "links": []}, ["--reader", "nodes"]),
+     ({"nodes": [{"id": 1, "class_name": 3}], "edges": []}, ["nodes.0.class_name", "virtualhome_graph", "--reader"]),
+     ([{"objectId": "a"}], ["ai2thor_scene", "--reader"])],
+)  # fmt: skip
+def test_a_guess_that_fails_names_the_reader_and_the_way_out(tmp_path: Path, content: object, named: list[str]) -> None:
+    path = written(tmp_path / "a.json", json.dumps(content))
+    with pytest.raises(InputError) as error:
+        read_graph([path])
+    assert all(part in str(error.value) for part in [*named, "a.json"]), error.value
+    assert "Field required" not in str(error.value) or "reader" in str(error.value)

@@ -190,7 +190,7 @@ def test_columns_have_any_case(tmp_path: Path) -> None:
     ("file", "content", "remedy"),
     [("a.csv", "subject,object,predicate\na,b,c\n", "add the line head,relation,tail"),
      ("a.csv", "from,to,rel\na,b,c\n", "add the line head,relation,tail"), ("a.csv", "0,1,2\na,b,c\n", "0"),
-     ("a.csv", "a;at;b\n", "add the line head,relation,tail"), ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
+     ("a.csv", "a;at;b\n", "write , between columns"), ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
      ("a.csv", "a,at,b,3\n", "add the line head,relation,tail"), ("a.csv", "", "line 1")],
 )  # fmt: skip
 def test_a_table_with_another_header_is_refused_with_a_remedy(

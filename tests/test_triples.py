@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isi.errors import InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 from isi.sources.triples import KINDS_BY_SUFFIX, read_ids, shipped_names
@@ -63,6 +64,11 @@ def test_several_files_of_triples_are_one_graph(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, train2id="1\n0 2 0\n", test2id="2\n0 2 0\n1 2 0\n")
     observations, _ = mined(str(folder), ["train2id.txt", "test2id.txt"])
     assert observations["count"].tolist() == [2, 1]
+
+
+def test_a_file_of_triples_that_is_listed_twice_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"triples.*once"):
+        mined(str(folder_of(tmp_path)), ["gt2id.txt", "gt2id.txt"])
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=30))

@@ -21,6 +21,7 @@ from isi.insertion import api
 from isi.insertion.arguments import Names, Source, all_names, argument, listed_triples, triples_of
 from isi.insertion.inverses import BothWays, joined
 from isi.insertion.result import Inserted
+from isi.names import clean
 from isi.pykeen import reading
 from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of, unwrapped
 
@@ -216,8 +217,8 @@ def _new_labels(
 def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     """For new labels that a slip of the pen may have made of a known label, that label.
 
-    They differ in case, blanks, hyphens and underscores, or in one letter (another, missing, added, or exchanged with
-    its neighbour), but in no digit.
+    They differ in case, blanks, hyphens, underscores and Unicode's forms, or in one letter (another, missing, added, or
+    exchanged with its neighbour), but in no digit.
     """
     spellings = {form: label for label in new if len(label) >= SHORTEST for form in _spellings(label)}
     lengths = {length for form in spellings for length in (len(form) - 1, len(form), len(form) + 1)}
@@ -232,7 +233,7 @@ def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
 
 
 def _plain(label: str) -> str:
-    return label.casefold().translate({ord(mark): None for mark in " -_"})
+    return clean(label).casefold().translate({ord(mark): None for mark in " -_"})
 
 
 def _spellings(label: str) -> set[str]:

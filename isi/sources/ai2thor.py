@@ -17,7 +17,16 @@ from isi.random import stream
 from isi.sources import Mining, Observation, observed, once, reader
 from isi.sources.names import Name, household
 from isi.sources.readers import MOST, json_lines, parse_json, read_table, refuse
-from isi.sources.recordings import SIMULATORS, Scene, SceneObject, locate, read_recording, scene_objects
+from isi.sources.recordings import (
+    AFFORDANCES,
+    SIMULATORS,
+    Scene,
+    SceneObject,
+    absent_properties,
+    locate,
+    read_recording,
+    scene_objects,
+)
 from isi.tables import paths
 
 FLOOR = "floor"
@@ -26,6 +35,9 @@ Materials = Literal["suncg", "simulator"]  #: Setting: sample from SUNCG's share
 #: or a listed content does not list the receptacle. Circular: two objects contain each other, perhaps through others.
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
+OBJECTS = "expected a non-empty list of objects, or a mapping with such a list as 'objects'"
+ABSENT = "properties that no object reports, so that their affordances are missing"
+EMPTY = "events dropped without objects"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room gives it"
 #: Problems of containment: name of the count where it is dropped, and message of the error where it is refused.
 PROBLEMS = {
@@ -87,14 +99,26 @@ def ai2thor_scene(
     scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
+    absent: set[str] | None = None  # properties that no object reports; None: no objects yet
 
     def observations(place: str, event: Any) -> list[Observation]:
+        nonlocal absent
+        fields = _fields(event)
+        if "objects" in fields and fields["objects"] in (None, []):
+            mining.counts[EMPTY] += 1
+            return []
         with at(path, place):
-            scene = _scene(file, event, room)
+            scene = _scene(file, fields, room)
+            without = set(absent_properties(fields["objects"]))
+            absent = without if absent is None else absent & without
             mining.counts.update([ROOMLESS] * (0 if scene.room else len(scene.objects)))
             return list(mine([scene], reported_materials, file, mining.counts, broken, circular))
 
-    return once(starmap(observations, _events(file)), mining.counts)
+    yield from once(starmap(observations, _events(file)), mining.counts)
+    if absent is None:
+        raise InputError(path, "", OBJECTS)
+    if absent:
+        mining.counts[f"{ABSENT}: {', '.join(name for name in AFFORDANCES if name in absent)}"] = len(absent)
 
 
 def _events(path: Path) -> Iterator[tuple[str, Any]]:
@@ -108,14 +132,21 @@ def _events(path: Path) -> Iterator[tuple[str, Any]]:
             yield place, value
 
 
-def _scene(path: Path, event: Any, room: str | None) -> Scene:
-    content = event.get("metadata", event) if isinstance(event, dict) else event
-    fields = content if isinstance(content, dict) else {"objects": content}
+def _fields(event: Any) -> Mapping[str, Any]:
+    """The fields of an event: those of its metadata, or only the objects. An event of a simulator may lack them."""
+    is_event = isinstance(event, dict) and "metadata" in event
+    content = event["metadata"] if is_event else event
+    if not isinstance(content, dict):
+        return {"objects": content} if content is not None else {}
+    return {"objects": []} | content if is_event else content
+
+
+def _scene(path: Path, fields: Mapping[str, Any], room: str | None) -> Scene:
     name, reported = fields.get("scene") or fields.get("sceneName") or "scene", fields.get("objects")
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:
-        raise InputError(path, "", "expected a non-empty list of objects, or a mapping with such a list as 'objects'")
+        raise InputError(path, "", OBJECTS)
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
     return Scene(name, 0, room or of_plan, scene_objects(path, name, reported))
@@ -133,7 +164,9 @@ def mine(
             if not fault:
                 receptacles[name].append(things[other].name)
             elif (circular if fault == IN_CYCLE else broken) == "error":
-                raise InputError(file, f"{scene.name}, object {cut(name)}", PROBLEMS[fault].format(short(other)))
+                remedy = f"--set {'circular' if fault == IN_CYCLE else 'broken'}=drop drops it"
+                problem = f"{PROBLEMS[fault].format(short(other))}; {remedy}"
+                raise InputError(file, f"{scene.name}, object {cut(name)}", problem)
             else:
                 counts[fault] += 1
         for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):

@@ -49,6 +49,8 @@ def behavior(
     synset_of = dict(zip(table["category"], table["synset"], strict=True))
     check_settings(categories, "synset", structure, synset_of.values())
     check_settings(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
+    room_types = {room.rpartition("_")[0] for rooms in scenes.values() for room in rooms}
+    check_settings(path, "synset or type of room", names, {*synset_of.values(), *room_types})
     synset_named: dict[str, str] = {}
     for scene, room, model, count in (
         (scene, room, model, count)

@@ -34,6 +34,12 @@ def phrase(name: str) -> str:
     return " ".join(entity_name(name.replace("_", " ")).split()) or name
 
 
+def words(name: str) -> str:
+    """A name with its words parted if it has the form ``TVStand`` or ``tv_stand``; other names stay as they are."""
+    is_joined = "_" in name or re.search("[a-z][A-Z]|[A-Z][A-Z][a-z]", name)
+    return phrase(name) if is_joined else name
+
+
 class Ends(Section):
     """The kinds of a relation's heads and tails."""
 

@@ -137,10 +137,12 @@ def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str)
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
-def check_settings(path: Path, content: str, named: Iterable[str], known: Iterable[str]) -> None:
+def check_settings(path: Path, content: str, named: Iterable[T], known: Iterable[T]) -> None:
     """InputError if an item in ``named`` (by settings) is not ``known`` (in the file); ``content``: kind of item."""
-    if unknown := set(named).difference(known):
-        raise InputError(path, f"{content} {short(min(unknown))}", "a setting names it, but this file lacks it")
+    present = set(known)
+    if unknown := [item for item in dict.fromkeys(named) if item not in present]:
+        more = f" (and {len(unknown) - 1:,} more)" * (len(unknown) > 1)
+        raise InputError(path, f"{content} {short(unknown[0])}", f"a setting names it, but this file lacks it{more}")
 
 
 def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
@@ -211,7 +213,9 @@ def read_batches(
         expected += f" and optionally {', '.join(optional)}" * bool(optional)
         got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
         if unit == "line" and not is_header:
-            got += f"; if line 1 is no header, add the line {SEPARATORS[form].join(required).replace(TAB, '<tab>')}"
+            separator = SEPARATORS[form].replace(TAB, "<tab>")
+            got += f"; write {separator} between columns" * (len(first) == 1)
+            got += f"; if line 1 is no header, add the line {separator.join(required)}"
         raise InputError(path, "line 1" if unit == "line" else "columns", f"{expected}; got {got}")
     while batch := list(islice(rows, BATCH)):
         places, values = zip(*batch, strict=True)

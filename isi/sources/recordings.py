@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, Field, create_model
+from pydantic import AfterValidator, AliasChoices, BaseModel, Field, create_model
 
 from isi import config
 from isi.config import Count, EachOnce, Positive, Section, Seed
@@ -29,6 +29,15 @@ AFFORDANCES = {
     "isColdSource": ("cool",),
 }  # fmt: skip
 
+#: Keys of AI2-THOR before version 4.0, by today's.
+OLD_KEYS = {"isHeatSource": "canChangeTempToHot", "isColdSource": "canChangeTempToCold"}
+
+
+def _flag(name: str) -> Any:
+    """A field that is true, false or missing, by its key today or its old one."""
+    return bool, Field(False, validation_alias=AliasChoices(name, OLD_KEYS.get(name, name)))
+
+
 _Text = Annotated[str, Field(min_length=1)]
 #: Fields of a reported object that mining reads: type, and default if the field may be missing.
 _FIELDS: dict[str, Any] = {
@@ -36,7 +45,7 @@ _FIELDS: dict[str, Any] = {
     "objectType": (Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")], ...),
     **dict.fromkeys(("parentReceptacles", "receptacleObjectIds"), (Annotated[list[Name], EachOnce] | None, None)),
     "salientMaterials": (list[Name] | None, None),
-    **dict.fromkeys(AFFORDANCES, (bool, False)),
+    **{name: _flag(name) for name in AFFORDANCES},
 }
 FIELDS = tuple(_FIELDS)
 _Reported: Any = create_model("Reported", **_FIELDS)
@@ -145,6 +154,12 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
         yield Scene(name, *known[plan], scene_objects(path, name, recorded.objects))
     if not seen:
         raise InputError(path, "", "expected scenes after the header, got none")
+
+
+def absent_properties(objects: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The keys of ``AFFORDANCES`` that none of the reported objects has."""
+    present = set().union(*objects)
+    return [name for name in AFFORDANCES if {name, OLD_KEYS.get(name, name)}.isdisjoint(present)]
 
 
 def scene_objects(path: Path, scene: str, reported: Any) -> list[SceneObject]:

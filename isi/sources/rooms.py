@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AliasChoices, BeforeValidator, Field, create_model
 
 from isi.sources import Mining, Observation, observed, once, reader
-from isi.sources.names import Name, household, phrase
+from isi.sources.names import Name, Naming, words
 from isi.sources.readers import MOST, json_lines, parse_json
 
 
@@ -35,7 +35,7 @@ def _is_home(value: Any) -> bool:
     return isinstance(value, dict) and "rooms" in value and "objects" not in value
 
 
-@reader("rooms", household, path="path", reads_json=_is_home)
+@reader("rooms", Naming(household=True), path="path", reads_json=_is_home)
 def rooms(mining: Mining, path: str) -> Iterator[Observation]:
     """Observations of the rooms of a home (JSON), or of each line (JSON Lines): its state at a time.
 
@@ -54,6 +54,6 @@ def _observations(scene: str, home: Any) -> Iterator[Observation]:
         for thing in room.objects:
             numbers[thing.name] += 1
             instance = f"{room.name}, {thing.name} {numbers[thing.name]}" if thing.id is None else str(thing.id)
-            receptacles = [phrase(name_of.get(name, name)) for name in thing.receptacles]
-            others = [*map(phrase, thing.materials)], [*map(phrase, thing.affordances)]
-            yield from observed(scene, phrase(room.name), instance, phrase(thing.name), receptacles, *others)
+            receptacles = [words(name_of.get(name, name)) for name in thing.receptacles]
+            others = [*map(words, thing.materials)], [*map(words, thing.affordances)]
+            yield from observed(scene, words(room.name), instance, words(thing.name), receptacles, *others)

@@ -11,10 +11,11 @@ from isi.errors import InputError
 from isi.names import name_fault
 from isi.sources import Mining, Observation, observed, reader
 from isi.sources.names import Name, household, phrase
-from isi.sources.readers import read_json
+from isi.sources.readers import check_settings, read_json
 
-#: Names that are no labels: those that Hydra gives to nodes, ``O(12)``, and what it does not know.
-NO_LABEL = re.compile(r"[A-Za-z]\(?[0-9]+\)?|unknown|\s*", re.IGNORECASE)
+#: Names of nodes that are no labels: those that Hydra gives, such as ``O(12)``. ``UNKNOWN`` is no label anywhere.
+NO_LABEL = re.compile(r"[A-Za-z]\(?[0-9]+\)?")
+UNKNOWN = re.compile(r"unknown|\s*", re.IGNORECASE)
 UNLABELLED, ROOMLESS = "objects dropped without a label", "objects without a labelled room"
 LAYERS = {"OBJECTS": "_l2p0", "ROOMS": "_l4p0"}  #: Layer and partition by name, in files that do not list them.
 
@@ -35,7 +36,13 @@ _SceneGraph: Any = create_model(
 )  # fmt: skip
 
 
-@reader("spark_dsg", household, path="path", reads_json=lambda value: isinstance(value, dict) and "nodes" in value)
+def _is_scene_graph(value: Any) -> bool:
+    """Whether JSON has nodes with layers, unlike networkx's and VirtualHome's graphs."""
+    nodes = value.get("nodes") if isinstance(value, dict) else None
+    return isinstance(nodes, list) and bool(nodes) and isinstance(nodes[0], dict) and "layer" in nodes[0]
+
+
+@reader("spark_dsg", household, path="path", reads_json=_is_scene_graph)
 def spark_dsg(
     mining: Mining, path: str, labels: dict[int, Name] | None = None, rooms: dict[str, Name] | None = None,
     room: Name | None = None,
@@ -60,10 +67,16 @@ def spark_dsg(
         if nodes[low].layer < nodes[high].layer:
             above.add_edge(low, high)
 
+    numbers = {node.attributes.semantic_label for node in graph.nodes}
+    names_of_nodes = {node.attributes.name for node in graph.nodes}
+    check_settings(Path(path), "labels", labels or {}, numbers)
+    check_settings(Path(path), "rooms", rooms or {}, names_of_nodes)
+
     def label(node: Any, given: str | None) -> str:
         of_number = label_of.get(_layer(vars(node)), {}).get(node.attributes.semantic_label, "")
-        texts = (text for text in (given or "", of_number, node.attributes.name) if not NO_LABEL.fullmatch(text))
-        name = phrase(next(texts, ""))
+        of_node = "" if NO_LABEL.fullmatch(node.attributes.name) else node.attributes.name
+        texts = (given or "", "" if UNKNOWN.fullmatch(of_number) else of_number, of_node)
+        name = phrase(next(filter(None, texts), ""))
         if name and (fault := name_fault(name)):
             raise InputError(path, f"node {node.id}", fault)
         return name

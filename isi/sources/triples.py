@@ -5,9 +5,11 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
 import pandas as pd
 
+from isi.config import EachOnce
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import ENTITY, KindsByRelation, Naming
@@ -102,7 +104,9 @@ def published_phrases() -> pd.DataFrame:
 
 
 @reader("triples_with_ids", Naming(), path="from_", suffixes=(ENTITIES,))
-def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
+def triples_with_ids(
+    mining: Mining, from_: str, triples: Annotated[list[str], EachOnce] | None = None
+) -> Iterator[Observation]:
     """Observations from OpenKE's files of ids; the count of a triple is its number of lines.
 
     ``from_`` is a shipped graph (``virtualhome``, ``thor_u``) or a folder with the files ``entity2id.txt`` and

@@ -59,6 +59,31 @@ HOME = {"rooms": [
         {"name": "mug_3", "class": "mug", "receptacle": "7", "materials": ["ceramic"], "affordance": ["fill", "put"]},
     ]},
 ]}  # fmt: skip
+ENVIRONMENT: dict[str, Any] = {
+    "nodes": [
+        {"id": 1, "class_name": "kitchen", "category": "Rooms", "properties": []},
+        {"id": 2, "class_name": "fridge", "category": "Appliances", "properties": ["CAN_OPEN"]},
+        {"id": 3, "class_name": "milk", "category": "Food", "properties": ["DRINKABLE", "GRABBABLE"]},
+    ],
+    "edges": [{"from_id": start, "to_id": end, "relation_type": "INSIDE"} for start, end in ((2, 1), (3, 2))],
+}  # fmt: skip
+GRAPHML = """<?xml version='1.0' encoding='utf-8'?>
+<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
+<key id="k" for="node" attr.name="kind" attr.type="string"/>
+<key id="r" for="edge" attr.name="relation" attr.type="string"/>
+<key id="c" for="edge" attr.name="count" attr.type="long"/>
+<graph edgedefault="directed">
+<node id="mug"><data key="k">object</data></node>
+<node id="kitchen"/>
+<edge source="mug" target="kitchen"><data key="r">at</data><data key="c">3</data></edge>
+</graph>
+</graphml>
+"""
+JSONLD = """[
+ {"@id": "urn:x:mug", "@type": ["urn:x:Cup"], "urn:x:at": [{"@id": "urn:x:kitchen"}],
+  "http://www.w3.org/2000/01/rdf-schema#label": [{"@value": "coffee mug"}]}
+]
+"""
 TRIPLES_CSV = (
     b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\nbowl,hasAffordance,fill,2\n"
 )
@@ -317,6 +342,12 @@ def _formats() -> dict[str, Format]:
             {"dsg.json": json.dumps(small_scene_graph()).encode()}, reader="spark_dsg", path="dsg.json",
             rooms={"R(1)": "bedroom"},
         ),
+        "VirtualHome": _source({"home.json": json.dumps(ENVIRONMENT).encode()}, reader="virtualhome_graph",
+                               path="home.json"),
+        "GraphML": _source({"home.graphml": GRAPHML.encode()}, reader="graphml", path="home.graphml"),
+        "RDF, JSON-LD": _source({"home.jsonld": JSONLD.encode()}, reader="rdf", path="home.jsonld"),
+        "table without a header": _source({"train.txt": b"mug\tat\tkitchen\n\"tv 55\"\"\"\tat\thall\n"}, reader="table",
+                                          path="train.txt"),
         "folder of triples": _source({"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
                                      reader="table", path="home"),
         "file of any kind": Format({"any.json": json.dumps({"scene": "FloorPlan1", "objects": THINGS}).encode()},

@@ -64,7 +64,8 @@ def hall(*objects: object) -> str:
 
 EVENT_CASES = [
     of_lines("a line that is no JSON", json.dumps(EVENTS[0]) + "\n{", "line 2"),
-    of_lines("an event without objects", json.dumps(EVENTS[0]) + '\n{"metadata": {}}', "line 2"),
+    of_lines("no event with objects", '{"metadata": {}}\n{"metadata": {"objects": []}}', "objects"),
+    of_lines("a line that is no event", json.dumps(EVENTS[0]) + '\n{"mug": {}}', "line 2"),
     of_lines("an object without an id", json.dumps(EVENTS[0]) + '\n[{"objectType": "Mug"}]',
              "line 2, scene.0.objectId"),
     of_list("an event that is none", json.dumps([*EVENTS, 3]), "event 3"),
