@@ -94,6 +94,7 @@ class LiveEmbedding:
         self._rows = {name: self._rows[name] for name in self.additions.entities}
         self._fact_ids = self._ids_now(self.additions.facts)
         self._journal, self._pending, self._on_disk = journal, list[Line](), len(lines or ())
+        self._unchanged = len(self.changes)
         self._append(self.changes if lines is None else [])
 
     # -- changes -------------------------------------------------------------------------------------------------------
@@ -346,7 +347,8 @@ class LiveEmbedding:
     def close(self) -> None:
         """Let other processes change the folder."""
         if self._journal:
-            self._store()
+            if len(self.changes) != self._unchanged:
+                self._store()
             self._journal.close()
 
     def _store(self) -> None:

@@ -44,7 +44,7 @@ INSERT_CASES = [
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
     *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
     *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
-    *wrong("triples", pd.DataFrame({"head": ["cup"], "tail": ["e1"]}), place="triple 0"),
+    *wrong("triples", pd.DataFrame({"head": ["cup"], "tail": ["e1"]}), place="columns"),
     *wrong("triples", [*TRIPLES, ("e1", "in", "e2")], place="(e1, in, e2)"),
     *wrong("triples", TRIPLES, entity_names=None, new=1, place="triple 0"),
     *wrong("known_triples", TRIPLES[:1], place="(cup, in, e1)"),
