@@ -379,4 +379,4 @@ def test_another_python_than_that_of_the_environment_says_so_in_one_line() -> No
     command = [sys.executable, "-S", "-m", "isi", "check"]
     ended = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     assert ended.returncode == 1
-    assert re.fullmatch(r"isi: \S+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr)
+    assert re.fullmatch(r"isi: .+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr)
