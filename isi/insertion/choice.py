@@ -138,7 +138,9 @@ def calibrated(
     first, *others = initializers
     ordered = [first, *sorted(others, key=lambda each: work[each.name])]
     settings = [(each, dict(each.defaults)) for each in ordered]
-    settings += [(each, {**each.defaults, **options}) for each in ordered for options in each.calibration]
+    for each in ordered:
+        if each.needs != ("words",) or not numbers.any():  # with facts, no more than one by words alone
+            settings += [(each, {**each.defaults, **options}) for options in each.calibration]
     total = np.cumsum([work[each.name] for each, _ in settings])
     possible = (budget * RATE - OVERHEAD * np.arange(1, len(settings) + 1)) / total  # hidden entities, for each prefix
     affordable = int((possible >= min(LEAST_HIDDEN, theta0.entity.shape[1])).sum())
