@@ -47,7 +47,7 @@ def name_fault(name: object) -> str | None:
     return None if clean(name) else f"expected a name, got nothing but spaces: {short(name)}"
 
 
-def some(names: Sequence[str], most: int = 3) -> str:
+def first_of(names: Sequence[str], most: int = 3) -> str:
     """The first names, and the number of the others: ``mug, cup, pan and 5 more``."""
     more = f" and {len(names) - most:,} more" * (len(names) > most)
     return ", ".join(cut(name, 40) for name in names[:most]) + more

@@ -99,7 +99,7 @@ _LINE: TypeAdapter[Line] = TypeAdapter(Annotated[Line, Field(discriminator="do")
 
 
 @dataclass(frozen=True)
-class Difference:
+class Alteration:
     """What a change alters in ``Additions``; ``before`` and ``after`` it."""
 
     inserted: dict[str, NewEntity]
@@ -111,9 +111,9 @@ class Difference:
     order: tuple[str, ...] = ()  #: of the inserted entities before some are removed
 
     @property
-    def inverse(self) -> "Difference":
+    def inverse(self) -> "Alteration":
         """What takes it back."""
-        return Difference(
+        return Alteration(
             self.removed, self.inserted, self.dropped, self.added, self.restored, self.retracted, self.order
         )
 
@@ -136,9 +136,9 @@ class Additions:
     facts: dict[Fact, None] = field(default_factory=dict)
     retracted: dict[Fact, None] = field(default_factory=dict)
     of_entity: dict[str, set[Fact]] = field(default_factory=dict)  #: the added facts of each inserted entity
-    done: list[Difference] = field(default_factory=list)  #: by the changes in force, in order
+    done: list[Alteration] = field(default_factory=list)  #: by the changes in force, in order
 
-    def difference(self, change: Change) -> Difference:
+    def alteration(self, change: Change) -> Alteration:
         """What a change would alter. ``undo`` needs a change in force."""
         if change.do == "undo":
             return self.done[-1].inverse
@@ -148,7 +148,7 @@ class Additions:
         for name in removed:
             dropped |= dict.fromkeys(sorted(self.of_entity[name]))
         dropped |= dict.fromkeys(fact for fact in change.removed if fact in self.facts)
-        return Difference(
+        return Alteration(
             inserted={} if is_removal else dict(change.entities),
             removed=removed,
             added=[fact for fact in change.added if fact not in self.retracted],
@@ -158,8 +158,8 @@ class Additions:
             order=tuple(self.entities) if removed else (),
         )
 
-    def alter(self, by: Difference) -> None:
-        """Alter the state by a difference or its ``inverse``."""
+    def alter(self, by: Alteration) -> None:
+        """Alter the state by an alteration or its ``inverse``."""
         for fact in by.dropped:
             del self.facts[fact]
             for end in {fact[0], fact[2]} & self.of_entity.keys():
@@ -178,21 +178,21 @@ class Additions:
             del self.retracted[fact]
         self.retracted |= dict.fromkeys(by.retracted)
 
-    def apply(self, change: Change) -> Difference:
-        """Make a change; the difference that it makes. ``revert`` takes it back."""
-        difference = self.difference(change)
-        self.alter(difference)
+    def apply(self, change: Change) -> Alteration:
+        """Make a change; the alteration that it makes. ``revert`` takes it back."""
+        alteration = self.alteration(change)
+        self.alter(alteration)
         if change.do == "undo":
             self.done.pop()
         else:
-            self.done.append(difference)
-        return difference
+            self.done.append(alteration)
+        return alteration
 
-    def revert(self, change: Change, difference: Difference) -> None:
+    def revert(self, change: Change, alteration: Alteration) -> None:
         """Take back the last ``apply``."""
-        self.alter(difference.inverse)
+        self.alter(alteration.inverse)
         if change.do == "undo":
-            self.done.append(difference.inverse)
+            self.done.append(alteration.inverse)
         else:
             self.done.pop()
 

@@ -25,9 +25,9 @@ from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curv
 from isi.bundle.folder import Bundle
 from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
 from isi.bundle.journal import (
+    Alteration,
     Change,
     Chosen,
-    Difference,
     Effect,
     Journal,
     Line,
@@ -404,7 +404,7 @@ class LiveEmbedding:
             notes=list(dict.fromkeys([*notes, *said])),
         )
 
-    def _touched(self, altered: Difference) -> set[str]:
+    def _touched(self, altered: Alteration) -> set[str]:
         """The inserted entities whose input a difference alters: all, if it alters facts of training."""
         if altered.retracted or altered.restored:
             return set(self.additions.entities)
@@ -412,7 +412,7 @@ class LiveEmbedding:
         ends = {end for fact in facts for end in (fact[0], fact[2])}
         return (ends | altered.inserted.keys()) & self.additions.entities.keys()
 
-    def _accept(self, altered: Difference) -> None:
+    def _accept(self, altered: Alteration) -> None:
         """Bring what is derived from the additions up to date, in a time that hardly grows with their number."""
         before = self.now
         self.__dict__.pop("now")

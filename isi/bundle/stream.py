@@ -250,7 +250,7 @@ async def serve(live: LiveEmbedding, steps: Iterator[Callable[[], object]], sock
     """
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError, asyncio.CancelledError):  # gone, or stopped
+        with suppress(ConnectionError, asyncio.CancelledError, SystemExit):  # gone, or stopped
             while line := await _request(reader):
                 is_too_long = len(line) > LONGEST
                 writer.write(_TOO_LONG if is_too_long else answer(live, line))

@@ -10,7 +10,7 @@ import pandas as pd
 
 from isi.errors import InputError, short
 from isi.graph.graph import GraphTables, MinedSource, build_tables
-from isi.names import some
+from isi.names import first_of
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
 from isi.sources.readers import COUNT, MOST, json_lines, parse_json, suffix_of
@@ -99,16 +99,17 @@ def guess(file: Path) -> str:
     if not file.exists():
         raise InputError(file, "", "no such file")
     known, suffix = {name: READERS.get(name) for name in READERS.names()}, suffix_of(file)
-    found = ""
+    got = ""
     names = {path.name for path in file.iterdir()} if file.is_dir() else {suffix}
     fitting = [name for name, reader in known.items() if not names.isdisjoint(reader.suffixes)]
     if not fitting and suffix in JSON:
         _, content = next(json_lines(file, None, MOST, "JSON"), (1, b""))
         value = parse_json(Any, content, file)
         fitting = [name for name, reader in known.items() if reader.reads_json(value)]
-        found = f", got JSON with {f'the keys {some(list(value))}' if isinstance(value, dict) else short(value)}"
+        keys = f"the keys {first_of(list(value))}" if isinstance(value, dict) else short(value)
+        got = f", got JSON with {keys}"
     if not fitting:
-        expected = f"expected a file of a known format{found}; --reader names its reader: {', '.join(known)}"
+        expected = f"expected a file of a known format{got}; --reader names its reader: {', '.join(known)}"
         raise InputError(file, "", expected)
     return fitting[0]
 

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field
 
 from isi.config import Section
 from isi.errors import InputError
-from isi.names import check_name, clean, some
+from isi.names import check_name, clean, first_of
 
 UNMATCHED = "names in the table of entities that no triple has"  #: Description of a count.
 ENTITY = "entity"  #: The kind of an entity without a given kind.
@@ -89,9 +89,9 @@ class Naming:
     def _count_unmatched(self, names: Collection[str]) -> None:
         unmatched = sorted(set(map(clean, self.listed)).difference(names))
         if len(unmatched) == len(self.listed):
-            raise InputError("entities", "", f"expected entities of the triples, got {some(unmatched)}")
+            raise InputError("entities", "", f"expected entities of the triples, got {first_of(unmatched)}")
         if unmatched:
-            self.counts[f"{UNMATCHED}: {some(unmatched)}"] = len(unmatched)
+            self.counts[f"{UNMATCHED}: {first_of(unmatched)}"] = len(unmatched)
 
     def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str], kind_of: Mapping[str, str]) -> dict[str, str]:
         """Kind by entity, from relations; InputError for two. Skips entities in ``kind_of`` unless ``household``."""

@@ -14,6 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
+import torch
+
 from isi.errors import InputError
 from tests.fuzz.faulty import FAULTY
 from tests.fuzz.formats import FORMATS
@@ -90,6 +92,7 @@ def _wrong_line(line: str) -> str:
 
 
 def _serve(jobs: Connection, seconds: float) -> None:
+    torch.set_num_threads(1)  # on a busy machine, threads that wait for each other use up the time
     status = Path("/proc/self/statm")
     has = int(status.read_text().split()[0]) * resource.getpagesize() if status.exists() else 0
     if has:
