@@ -77,16 +77,16 @@ def by_known_name(values: Mapping[str, str], known: Collection[str]) -> tuple[di
     Names that are the same as several others match none.
     """
     exact = values.keys() & set(known)
-    found = {name: value for name, value in values.items() if name in exact}
+    matched = {name: value for name, value in values.items() if name in exact}
     free = _by_bare(name for name in known if name not in exact)
     missing = list[str]()
     for form, names in _by_bare(name for name in values if name not in exact).items():
         candidates = free.get(form, [])
         if len(names) == len(candidates) == 1:
-            found[candidates[0]] = values[names[0]]
+            matched[candidates[0]] = values[names[0]]
         else:
             missing += names
-    return found, missing
+    return matched, missing
 
 
 def _by_bare(names: Iterable[str]) -> dict[str, list[str]]:

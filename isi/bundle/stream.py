@@ -43,8 +43,8 @@ def _by_name(entities: Any) -> Any:
 
 
 def _as_queries(queries: Any) -> Any:
-    one = isinstance(queries, list) and not any(isinstance(part, list) for part in queries)
-    return [queries] if one and queries else queries
+    is_single = isinstance(queries, list) and not any(isinstance(part, list) for part in queries)
+    return [queries] if is_single and queries else queries
 
 
 Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, or ``true`` for none.
