@@ -423,6 +423,37 @@ def test_a_folder_grows_by_lines_of_its_journal_and_a_copy_has_all(tmp_path: Pat
     assert again.now.named_triples() == small().named_triples()
 
 
+def state(live: LiveEmbedding) -> tuple[list[str], list[Fact], int]:
+    """The inserted entities, all facts that hold, and the number of facts of training."""
+    return list(live.inserted), sorted(live.now.named_triples()), len(live.base.triples)
+
+
+@pytest.mark.parametrize("changes", [
+    lambda live: live.remove(facts=[("kettle", "atLocation", "bedroom")]),
+    lambda live: live.move("kettle", "atLocation", "kitchen"), lambda live: live.undo(),
+    lambda live: (live.undo(), live.undo()), lambda live: live.remove("stove"),
+    lambda live: live.remove(facts=[FACTS[0], ("kettle", "atLocation", "kitchen")]),
+])  # fmt: skip
+@pytest.mark.parametrize("copied", [False, True])
+def test_a_folder_has_the_same_state_after_it_is_compacted(tmp_path: Path, copied: bool, changes: Any) -> None:
+    live = isi.open(written(tmp_path / "home", without_words()))
+    live.insert("stove", FACTS, initializer="mean")
+    live.observe([("kettle", "atLocation", "bedroom")])
+    live.save(tmp_path / "copy" if copied else None)  # the tables of a copy have the insertion and the fact, too
+    folder = tmp_path / ("copy" if copied else "home")
+    with isi.open(folder, journal=True) as live:
+        changes(live)
+        before = state(live)
+        assert live.compact() >= 0
+        assert state(live) == before
+        assert live.compact() == 0
+        assert isi.open(folder).history == live.history
+        if live.additions.done:
+            live.undo()
+        before = state(live)
+    assert state(isi.open(folder)) == before
+
+
 def test_what_was_inserted_again_in_another_way_is_not_read_from_the_old_row(tmp_path: Path) -> None:
     live = LiveEmbedding(without_words())
     live.insert("stove", FACTS, initializer="rs", options={"k": 1})

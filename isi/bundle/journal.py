@@ -265,10 +265,12 @@ def _fault(
     return None
 
 
-def compacted(changes: Iterable[Change]) -> list[Change]:
-    """The shortest list of changes, each with its time and source, that leaves the same state.
+def compacted(changes: Iterable[Change], written: Sequence[Fact] = ()) -> list[Change]:
+    """A shorter list of changes, each with its time and source, that leaves the same state.
 
-    Of each change, what a later one has taken back is left out, and ``undo`` with what it took back.
+    Of each change, what a later one has taken back is left out, and ``undo`` with what it took back. ``written``: facts
+    in the folder's ``triples.tsv`` that changes have added. Those that no longer hold are added and removed first:
+    without these two changes, they would count as facts of training.
     """
     in_force = list[Change]()
     for change in changes:
@@ -298,7 +300,9 @@ def compacted(changes: Iterable[Change]) -> list[Change]:
         smaller = change.model_copy(update=update)
         if not smaller.is_empty:
             kept.append(smaller)
-    return kept[::-1]
+    gone = [fact for fact in written if fact not in left.facts]
+    first = [Change(do="observe", facts=gone), Change(do="remove", facts=gone)] if gone else []
+    return first + kept[::-1]
 
 
 def from_records(bundle: Bundle) -> Iterator[Change]:

@@ -76,7 +76,11 @@ class LiveEmbedding:
         numbered = [(line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)]
         self.folder, self.changes = folder, [change for change, _ in numbered]
         known = opened.part(np.arange(len(opened.entities) - len(records)))
-        known = replace(known, triples=known.triples_without(_added_later(self.changes, known)))
+        added = _added_later(self.changes, known)
+        #: what the folder's other files have and the embedding was not trained on
+        self._written_facts = [fact for fact in known.named_triples() if fact in added] if added else []
+        self._written_entities = len(records)
+        known = replace(known, triples=known.triples_without(added))
         phrases = phrase_vectors(known, vectors)
         self._words = known.words  #: as ``save`` writes them
         if phrases and vectors:
@@ -215,10 +219,14 @@ class LiveEmbedding:
         """
         if self.folder and not self._journal:
             raise InputError("compact", "", "expected an embedding that was opened with journal=True")
-        changes = journals.compacted(self.changes)
+        changes = journals.compacted(self.changes, self._written_facts)
+        lines: list[Line] = [*self.inserter.chosen.values(), *changes]
         gone = len(self.changes) - len(changes)
-        if self._journal and gone:
-            self._journal.replace([*self.inserter.chosen.values(), *changes])
+        is_unread = self._written_entities and not lines  # without lines, the entities in the folder count
+        if gone < 0 or is_unread or changes == self.changes:
+            return 0
+        if self._journal:
+            self._journal.replace(lines)
             self._listed = len(self.inserter.chosen)
         self.changes, self.additions = changes, journals.additions_of(changes)
         self._number_facts()
@@ -490,7 +498,7 @@ def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal:
         raise
 
 
-def _added_later(changes: Sequence[Change], known: OpenBundle) -> list[Fact]:
+def _added_later(changes: Sequence[Change], known: OpenBundle) -> set[Fact]:
     """The triples of a bundle that changes have added: those that a change adds before any removes them."""
     first = dict[Fact, bool]()
     for change in changes:
@@ -499,8 +507,8 @@ def _added_later(changes: Sequence[Change], known: OpenBundle) -> list[Fact]:
         for fact in change.added:
             first.setdefault(fact, True)
     names = known.entity_ids.keys()
-    return [
+    return {
         fact
         for fact, is_added in first.items()
         if is_added and {fact[0], fact[2]} <= names and fact[1] in known.relation_ids
-    ]
+    }
