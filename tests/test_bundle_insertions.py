@@ -214,6 +214,14 @@ def test_a_vector_follows_from_all_facts_in_whatever_order_they_came_and_changes
     assert at_once.now.named_triples() == live.now.named_triples() == small().named_triples()
 
 
+@pytest.mark.parametrize("other", ["Gas_Hob", "gasHob", "gas\u200b hob", "gas hob"])
+def test_spellings_of_a_name_in_one_observation_are_one_entity(home: LiveEmbedding, other: str) -> None:
+    facts = [("gas hob", "atLocation", "kitchen"), (other, "hasAffordance", "turn on")]
+    effect = home.observe(facts, upsert=True)
+    assert (effect.inserted, effect.facts) == (["gas hob"], 2)
+    assert home.ask("gas hob", "hasAffordance").answers[0].given
+
+
 def test_facts_between_known_entities_are_observed_and_removed(home: LiveEmbedding) -> None:
     fact = ("kettle", "atLocation", "bedroom")
     assert home.observe([fact, fact]) == Effect(facts=1)
@@ -289,6 +297,14 @@ def test_names_of_one_thing_agree_in_all_words_and_not_in_the_head_noun_alone(na
     lambda live: live.insert("hob", [("hob", "atLocation", "stove")], initializer="mean"),
     lambda live: live.insert(["hob", "hob"], [HOB, ("hob", "atLocation")]), lambda live: live.ask("stove"),
     lambda live: live.ask("stove", "atLocation", "kitchen"), lambda live: live.explain("kettle"),
+    lambda live: live.observe([("kettle", "atLocation", "bedroom")], time="noon"),
+    lambda live: live.insert("hob", [HOB], source="two\nlines"), lambda live: live.undo(source="a\tb"),
+    lambda live: live.remove(facts=[FACTS[0]], time=True),
+    lambda live: live.move("kettle", "atLocation", "bedroom", time=float("inf")),
+    lambda live: live.insert(["hob", "Hob"], [HOB, ("Hob", "atLocation", "kitchen")]),
+    lambda live: live.insert(["gas hob", "gas_hob"], [("gas hob", "atLocation", "kitchen")], initializer="mean"),
+    lambda live: live.insert("hob", [HOB], kind={"hbo": "object"}),
+    lambda live: live.insert(["hob"], [HOB], definition={"Hob": "a stove"}),
 ])  # fmt: skip
 def test_a_mistake_changes_nothing(home: LiveEmbedding, change: Any) -> None:
     home.insert("stove", FACTS)

@@ -26,17 +26,18 @@ Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 
 def as_time(value: Any) -> Any:
     """A time in UTC, of a text in ISO 8601 (without a zone: in UTC) or of seconds since 1970."""
+    given = value
     try:
         if isinstance(value, str):
             value = datetime.fromisoformat(value)
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float) and not isinstance(value, bool):
             value = datetime.fromtimestamp(value, UTC)
+        if not isinstance(value, datetime):
+            return value
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
     except (ValueError, OverflowError, OSError) as error:
         expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
-        raise ValueError(f"{expected}, got {short(value)}") from error
-    if not isinstance(value, datetime):
-        return value
-    return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+        raise ValueError(f"{expected}, got {short(given)}") from error
 
 
 Time = Annotated[datetime, BeforeValidator(as_time)]
