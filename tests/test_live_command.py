@@ -114,6 +114,7 @@ def test_an_answer_that_is_not_supported_says_so(home: Path) -> None:
 BAD: list[Any] = [
     [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True}, {"histor": True},
     {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]}, {"observe": [["e1", "inn", "e2"]]},
+    {"observe": [], "facts": [UNKNOWN[0]]}, {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]},
     {"observe": "e1 in e2"}, {"observe": [5]}, {"observe": None}, {"observe": [["new a", "in", None]]},
     {"insert": "new a"}, {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
     {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}}, {"insert": "a\tb"},

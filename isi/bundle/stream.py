@@ -177,7 +177,10 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
             given = check(request, Request, "", "")
             if len(verbs := VERBS.keys() & request.keys()) != 1:
                 raise InputError("", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}")
-        result = VERBS[verbs.pop()](live, given)
+            verb = verbs.pop()
+            if "facts" in request and verb not in ("insert", "remove"):
+                raise InputError("", "facts", f"expected them with insert or remove, got {verb}")
+        result = VERBS[verb](live, given)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
