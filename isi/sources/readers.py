@@ -210,8 +210,7 @@ def read_batches(
         rows, header, names = chain([(1, first)], rows), list(required), list(required)
     elif not is_header or len(set(names)) < len(names) or not (others or names == header):
         expected = f"expected the columns {', '.join(required)}"
-        others_named = [name for name in optional if name not in required]
-        expected += f" and optionally {', '.join(others_named)}" * bool(others_named)
+        expected += f" and optionally {', '.join(optional)}" * bool(optional)
         got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
         if unit == "line" and not is_header:
             separator = SEPARATORS[form].replace(TAB, "<tab>")
