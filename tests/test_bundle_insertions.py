@@ -214,6 +214,14 @@ def test_a_vector_follows_from_all_facts_in_whatever_order_they_came_and_changes
     assert at_once.now.named_triples() == live.now.named_triples() == small().named_triples()
 
 
+@pytest.mark.parametrize("other", ["Gas_Hob", "gasHob", "gas\u200b hob", "gas hob"])
+def test_spellings_of_a_name_in_one_observation_are_one_entity(home: LiveEmbedding, other: str) -> None:
+    facts = [("gas hob", "atLocation", "kitchen"), (other, "hasAffordance", "turn on")]
+    effect = home.observe(facts, upsert=True)
+    assert (effect.inserted, effect.facts) == (["gas hob"], 2)
+    assert home.ask("gas hob", "hasAffordance").answers[0].given
+
+
 def test_facts_between_known_entities_are_observed_and_removed(home: LiveEmbedding) -> None:
     fact = ("kettle", "atLocation", "bedroom")
     assert home.observe([fact, fact]) == Effect(facts=1)
@@ -289,6 +297,14 @@ def test_names_of_one_thing_agree_in_all_words_and_not_in_the_head_noun_alone(na
     lambda live: live.insert("hob", [("hob", "atLocation", "stove")], initializer="mean"),
     lambda live: live.insert(["hob", "hob"], [HOB, ("hob", "atLocation")]), lambda live: live.ask("stove"),
     lambda live: live.ask("stove", "atLocation", "kitchen"), lambda live: live.explain("kettle"),
+    lambda live: live.observe([("kettle", "atLocation", "bedroom")], time="noon"),
+    lambda live: live.insert("hob", [HOB], source="two\nlines"), lambda live: live.undo(source="a\tb"),
+    lambda live: live.remove(facts=[FACTS[0]], time=True),
+    lambda live: live.move("kettle", "atLocation", "bedroom", time=float("inf")),
+    lambda live: live.insert(["hob", "Hob"], [HOB, ("Hob", "atLocation", "kitchen")]),
+    lambda live: live.insert(["gas hob", "gas_hob"], [("gas hob", "atLocation", "kitchen")], initializer="mean"),
+    lambda live: live.insert("hob", [HOB], kind={"hbo": "object"}),
+    lambda live: live.insert(["hob"], [HOB], definition={"Hob": "a stove"}),
 ])  # fmt: skip
 def test_a_mistake_changes_nothing(home: LiveEmbedding, change: Any) -> None:
     home.insert("stove", FACTS)
@@ -421,6 +437,37 @@ def test_a_folder_grows_by_lines_of_its_journal_and_a_copy_has_all(tmp_path: Pat
     again.undo()
     again.undo()
     assert again.now.named_triples() == small().named_triples()
+
+
+def state(live: LiveEmbedding) -> tuple[list[str], list[Fact], int]:
+    """The inserted entities, all facts that hold, and the number of facts of training."""
+    return list(live.inserted), sorted(live.now.named_triples()), len(live.base.triples)
+
+
+@pytest.mark.parametrize("changes", [
+    lambda live: live.remove(facts=[("kettle", "atLocation", "bedroom")]),
+    lambda live: live.move("kettle", "atLocation", "kitchen"), lambda live: live.undo(),
+    lambda live: (live.undo(), live.undo()), lambda live: live.remove("stove"),
+    lambda live: live.remove(facts=[FACTS[0], ("kettle", "atLocation", "kitchen")]),
+])  # fmt: skip
+@pytest.mark.parametrize("copied", [False, True])
+def test_a_folder_has_the_same_state_after_it_is_compacted(tmp_path: Path, copied: bool, changes: Any) -> None:
+    live = isi.open(written(tmp_path / "home", without_words()))
+    live.insert("stove", FACTS, initializer="mean")
+    live.observe([("kettle", "atLocation", "bedroom")])
+    live.save(tmp_path / "copy" if copied else None)  # the tables of a copy have the insertion and the fact, too
+    folder = tmp_path / ("copy" if copied else "home")
+    with isi.open(folder, journal=True) as live:
+        changes(live)
+        before = state(live)
+        assert live.compact() >= 0
+        assert state(live) == before
+        assert live.compact() == 0
+        assert isi.open(folder).history == live.history
+        if live.additions.done:
+            live.undo()
+        before = state(live)
+    assert state(isi.open(folder)) == before
 
 
 def test_what_was_inserted_again_in_another_way_is_not_read_from_the_old_row(tmp_path: Path) -> None:

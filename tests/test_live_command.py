@@ -114,6 +114,7 @@ def test_an_answer_that_is_not_supported_says_so(home: Path) -> None:
 BAD: list[Any] = [
     [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True}, {"histor": True},
     {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]}, {"observe": [["e1", "inn", "e2"]]},
+    {"observe": [], "facts": [UNKNOWN[0]]}, {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]},
     {"observe": "e1 in e2"}, {"observe": [5]}, {"observe": None}, {"observe": [["new a", "in", None]]},
     {"insert": "new a"}, {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
     {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}}, {"insert": "a\tb"},
@@ -151,6 +152,17 @@ def test_a_line_that_is_no_json_is_refused(line: bytes) -> None:
 def test_the_schema_of_requests_covers_the_verbs() -> None:
     assert VERBS.keys() <= Request.model_fields.keys()
     assert all(callable(getattr(isi.LiveEmbedding, verb, None)) or verb == "history" for verb in VERBS)
+
+
+@pytest.mark.parametrize("label", [r'"\ud800"', r'{"\udfff": 1}', "1e999", "[-1e999]", "[" * 300 + "]" * 300])
+def test_an_id_that_no_answer_can_repeat_is_refused_and_changes_nothing(label: str) -> None:
+    live = live_of()
+    head, relation, tail = UNKNOWN[0]
+    request = f'{{"observe": [["{head}", "{relation}", "{tail}"]], "id": {label}}}'
+    refused = json.loads(answer(live, request.encode()))
+    assert list(refused) == ["error"]
+    assert refused["error"].startswith("request: id: ")
+    assert live.history == []
 
 
 @contextmanager
@@ -373,7 +385,9 @@ def test_a_change_has_a_time_and_a_source(home: Path) -> None:
     assert given == [datetime(2026, 1, 1, 10, tzinfo=UTC)] * 3
     assert changes[-1].time
     assert abs((changes[-1].time - datetime.now(UTC)).total_seconds()) < 600
-    assert "time" in json.loads(answer(live, lines({"observe": [fact], "time": "noon"})))["error"]
+    for moment in ("noon", True, "0001-01-01T00:00:00+05:00", 1e300, -1e15):
+        refused = json.loads(answer(live, lines({"observe": [fact], "time": moment})))
+        assert refused["error"].startswith("request: time: "), moment
 
 
 JOURNALS = [

@@ -40,7 +40,7 @@ class Method(NamedTuple):
 
     facts: int  #: with known entities; one of ``PREPARED``
     words: bool  #: whether all have word vectors
-    initializer: str | None  #: null: the choice for so many facts
+    initializer: str | None  #: None: the choice for so many facts
     options: tuple[tuple[str, Any], ...]
     seed: int
 
@@ -212,7 +212,7 @@ class Inserter:
         return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
     def word_rows(self, names: Sequence[str], words: Mapping[str, PhraseVector]) -> np.ndarray | None:
-        """Word vectors of the known entities and of new ones, (E + n, v); null if no new one has words."""
+        """Word vectors of the known entities and of new ones, (E + n, v); None if no new one has words."""
         vectors, known = [words[name].vector for name in names], self.base.words
         if known is None or all(vector is None for vector in vectors):
             return None
@@ -233,7 +233,7 @@ class Inserter:
         return chosen
 
     def curves(self, row: InsertedEntity) -> Curves | None:
-        """The curves that calibrate answers about an inserted entity; null with too few known triples."""
+        """The curves that calibrate answers about an inserted entity; None with too few known triples."""
         record = row.record
         number = prepared(len(record.insert_triples))
         return self._fit(number, row.words.vector is not None, record.initializer, record.options)

@@ -26,17 +26,18 @@ Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 
 def as_time(value: Any) -> Any:
     """A time in UTC, of a text in ISO 8601 (without a zone: in UTC) or of seconds since 1970."""
+    given = value
     try:
         if isinstance(value, str):
             value = datetime.fromisoformat(value)
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float) and not isinstance(value, bool):
             value = datetime.fromtimestamp(value, UTC)
+        if not isinstance(value, datetime):
+            return value
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
     except (ValueError, OverflowError, OSError) as error:
         expected = "expected a time such as 2026-11-25T09:30:00Z, or seconds since 1970"
-        raise ValueError(f"{expected}, got {short(value)}") from error
-    if not isinstance(value, datetime):
-        return value
-    return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+        raise ValueError(f"{expected}, got {short(given)}") from error
 
 
 Time = Annotated[datetime, BeforeValidator(as_time)]
@@ -265,10 +266,12 @@ def _fault(
     return None
 
 
-def compacted(changes: Iterable[Change]) -> list[Change]:
-    """The shortest list of changes, each with its time and source, that leaves the same state.
+def compacted(changes: Iterable[Change], written: Sequence[Fact] = ()) -> list[Change]:
+    """A shorter list of changes, each with its time and source, that leaves the same state.
 
-    Of each change, what a later one has taken back is left out, and ``undo`` with what it took back.
+    Of each change, what a later one has taken back is left out, and ``undo`` with what it took back. ``written``: facts
+    in the folder's ``triples.tsv`` that changes have added. Those that no longer hold are added and removed first:
+    without these two changes, they would count as facts of training.
     """
     in_force = list[Change]()
     for change in changes:
@@ -298,7 +301,9 @@ def compacted(changes: Iterable[Change]) -> list[Change]:
         smaller = change.model_copy(update=update)
         if not smaller.is_empty:
             kept.append(smaller)
-    return kept[::-1]
+    gone = [fact for fact in written if fact not in left.facts]
+    first = [Change(do="observe", facts=gone), Change(do="remove", facts=gone)] if gone else []
+    return first + kept[::-1]
 
 
 def from_records(bundle: Bundle) -> Iterator[Change]:

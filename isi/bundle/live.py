@@ -33,7 +33,7 @@ from isi.bundle.journal import (
     Line,
     NewEntity,
 )
-from isi.bundle.names import check_new, find, known_as, plain
+from isi.bundle.names import bare, check_new, find, known_as, plain
 from isi.bundle.phrases import SAME, phrase_vectors
 from isi.bundle.query import Fact, OpenBundle, Query, as_facts, open_bundle
 from isi.bundle.stored import StoredVector
@@ -76,7 +76,11 @@ class LiveEmbedding:
         numbered = [(line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)]
         self.folder, self.changes = folder, [change for change, _ in numbered]
         known = opened.part(np.arange(len(opened.entities) - len(records)))
-        known = replace(known, triples=known.triples_without(_added_later(self.changes, known)))
+        added = _added_later(self.changes, known)
+        #: what the folder's other files have and the embedding was not trained on
+        self._written_facts = [fact for fact in known.named_triples() if fact in added] if added else []
+        self._written_entities = len(records)
+        known = replace(known, triples=known.triples_without(added))
         phrases = phrase_vectors(known, vectors)
         self._words = known.words  #: as ``save`` writes them
         if phrases and vectors:
@@ -119,12 +123,19 @@ class LiveEmbedding:
             time: when it was observed; None: now. ``source``: what reported it.
         """
         names = [entities] if isinstance(entities, str) else list(entities)
+        for argument, each in {"definition": definition, "kind": kind}.items():
+            if isinstance(each, Mapping) and (others := each.keys() - set(names)):
+                raise InputError(argument, "", f"expected names of the entities to insert, got {min(others)!r:.80}")
         if isinstance(facts, Mapping) and not any(isinstance(tails, Mapping) for tails in facts.values()):
             facts = dict.fromkeys(names, facts)
         present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
         names = [name for name in names if name not in present]
-        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), {}
+        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), dict[str, NewEntity]()
+        spellings = dict[str, str]()
         for name in names:
+            first = spellings.setdefault(bare(name), clean(name))
+            if first != clean(name):
+                raise InputError(repr(name)[:80], "", f"expected each new entity once: {first!r:.80} is the same name")
             words = self.inserter.words(name, NewEntity())
             same = words.nearest is not None and (words.cosine or 0.0) > SAME
             check_new(name, self.now.entity_names, self.base.entity_names[words.nearest or 0] if same else None, new)
@@ -137,7 +148,7 @@ class LiveEmbedding:
         listed = self.now.facts(facts, list(about))
         added = self.now.unknown(listed)
         do: Literal["insert", "observe"] = "insert" if about else "observe"
-        change = Change(do=do, entities=about, facts=added, time=time, source=source)
+        change = _change(do, entities=about, facts=added, time=time, source=source)
         notes = [f"{name} is known: its facts alone are added" for name in present]
         return self._change(change, len(listed) - len(added), notes)
 
@@ -150,11 +161,15 @@ class LiveEmbedding:
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
-            unknown = [end for end in dict.fromkeys(ends) if not known_as(end, self.now.entity_ids)]
-            return self.insert(unknown, facts, time=time, source=source)
+            unknown = dict[str, str]()  # in its first spelling
+            for end in dict.fromkeys(ends):
+                if not known_as(end, self.now.entity_ids):
+                    unknown.setdefault(bare(end), end)
+            return self.insert(list(unknown.values()), facts, time=time, source=source)
         listed = self.now.facts(facts)
         added = self.now.unknown(listed)
-        return self._change(Change(do="observe", facts=added, time=time, source=source), len(listed) - len(added))
+        change = _change("observe", facts=added, time=time, source=source)
+        return self._change(change, len(listed) - len(added))
 
     def move(
         self, head: str, relation: str, tail: str, *, instead_of: str | None = None,
@@ -178,7 +193,7 @@ class LiveEmbedding:
             gone = tails
         replaced = [(head, relation, old) for old in gone if old != tail]
         facts = [] if tail in tails else [(head, relation, tail)]
-        change = Change(do="move", facts=facts, replaced=replaced, time=time, source=source)
+        change = _change("move", facts=facts, replaced=replaced, time=time, source=source)
         return self._change(change, int(tail in tails))
 
     def remove(
@@ -195,13 +210,13 @@ class LiveEmbedding:
         for fact in self.now.unknown(listed):
             raise InputError("", " ".join(fact), "expected a fact that holds")
         about = dict.fromkeys(names, NewEntity())
-        return self._change(Change(do="remove", entities=about, facts=listed, time=time, source=source))
+        return self._change(_change("remove", entities=about, facts=listed, time=time, source=source))
 
     def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
         """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
         if not self.additions.done:
             raise InputError("undo", "", "there is no change to take back")
-        return self._change(Change(do="undo", time=time, source=source))
+        return self._change(_change("undo", time=time, source=source))
 
     @property
     def history(self) -> list[Change]:
@@ -215,10 +230,14 @@ class LiveEmbedding:
         """
         if self.folder and not self._journal:
             raise InputError("compact", "", "expected an embedding that was opened with journal=True")
-        changes = journals.compacted(self.changes)
+        changes = journals.compacted(self.changes, self._written_facts)
+        lines: list[Line] = [*self.inserter.chosen.values(), *changes]
         gone = len(self.changes) - len(changes)
-        if self._journal and gone:
-            self._journal.replace([*self.inserter.chosen.values(), *changes])
+        is_unread = self._written_entities and not lines  # without lines, the entities in the folder count
+        if gone < 0 or is_unread or changes == self.changes:
+            return 0
+        if self._journal:
+            self._journal.replace(lines)
             self._listed = len(self.inserter.chosen)
         self.changes, self.additions = changes, journals.additions_of(changes)
         self._number_facts()
@@ -276,10 +295,9 @@ class LiveEmbedding:
         return report(self, self._inserted(entity), top)
 
     def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
-        """How far inserted entities push known answers down: all of them, or those named; null without known triples.
+        """How far inserted entities push known answers down: all of them, or those named; None without known triples.
 
-        ``isi.insertion.interference`` defines the measures. The queries are of triples of training
-        that hold.
+        ``isi.insertion.interference`` defines the measures. The queries are of triples of training that hold.
         """
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
@@ -490,7 +508,13 @@ def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal:
         raise
 
 
-def _added_later(changes: Sequence[Change], known: OpenBundle) -> list[Fact]:
+def _change(do: str, **fields: Any) -> Change:
+    """A change; an ``InputError`` refuses a time or a source that is none."""
+    with at(do):
+        return Change.model_validate({"do": do, **fields})
+
+
+def _added_later(changes: Sequence[Change], known: OpenBundle) -> set[Fact]:
     """The triples of a bundle that changes have added: those that a change adds before any removes them."""
     first = dict[Fact, bool]()
     for change in changes:
@@ -499,8 +523,8 @@ def _added_later(changes: Sequence[Change], known: OpenBundle) -> list[Fact]:
         for fact in change.added:
             first.setdefault(fact, True)
     names = known.entity_ids.keys()
-    return [
+    return {
         fact
         for fact, is_added in first.items()
         if is_added and {fact[0], fact[2]} <= names and fact[1] in known.relation_ids
-    ]
+    }

@@ -17,7 +17,7 @@ from select import select
 from typing import Annotated, Any, Literal, NoReturn
 
 from pydantic import BeforeValidator, Field
-from pydantic_core import to_json
+from pydantic_core import from_json, to_json
 
 from isi.bundle.answers import Answers
 from isi.bundle.folder import Text
@@ -173,17 +173,32 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
     try:
         with at("request"):
             request = _parsed(line)
-            label = {"id": request.pop("id")} if "id" in request else {}
+            label = _label(request)
             given = check(request, Request, "", "")
             if len(verbs := VERBS.keys() & request.keys()) != 1:
                 raise InputError("", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}")
-        result = VERBS[verbs.pop()](live, given)
+            verb = verbs.pop()
+            if "facts" in request and verb not in ("insert", "remove"):
+                raise InputError("", "facts", f"expected them with insert or remove, got {verb}")
+        result = VERBS[verb](live, given)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
     except Exception as error:  # a fault of ours must not end the process, which serves others
         result = {"error": log_internal(error)}
     return to_json(label | result) + b"\n"
+
+
+def _label(request: dict[str, Any]) -> dict[str, Any]:
+    """The ``id`` of a request, taken out of it; an ``InputError`` refuses one that no answer can repeat."""
+    if "id" not in request:
+        return {}
+    label = {"id": request.pop("id")}
+    try:
+        from_json(to_json(label), allow_inf_nan=False)
+    except ValueError as error:  # half of a character, an infinite number, hundreds of nested lists
+        raise InputError("", "id", f"expected a value that JSON holds, got {short(label['id'])}") from error
+    return label
 
 
 def log_internal(error: Exception) -> str:
