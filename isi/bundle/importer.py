@@ -194,9 +194,9 @@ def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
 
 def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """The names of the two tables (or of their halves) by slot; InputError unless one prefix gives one of each."""
-    found = {slot: _by_prefix(tensors, slot) for slot in NAMES}
-    both = [prefix for prefix in found["entities"] if prefix in found["relations"]]
-    fitting = [found[slot][prefix] for prefix in both for slot in NAMES]
+    by_slot = {slot: _by_prefix(tensors, slot) for slot in NAMES}
+    both = [prefix for prefix in by_slot["entities"] if prefix in by_slot["relations"]]
+    fitting = [by_slot[slot][prefix] for prefix in both for slot in NAMES]
     if len(both) == 1 and all(len(tables) == 1 for tables in fitting):
         return {slot: tables[0] for slot, tables in zip(NAMES, fitting, strict=True)}
     several = [name for tables in fitting for parts in tables for name in parts]
@@ -207,14 +207,14 @@ def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 def _by_prefix(tensors: Sequence[str], slot: str) -> dict[str, list[tuple[str, ...]]]:
     """The names of each table of a slot, by the prefix (empty, or up to a dot) before its name in ``NAMES``."""
-    found = dict[str, list[tuple[str, ...]]]()
+    tables = dict[str, list[tuple[str, ...]]]()
     for parts in NAMES[slot]:
         for name in tensors:
             prefix = name.removesuffix(parts[0])
             whole = tuple(prefix + part for part in parts)
             if prefix != name and prefix[-1:] in ("", ".") and set(whole) <= set(tensors):
-                found.setdefault(prefix, []).append(whole)
-    return found
+                tables.setdefault(prefix, []).append(whole)
+    return tables
 
 
 def _refuse_sum_of_moduli(model: str, tensors: Mapping[str, np.ndarray]) -> None:

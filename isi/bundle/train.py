@@ -143,8 +143,8 @@ def with_kinds(
     names = entities["entity"].tolist()
     new_kinds, _ = by_known_name(kinds, names)
     new_phrases, _ = by_known_name(phrases or {}, names)
-    found, missing = by_known_name(listed, names)
-    if not found:
+    matched, missing = by_known_name(listed, names)
+    if not matched:
         got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
         raise InputError("", "", f"expected the kind or the phrase of an entity of the graph, got {got}")
     kind = [new_kinds.get(name, old) for name, old in zip(names, entities["kind"], strict=True)]
@@ -246,18 +246,18 @@ def repeated_relations(graph: Graph) -> list[list[int]]:
 
     A model answers triples of the one from triples of the other without any knowledge of the entities.
     """
-    head, relation, tail = graph.triples.numpy().T
+    head, relations, tail = graph.triples.numpy().T
     number = len(graph.entities)
-    pairs = pd.DataFrame({"relation": relation, "pair": head * number + tail, "swapped": tail * number + head})
+    pairs = pd.DataFrame({"relation": relations, "pair": head * number + tail, "swapped": tail * number + head})
     pairs = pairs[head != tail]
     sizes = pairs["relation"].value_counts()
     repeats = nx.Graph()
     for column in ("pair", "swapped"):
         both = pairs.merge(pairs, left_on="pair", right_on=column)
-        for (one, other), shared in both[["relation_x", "relation_y"]].value_counts().items():
-            enough = shared >= FEWEST_REPEATED and shared > REPEATED * min(sizes[one], sizes[other])
-            if enough and (one != other or column == "swapped"):
-                repeats.add_edge(one, other)
+        for (relation, other), shared in both[["relation_x", "relation_y"]].value_counts().items():
+            enough = shared >= FEWEST_REPEATED and shared > REPEATED * min(sizes[relation], sizes[other])
+            if enough and (relation != other or column == "swapped"):
+                repeats.add_edge(relation, other)
     return sorted(map(sorted, nx.connected_components(repeats)))
 
 
