@@ -179,19 +179,19 @@ def ask(
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
     live = open_folder(embedding)
-    found: list[Answers] = []
+    ranked: list[Answers] = []
     if from_ is None:
         with flags(ask="", entity="ENTITY", relation="RELATION"):
-            found.append(live.ask(head, relation, tail, top))
+            ranked.append(live.ask(head, relation, tail, top))
     else:
         for line, query in _queries(from_):
             with at(from_, f"line {line}"):
-                found.append(live.ask(*query, top=top))
+                ranked.append(live.ask(*query, top=top))
     if json:
-        rows = [asdict(answers) | {"sure": answers.sure} for answers in found]
+        rows = [asdict(answers) | {"sure": answers.sure} for answers in ranked]
         show(rows[0] if from_ is None else {"results": rows}, True)
         return
-    for answers in found:
+    for answers in ranked:
         print(" ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses"))
         print(*(f"  {line}" for line in map(_with_mark, answers.answers)), sep="\n")
 

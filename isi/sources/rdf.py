@@ -108,7 +108,7 @@ def rdf(
                 yield None, None, None, *triple, 1
             seen.add(form)
     if not seen:
-        dropped = ", ".join(f"{number:,} {what}" for what, number in mining.counts.items())
+        dropped = ", ".join(f"{number:,} {label}" for label, number in mining.counts.items())
         raise InputError(path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}")
     of_entities = {name: types.get(clean(iri), {}) for name, iri in iris["entity"].items()}
     number_of = Counter(node for nodes in of_entities.values() for node in nodes)  # entities of each type
@@ -128,13 +128,13 @@ def rdf(
 
 def _is_above(node: Node, other: Node, above: Mapping[Node, set[Node]]) -> bool:
     """Whether a class is above another one, directly or through others."""
-    found: set[Node] = set()
+    reached: set[Node] = set()
     waiting = [other]
     while waiting:
-        new = above.get(waiting.pop(), set()) - found
-        found |= new
+        new = above.get(waiting.pop(), set()) - reached
+        reached |= new
         waiting += new
-    return node in found and node != other
+    return node in reached and node != other
 
 
 def local_name(iri: str) -> str:
