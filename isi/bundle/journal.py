@@ -101,7 +101,7 @@ _LINE: TypeAdapter[Line] = TypeAdapter(Annotated[Line, Field(discriminator="do")
 
 @dataclass(frozen=True)
 class Alteration:
-    """What a change alters in ``Additions``; ``before`` and ``after`` it."""
+    """What a change alters in ``Additions``."""
 
     inserted: dict[str, NewEntity]
     removed: dict[str, NewEntity]

@@ -148,7 +148,7 @@ class LiveEmbedding:
         listed = self.now.facts(facts, list(about))
         added = self.now.unknown(listed)
         do: Literal["insert", "observe"] = "insert" if about else "observe"
-        change = _change(do, entities=about, facts=added, time=time, source=source)
+        change = _checked_change(do, entities=about, facts=added, time=time, source=source)
         notes = [f"{name} is known: its facts alone are added" for name in present]
         return self._change(change, len(listed) - len(added), notes)
 
@@ -168,7 +168,7 @@ class LiveEmbedding:
             return self.insert(list(unknown.values()), facts, time=time, source=source)
         listed = self.now.facts(facts)
         added = self.now.unknown(listed)
-        change = _change("observe", facts=added, time=time, source=source)
+        change = _checked_change("observe", facts=added, time=time, source=source)
         return self._change(change, len(listed) - len(added))
 
     def move(
@@ -193,7 +193,7 @@ class LiveEmbedding:
             gone = tails
         replaced = [(head, relation, old) for old in gone if old != tail]
         facts = [] if tail in tails else [(head, relation, tail)]
-        change = _change("move", facts=facts, replaced=replaced, time=time, source=source)
+        change = _checked_change("move", facts=facts, replaced=replaced, time=time, source=source)
         return self._change(change, int(tail in tails))
 
     def remove(
@@ -210,13 +210,13 @@ class LiveEmbedding:
         for fact in self.now.unknown(listed):
             raise InputError("", " ".join(fact), "expected a fact that holds")
         about = dict.fromkeys(names, NewEntity())
-        return self._change(_change("remove", entities=about, facts=listed, time=time, source=source))
+        return self._change(_checked_change("remove", entities=about, facts=listed, time=time, source=source))
 
     def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
         """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
         if not self.additions.done:
             raise InputError("undo", "", "there is no change to take back")
-        return self._change(_change("undo", time=time, source=source))
+        return self._change(_checked_change("undo", time=time, source=source))
 
     @property
     def history(self) -> list[Change]:
@@ -508,7 +508,7 @@ def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal:
         raise
 
 
-def _change(do: str, **fields: Any) -> Change:
+def _checked_change(do: str, **fields: Any) -> Change:
     """A change; an ``InputError`` refuses a time or a source that is none."""
     with at(do):
         return Change.model_validate({"do": do, **fields})
