@@ -14,6 +14,7 @@ from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
+from isi.analyses.readings import ReadingCase
 from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
@@ -112,6 +113,7 @@ class Beyond(Section):
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
     hidden: dict[Name, Hidden] = Field(default_factory=dict)
+    readings: dict[Name, ReadingCase] = Field(default_factory=dict)
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 
@@ -220,10 +222,23 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
         settings_of(graph.source, f"graphs.{name}.source")
         if runs:
             _check_variant(graph.variant(name), params, f"graphs.{name}")
+    for name, case in beyond.readings.items() if runs else ():
+        _check_readings(case, params, f"readings.{name}")
     for name, hidden in beyond.hidden.items():
         _check_names(hidden.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
         if hidden.source == "graphs":
             _check_names([hidden.graph], beyond.graphs, f"hidden.{name}.graph")
+
+
+def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
+    """Check an entry of ``readings`` against params."""
+    sources = [case.graph.source, *([case.graph.extend.source] if case.graph.extend else [])]
+    _check_names(sources, params.sources, f"{key}.graph")
+    _check_names([*case.initializers, *case.indicators], params.initializers, f"{key}.initializers")
+    for name, numbers in case.indicators.items():
+        options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")
+    with at("", f"{key}.changes"):
+        check_params(variants.changed(params, case.changes))
 
 
 def _check_variant(variant: Variant, params: Params, key: str) -> None:

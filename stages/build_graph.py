@@ -1,6 +1,6 @@
 """Build the graph of an experiment: unique triples with counts, and, if params say so, entities of a second source."""
 
-from isi.graph import graph as graphs
+from isi.graph import graph
 from isi.graph.graph import ENTITIES, TRIPLES, MinedSource
 from isi.sources import KINDS, OBSERVATIONS
 from isi.stage import StageContext, stage
@@ -9,15 +9,7 @@ from isi.stage import StageContext, stage
 @stage
 def build_graph(context: StageContext, experiment: str) -> None:
     settings, root = context.params.experiments[experiment].graph, context.params.seed
-    tables = graphs.build_tables(mined(settings.source), settings.min_count)
-    if (other := settings.extend) is not None:
-        source, key = mined(other.source), f"experiments.{experiment}.graph.extend"
-        newcomers = graphs.new_entities(source, tables.entities)
-        frequent = graphs.frequent(newcomers, source, tables.entities, other.min_observations)
-        drawn = graphs.sample_candidates(frequent, other, key, root)
-        least = f"observed {other.min_observations} times or more"
-        print(f"{len(newcomers)} new, {len(frequent)} of them {least}, {len(drawn)} drawn")
-        tables = graphs.extend(tables, source, drawn)
+    tables = graph.tables_of(settings, mined, f"experiments.{experiment}.graph", root)
     ENTITIES.write(tables.entities, context.stage, experiment=experiment)
     TRIPLES.write(tables.triples, context.stage, experiment=experiment)
     print(tables)

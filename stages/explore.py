@@ -5,18 +5,7 @@ import pandas as pd
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, GraphExperiment, changed, results
 from isi.errors import InputError, at
 from isi.experiment.store import Store
-from isi.graph.graph import (
-    ENTITIES,
-    GRAPH_ENTITIES,
-    GRAPH_TRIPLES,
-    TRIPLES,
-    GraphTables,
-    MinedSource,
-    build_graph,
-    build_tables,
-)
-from isi.graph.sessions import session_tables
-from isi.graph.words import load_vectors, look_up
+from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, MinedSource, build_tables
 from isi.sources import Source
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -29,7 +18,7 @@ def explore(context: StageContext, graph: str) -> None:
         tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"), settings.min_count)
         if tables.triples.empty:
             raise InputError("", "source", f"expected triples observed at least {settings.min_count} times, got none")
-        store = in_memory(context, graph, tables, settings, f"{key}.sessions")
+        store = Store.drawn(graph, tables, settings.words, settings.sessions, params.sessions, params.seed, key)
     runs, answers = results(changed(params, settings.changes), settings.variant(graph), [store], graph)
     for table, rows in ((GRAPH_ENTITIES, tables.entities), (GRAPH_TRIPLES, tables.triples), (GRAPH_RUNS, runs),
                         (GRAPH_QUERIES, answers)):  # fmt: skip
@@ -43,18 +32,6 @@ def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSo
     for step, instances in source.counts.items():
         print(f"{instances:,} {step}")
     return MinedSource(graph, observations, source.kinds)
-
-
-def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: GraphExperiment, key: str) -> Store:
-    """A ``Store`` in memory of the graph, its word vectors and its sessions."""
-    entities, triples, params = tables.entities, tables.triples, context.params
-    words = look_up(load_vectors(settings.words), list(entities["phrase"]))
-    drawn = session_tables(
-        build_graph(entities, triples), entities, settings.sessions, params.sessions, params.seed, key
-    )
-    missing = words.served_by.count(None)
-    print(tables, f"{len(entities) - missing} of {len(entities)} entities have a word vector", sep="\n")
-    return Store(graph, {ENTITIES: entities, TRIPLES: triples, **drawn}, words.vectors)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from isi.graph.graph import RELATION, Graph
-from isi.graph.sessions import Session
+from isi.graph.sessions import TRAIN, Session
 from isi.models.stack import Embedding
 
 if TYPE_CHECKING:
@@ -27,6 +27,9 @@ TIE = 1e-5
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
+#: Which observations order the true answers of a query. ``all``: those of the graph. ``split``: those of the split of
+#: the queried triple, where a training triple counts all its observations and any other one counts once.
+Truth = Literal["all", "split"]
 K = TypeVar("K")
 
 
@@ -65,6 +68,7 @@ class Queries:
     queried: Tensor  #: triples that are queried; shape: (M, T), bool
     filtered: Tensor  #: triples of the filter; shape: (M, T), bool
     candidates: Tensor  #: entities that may answer; shape: (M, E), bool
+    truth: Truth = "all"
     rows: QueryRows | None = None  #: computed once if they fit into ``BUDGET``, else by piece in each ranking
 
 
@@ -114,9 +118,11 @@ def padded_ids(queried: Tensor) -> Tensor:
     return torch.where(queried.gather(1, order), order, -1)
 
 
-def make_queries(session: Session, triples: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor) -> Queries:
+def make_queries(
+    session: Session, triples: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor, truth: Truth = "all"
+) -> Queries:
     """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else null; shapes: ``Queries``."""
-    queries = Queries(session, triples, queried, filtered, candidates)
+    queries = Queries(session, triples, queried, filtered, candidates, truth)
     return replace(queries, rows=_rows(queries, triples)) if len(_pieces(queries)) == 1 else queries
 
 
@@ -149,6 +155,11 @@ def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor
     models = torch.arange(len(triple))[:, None, None]
     may_answer = candidates[models, known] & (alike >= 0)
     counts, answer_count = graph.counts[ids], graph.counts[triple][..., None]
+    if queries.truth == "split":
+        splits = queries.session.splits
+        split, answer_split = splits[models, ids], splits[models[..., 0], triple][..., None]
+        counts = torch.where(split == TRAIN, counts, 1) * (split == answer_split)
+        answer_count = torch.where(answer_split == TRAIN, answer_count, 1)
     excluded = queries.filtered[models, ids] | (ids == triple[..., None])
     higher = (may_answer & ~excluded & (counts > answer_count)).sum(-1)
     left_out = (may_answer & excluded).float(), (may_answer & (excluded | (counts == answer_count))).float()

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,18 @@ from isi.errors import InputError, short
 from isi.evaluation.ranking import MEASURES
 from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
-from isi.graph.graph import ENTITIES, TRIPLES, Graph, build_graph
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
-from isi.graph.words import WORD_VECTORS
+from isi.graph.graph import ENTITIES, TRIPLES, Graph, GraphTables, build_graph
+from isi.graph.sessions import (
+    INSERT_TRIPLES,
+    NOVEL,
+    OUT,
+    SPLIT_NAMES,
+    SPLITS,
+    SessionsOf,
+    Shares,
+    session_tables,
+)
+from isi.graph.words import WORD_VECTORS, Words, load_vectors, look_up
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, null_without, one_of
@@ -82,6 +92,18 @@ class Store:
     experiment: str
     tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: those in memory are not read
     vectors: np.ndarray | None = field(default=None, repr=False)  #: word vectors in memory; shape: (E, w)
+
+    @classmethod
+    def drawn(
+        cls, name: str, tables: GraphTables, words: Words, sessions: SessionsOf, shares: Shares, root: int, key: str
+    ) -> Self:  # fmt: skip
+        """A store in memory of a graph, its word vectors and its sessions, whose params lie at ``key``."""
+        vectors = look_up(load_vectors(words), list(tables.entities["phrase"]))
+        graph = build_graph(tables.entities, tables.triples)
+        rows = session_tables(graph, tables.entities, sessions, shares, root, f"{key}.sessions")
+        with_words = len(tables.entities) - vectors.served_by.count(None)
+        print(tables, f"{with_words} of {len(tables.entities)} entities have a word vector", sep="\n")
+        return cls(name, {ENTITIES: tables.entities, TRIPLES: tables.triples, **rows}, vectors.vectors)
 
     def table(self, table: Table) -> pd.DataFrame:
         """A table of the experiment."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -151,6 +151,20 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     entities = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity").reset_index(drop=True)
     triples = triples.assign(source=seen.source).astype({"count": "int32"})
     return GraphTables(entities.assign(source=seen.source), triples)
+
+
+def tables_of(settings: GraphOf, mined: Callable[[str], MinedSource], key: str, root: int) -> GraphTables:
+    """The graph that ``settings`` describe, as tables; ``mined`` gives a source; prints how many entities it adds."""
+    tables = build_tables(mined(settings.source), settings.min_count)
+    if settings.extend is None:
+        return tables
+    source = mined(settings.extend.source)
+    newcomers = new_entities(source, tables.entities)
+    enough = frequent(newcomers, source, tables.entities, settings.extend.min_observations)
+    drawn = sample_candidates(enough, settings.extend, f"{key}.extend", root)
+    least = f"observed {settings.extend.min_observations} times or more"
+    print(f"{len(newcomers)} new, {len(enough)} of them {least}, {len(drawn)} drawn")
+    return extend(tables, source, drawn)
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:

@@ -1,0 +1,242 @@
+"""Experiments measured under every reading of the paper's metric (``isi.evaluation.readings``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import pandas as pd
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from isi.analyses.variants import Changes
+from isi.config import Count, EachOnce, Name, Option, Section, ensure
+from isi.evaluation import readings
+from isi.evaluation.readings import ASPECTS, FILTERS, RANKINGS, QueryRanks, ReadingQueries, reading_queries
+from isi.experiment.grid import JOINT_MODEL, GridPoints
+from isi.experiment.insert import InsertConfig, finetune, init_context, insert_config, with_vectors
+from isi.experiment.runner import run, stack_height
+from isi.experiment.store import SIZE_AND_SEED, Store
+from isi.experiment.train import TrainConfig, joint_tasks, train_config, train_stack
+from isi.graph.graph import GraphOf
+from isi.graph.sessions import SPLIT_NAMES, Session, SessionsOf, membership, touches
+from isi.initializers import api
+from isi.models.stack import Embedding, select
+from isi.tables.rules import FROM_0, NAME, SHARE, at_least, one_of
+from isi.tables.table import Table
+from isi.training.trainer import never_stop
+
+if TYPE_CHECKING:
+    from isi.params import Params
+
+#: A model's column ``k``: the number of indicators of a sweep; 0: that of params, or none.
+MODEL = {"model": NAME, "k": FROM_0}
+#: The evidence: every query of D¹ right after insertion. ``triple``: id in D¹'s graph; ``hidden``: the slot to predict;
+#: ``closeness_FILTER_TRUTH``: its term of MRR*; ``rank_FILTER``: the plain rank.
+RANKS = Table(
+    "data/beyond/readings/{case}.ranks.parquet",
+    {**MODEL, **SIZE_AND_SEED, "triple": FROM_0, "hidden": one_of("head", "relation", "tail"),
+     "relation": NAME, "split": one_of(*SPLIT_NAMES), "novel": FROM_0, "count": at_least(1, "int64"),
+     **{f"closeness_{filter_name}_{truth}": SHARE for filter_name, truth in RANKINGS},
+     **{f"rank_{filter_name}": at_least(1, "float64") for filter_name in FILTERS}},
+    key=["model", "k", "size", "seed", "triple", "hidden"],
+)  # fmt: skip
+#: MRR* right after insertion under each reading, null without queries; ``epochs``: those to convergence, the maximum
+#: for a run that never did, null for the joint model and for a run that ended before this reading was decided.
+READINGS = Table(
+    "data/beyond/readings/{case}.parquet",
+    {**MODEL, **SIZE_AND_SEED, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional, "epochs": at_least(0, "float64").optional},
+    key=["model", "k", "size", "seed", *ASPECTS],
+)  # fmt: skip
+#: MRR* by epoch under the followed readings.
+READING_CURVES = Table(
+    "data/beyond/readings/{case}.curves.parquet",
+    {**MODEL, **SIZE_AND_SEED, "epoch": FROM_0, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional},
+    key=["model", "k", "size", "seed", "epoch", *ASPECTS],
+)  # fmt: skip
+HIDDEN = ("head", "relation", "tail")
+
+
+class ReadingCase(Section):
+    """An entry of ``readings`` in the params of the second pipeline: a graph and the conditions of its training."""
+
+    title: str  #: in the report
+    graph: GraphOf
+    sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
+    initializers: Annotated[list[Name], Field(min_length=1)]
+    finetuned: Annotated[list[Count], EachOnce]  #: sizes that are fine-tuned; the others only measured at once
+    curves: Annotated[list[Count], EachOnce]  #: of these, sizes with learning curves, fine-tuned for all epochs
+    #: readings by name: a run ends once it has converged under each of them
+    followed: Annotated[list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings")]
+    indicators: Annotated[dict[Name, list[Count]], Field(default_factory=dict)]  #: numbers k of a sweep
+    changes: Changes
+
+
+def _names() -> list[str]:
+    return [reading.name for reading in readings.readings()]
+
+
+@dataclass(frozen=True)
+class ReadingTables:
+    """The tables of a case."""
+
+    ranks: pd.DataFrame
+    readings: pd.DataFrame
+    curves: pd.DataFrame
+
+
+#: An initializer with its options, and its number of indicators if that is swept, else 0.
+Inserted = tuple[InsertConfig, int]
+
+
+#: Arguments of ``measure_stack``.
+ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Inserted | None, Sequence[str], bool]
+
+
+def measure(params: Params, case: ReadingCase, store: Store) -> ReadingTables:
+    """Train, insert, fine-tune and measure a case; ``params`` include its changes."""
+    config = train_config(params)
+    grid = store.grid(stack_height(params.compute))
+    trained = run(train_stack, [(points, config, 0) for points in grid], params.compute, f"{store.experiment}, Θ⁰")
+    joint_of = _joint_models(params, grid, config, store.experiment)
+    tasks = list[ReadingTask]()
+    for points, result in zip(grid, trained, strict=True):
+        joint = joint_of[tuple(points.seeds)]
+        sizes = points.size in case.finetuned, points.size in case.curves
+        for inserted in _initializers(params, case, sizes[0]):
+            tasks.append((points, result.theta, joint, store.words(), inserted, case.followed, sizes[1]))
+        tasks.append((points, joint, joint, store.words(), None, case.followed, False))
+    parts = run(measure_stack, tasks, params.compute, f"{store.experiment}, readings")
+    return ReadingTables(*(pd.concat(tables) for tables in zip(*parts, strict=True)))
+
+
+def _joint_models(
+    params: Params, grid: Sequence[GridPoints], config: TrainConfig, name: str
+) -> dict[tuple[int, ...], Embedding]:
+    """The joint model of each stack of seeds; all sizes share it."""
+    tasks = joint_tasks(grid, config)
+    trained = run(train_stack, tasks, params.compute, f"{name}, joint")
+    return {tuple(task[0].seeds): result.theta for task, result in zip(tasks, trained, strict=True)}
+
+
+def _initializers(params: Params, case: ReadingCase, finetuned: bool) -> Iterator[Inserted]:
+    """The initializers of a case, then those of its sweep, ready for insertion."""
+    swept = [(name, {"k": k}, k) for name, numbers in case.indicators.items() for k in numbers]
+    for name, changed, k in [*((name, {}, 0) for name in case.initializers), *swept]:
+        options: Mapping[str, Option] = {**params.initializers[name], **changed}
+        config = insert_config(params, name, options=options)
+        yield config if finetuned else config.training(max_epochs=0), k
+
+
+def measure_stack(
+    points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, inserted: Inserted | None,
+    followed: Sequence[str], curves: bool,
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:  # fmt: skip
+    """Ranks, readings and curves of one initializer at a stack of grid points; of the joint model without one."""
+    session, novel = points.session(1), points.novel_in(1)
+    queries = reading_queries(session, novel)
+    model, k = (inserted[0].initializer, inserted[1]) if inserted else (JOINT_MODEL, 0)
+    if inserted:
+        config, _ = inserted
+        context = init_context(points, theta, words, config.root)
+        initial = api.INITIALIZERS.get(config.initializer, "").initialize(context, config.options)
+        theta = with_vectors(theta, novel, initial.vectors)
+    ranks = readings.rank_all(theta, queries)
+    measured = readings.values(ranks, queries)
+    epochs, seen = None, list[tuple[int, np.ndarray]]()
+    if inserted and config.optimizer.max_epochs:
+        target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
+        watch = ReadingWatch(queries, target, config.optimizer.max_epochs, readings.places_of(followed), curves)
+        finetune(points, theta, config, watch)
+        epochs, seen = watch.epochs, watch.seen
+    seeds = np.array(points.seeds)
+    columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
+    return (
+        _rank_rows(session, novel, queries, ranks, seeds).assign(**columns),
+        _reading_rows(measured, epochs, seeds).assign(**columns),
+        _curve_rows(seen, followed, seeds).assign(**columns),
+    )
+
+
+class ReadingWatch:
+    """Watches fine-tuning under every reading: ``epochs`` until MRR* reached the target, (M, readings), float64.
+
+    Without ``curves``, an embedding ends once it has converged under each of the ``followed`` readings. Then ``epochs``
+    is NaN where it had not yet converged under another one; ``last``, the maximum, where it never does.
+    """
+
+    def __init__(
+        self, queries: ReadingQueries, target: Tensor, last: int, followed: Sequence[int], curves: bool
+    ) -> None:  # fmt: skip
+        self.queries, self.target, self.last, self.followed = queries, target, last, list(followed)
+        self.first = torch.full(target.shape, -1)
+        self.ended = torch.zeros(len(target), dtype=torch.int64)
+        self.curves, self.seen = curves, list[tuple[int, np.ndarray]]()
+
+    @property
+    def epochs(self) -> np.ndarray:
+        never = torch.where(self.ended == self.last, float(self.last), torch.nan)[:, None]
+        decided = torch.where(self.first >= 0, self.first.double(), never)
+        return decided.masked_fill(self.target.isnan(), torch.nan).numpy()
+
+    def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        measured = readings.values(readings.rank_all(embedding, self.queries), self.queries)
+        is_reached = readings.reached(measured, self.target[models])
+        self.first[models] = torch.where(is_reached & (self.first[models] < 0), epoch, self.first[models])
+        self.ended[models] = epoch
+        if self.curves:
+            self.seen.append((epoch, measured[:, self.followed].numpy()))
+            return never_stop(epoch, embedding, models)
+        undecided = (self.first[models] < 0) & ~self.target[models].isnan()
+        going_on = undecided[:, self.followed].any(1)
+        if not going_on.all():
+            self.queries = select(self.queries, going_on)
+        return going_on
+
+
+def _rank_rows(
+    session: Session, novel: Tensor, queries: ReadingQueries, ranks: QueryRanks, seeds: np.ndarray
+) -> pd.DataFrame:
+    """Rows of ``RANKS`` without the model's columns and the size."""
+    graph, new = session.graph, touches(session.graph, membership(novel, session.entities.shape[1]))
+    model, query = (queries.triples >= 0).nonzero(as_tuple=True)
+    triple = queries.triples[model, query]
+    frames = []
+    for slot, hidden in enumerate(HIDDEN):
+        columns = {
+            "seed": seeds[model], "triple": triple, "hidden": hidden,
+            "relation": np.array(graph.relations)[graph.triples[triple, 1]],
+            "split": np.array(SPLIT_NAMES)[session.splits[model, triple]],
+            "novel": new[model, triple].long(), "count": graph.counts[triple],
+        }  # fmt: skip
+        for place, (filter_name, truth) in enumerate(RANKINGS):
+            columns[f"closeness_{filter_name}_{truth}"] = ranks.closeness[model, place, slot, query].double()
+            columns[f"rank_{filter_name}"] = ranks.rank[model, place, slot, query].double()
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames)
+
+
+def _reading_rows(measured: Tensor, epochs: np.ndarray | None, seeds: np.ndarray) -> pd.DataFrame:
+    """Rows of ``READINGS`` without the model's columns and the size."""
+    frame = _by_reading(readings.readings(), seeds).assign(mrr_star=measured.flatten().numpy())
+    number = np.full(measured.numel(), np.nan) if epochs is None else epochs.flatten()
+    return frame.assign(epochs=number)
+
+
+def _curve_rows(seen: Sequence[tuple[int, np.ndarray]], followed: Sequence[str], seeds: np.ndarray) -> pd.DataFrame:
+    """Rows of ``READING_CURVES`` without the model's columns and the size."""
+    columns = _by_reading([readings.Reading.of(name) for name in followed], seeds)
+    frames = [columns.assign(epoch=epoch, mrr_star=values.flatten()) for epoch, values in seen]
+    return pd.concat(frames) if frames else columns.head(0).assign(epoch=0, mrr_star=0.0)
+
+
+def _by_reading(shown: Sequence[readings.Reading], seeds: np.ndarray) -> pd.DataFrame:
+    """A row for each seed and reading, with the columns of both."""
+    columns: dict[str, Any] = {"seed": np.repeat(seeds, len(shown))}
+    for aspect in ASPECTS:
+        names = [getattr(reading, aspect) for reading in shown]
+        columns[aspect] = pd.Categorical(names * len(seeds))
+    return pd.DataFrame(columns)
