@@ -17,8 +17,9 @@ def measure_readings(context: StageContext, case: str) -> None:
         tables = tables_of(settings.graph, mined, f"{key}.graph", params.seed)
         store = Store.drawn(case, tables, params.words, settings.sessions, params.sessions, params.seed, key)
     measured = measure(changed(params, settings.changes), settings, store)
-    for table, rows in ((RANKS, measured.ranks), (READINGS, measured.readings), (READING_CURVES, measured.curves)):
-        table.write(rows, context.stage, case=case)
+    RANKS.write(measured.ranks, context.stage, case=case)
+    READINGS.write(measured.readings, context.stage, case=case)
+    READING_CURVES.write(measured.curves, context.stage, case=case)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,7 +27,7 @@ from isi.graph.sessions import SPLIT_NAMES, Session, SessionsOf, membership, tou
 from isi.initializers import api
 from isi.models.stack import Embedding, select
 from isi.tables.rules import FROM_0, NAME, SHARE, at_least, one_of
-from isi.tables.table import Table
+from isi.tables.table import Table, TensorFile
 from isi.training.trainer import never_stop
 
 if TYPE_CHECKING:
@@ -48,15 +49,13 @@ RANKS = Table(
 #: for a run that never did, null for the joint model and for a run that ended before this reading was decided.
 READINGS = Table(
     "data/beyond/readings/{case}.parquet",
-    {**MODEL, **SIZE_AND_SEED, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional, "epochs": at_least(0, "float64").optional},
+    {**MODEL, **SIZE_AND_SEED, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional,
+     "epochs": at_least(0, "float64").optional},
     key=["model", "k", "size", "seed", *ASPECTS],
 )  # fmt: skip
-#: MRR* by epoch under the followed readings.
-READING_CURVES = Table(
-    "data/beyond/readings/{case}.curves.parquet",
-    {**MODEL, **SIZE_AND_SEED, "epoch": FROM_0, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional},
-    key=["model", "k", "size", "seed", "epoch", *ASPECTS],
-)  # fmt: skip
+#: MRR* by epoch under each reading, -1 without queries: a tensor ``MODEL.size=NN`` for each initializer and each size
+#: with curves; shape (seeds, epochs, readings), float32.
+READING_CURVES = TensorFile("data/beyond/readings/{case}.curves.safetensors")
 HIDDEN = ("head", "relation", "tail")
 
 
@@ -68,8 +67,8 @@ class ReadingCase(Section):
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
     initializers: Annotated[list[Name], Field(min_length=1)]
     finetuned: Annotated[list[Count], EachOnce]  #: sizes that are fine-tuned; the others only measured at once
-    curves: Annotated[list[Count], EachOnce]  #: of these, sizes with learning curves, fine-tuned for all epochs
-    #: readings by name: a run ends once it has converged under each of them
+    curves: Annotated[list[Count], EachOnce]  #: of these, sizes that are fine-tuned for all epochs, for learning curves
+    #: readings by name: a run without curves ends once it has converged under each of them; []: under every one
     followed: Annotated[list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings")]
     indicators: Annotated[dict[Name, list[Count]], Field(default_factory=dict)]  #: numbers k of a sweep
     changes: Changes
@@ -85,7 +84,7 @@ class ReadingTables:
 
     ranks: pd.DataFrame
     readings: pd.DataFrame
-    curves: pd.DataFrame
+    curves: dict[str, Tensor]
 
 
 #: An initializer with its options, and its number of indicators if that is swept, else 0.
@@ -110,7 +109,12 @@ def measure(params: Params, case: ReadingCase, store: Store) -> ReadingTables:
             tasks.append((points, result.theta, joint, store.words(), inserted, case.followed, sizes[1]))
         tasks.append((points, joint, joint, store.words(), None, case.followed, False))
     parts = run(measure_stack, tasks, params.compute, f"{store.experiment}, readings")
-    return ReadingTables(*(pd.concat(tables) for tables in zip(*parts, strict=True)))
+    ranks, rows, curved = zip(*parts, strict=True)
+    curves = defaultdict[str, list[Tensor]](list)
+    for task, seen in zip(tasks, curved, strict=True):
+        if seen is not None and task[4] is not None:
+            curves[f"{task[4][0].initializer}.size={task[0].size:02d}"].append(seen)
+    return ReadingTables(pd.concat(ranks), pd.concat(rows), {name: torch.cat(of) for name, of in curves.items()})
 
 
 def _joint_models(
@@ -134,8 +138,11 @@ def _initializers(params: Params, case: ReadingCase, finetuned: bool) -> Iterato
 def measure_stack(
     points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, inserted: Inserted | None,
     followed: Sequence[str], curves: bool,
-) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:  # fmt: skip
-    """Ranks, readings and curves of one initializer at a stack of grid points; of the joint model without one."""
+) -> tuple[pd.DataFrame, pd.DataFrame, Tensor | None]:  # fmt: skip
+    """Ranks, readings and, with ``curves``, MRR* by epoch, (seeds, epochs, readings), at a stack of grid points.
+
+    ``inserted``: the initializer; None: the joint model is measured.
+    """
     session, novel = points.session(1), points.novel_in(1)
     queries = reading_queries(session, novel)
     model, k = (inserted[0].initializer, inserted[1]) if inserted else (JOINT_MODEL, 0)
@@ -146,18 +153,18 @@ def measure_stack(
         theta = with_vectors(theta, novel, initial.vectors)
     ranks = readings.rank_all(theta, queries)
     measured = readings.values(ranks, queries)
-    epochs, seen = None, list[tuple[int, np.ndarray]]()
+    epochs, seen = None, None
     if inserted and config.optimizer.max_epochs:
         target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
         watch = ReadingWatch(queries, target, config.optimizer.max_epochs, readings.places_of(followed), curves)
         finetune(points, theta, config, watch)
-        epochs, seen = watch.epochs, watch.seen
+        epochs, seen = watch.epochs, torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None
     seeds = np.array(points.seeds)
     columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
     return (
         _rank_rows(session, novel, queries, ranks, seeds).assign(**columns),
         _reading_rows(measured, epochs, seeds).assign(**columns),
-        _curve_rows(seen, followed, seeds).assign(**columns),
+        seen,
     )
 
 
@@ -171,10 +178,11 @@ class ReadingWatch:
     def __init__(
         self, queries: ReadingQueries, target: Tensor, last: int, followed: Sequence[int], curves: bool
     ) -> None:  # fmt: skip
-        self.queries, self.target, self.last, self.followed = queries, target, last, list(followed)
+        self.queries, self.target, self.last = queries, target, last
+        self.followed = list(followed) or list(range(target.shape[1]))
         self.first = torch.full(target.shape, -1)
         self.ended = torch.zeros(len(target), dtype=torch.int64)
-        self.curves, self.seen = curves, list[tuple[int, np.ndarray]]()
+        self.curves, self.seen = curves, list[Tensor]()
 
     @property
     def epochs(self) -> np.ndarray:
@@ -188,7 +196,7 @@ class ReadingWatch:
         self.first[models] = torch.where(is_reached & (self.first[models] < 0), epoch, self.first[models])
         self.ended[models] = epoch
         if self.curves:
-            self.seen.append((epoch, measured[:, self.followed].numpy()))
+            self.seen.append(measured)
             return never_stop(epoch, embedding, models)
         undecided = (self.first[models] < 0) & ~self.target[models].isnan()
         going_on = undecided[:, self.followed].any(1)
@@ -224,13 +232,6 @@ def _reading_rows(measured: Tensor, epochs: np.ndarray | None, seeds: np.ndarray
     frame = _by_reading(readings.readings(), seeds).assign(mrr_star=measured.flatten().numpy())
     number = np.full(measured.numel(), np.nan) if epochs is None else epochs.flatten()
     return frame.assign(epochs=number)
-
-
-def _curve_rows(seen: Sequence[tuple[int, np.ndarray]], followed: Sequence[str], seeds: np.ndarray) -> pd.DataFrame:
-    """Rows of ``READING_CURVES`` without the model's columns and the size."""
-    columns = _by_reading([readings.Reading.of(name) for name in followed], seeds)
-    frames = [columns.assign(epoch=epoch, mrr_star=values.flatten()) for epoch, values in seen]
-    return pd.concat(frames) if frames else columns.head(0).assign(epoch=0, mrr_star=0.0)
 
 
 def _by_reading(shown: Sequence[readings.Reading], seeds: np.ndarray) -> pd.DataFrame:

@@ -12,6 +12,7 @@ import pandas as pd
 from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
+from isi.analyses.readings import READINGS
 from isi.analyses.trajectory import TRACED, TRAJECTORY
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.evaluation.query_sets import epochs_to_convergence
@@ -22,6 +23,7 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
+from isi.report.readings import CaseRuns
 from isi.report.stats import DIRECTIONS, ByScope
 from isi.report.tables import Estimate
 from isi.report.words import JOINT
@@ -238,6 +240,8 @@ class Results:
     mined: Mapping[str, pd.DataFrame]
     variants: Sequence[VariantRuns] = ()
     other_graphs: Sequence[VariantRuns] = ()
+    #: cases measured under every reading of the paper's metric that were run, by name
+    readings: Mapping[str, CaseRuns] = field(default_factory=dict)
 
     @property
     def standalone(self) -> list[Experiment]:
@@ -276,6 +280,16 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
+    )  # fmt: skip
+
+
+def read_readings(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
+    """The cases of ``readings`` that were run, without the experiments of the first pipeline."""
+    cases = load_beyond(params, runs=False).readings
+    return Results(
+        params=params, run=run, paper=paper_values.read(paths.PAPER), experiments={}, definitions=pd.DataFrame(),
+        vocabulary={}, observed={}, mined={},
+        readings={name: CaseRuns.read(name, case) for name, case in cases.items() if READINGS.path(case=name).exists()},
     )  # fmt: skip
 
 

@@ -128,7 +128,10 @@ def marked_up(text: str, ids: Collection[str]) -> Markup:
 def foot(results: Results) -> list[str]:
     """Paragraphs at the foot of a page: the paper, the run, the licence."""
     code = results.run.get("Hashes (SHA-256)", {}).get("code and shipped inputs", "")
-    graphs = joined(experiment.title for experiment in results.standalone)
+    titles = [experiment.title for experiment in results.standalone] or [
+        runs.case.title for runs in results.readings.values()
+    ]
+    graphs = joined(titles)
     return [
         "Angel Daruna, Weiyu Liu, Zsolt Kira, Sonia Chernova: [Leveraging Semantics for Incremental Learning in "
         "Multi-Relational Embeddings](https://arxiv.org/abs/1905.12181), 2019. Please cite the paper (CITATION.cff).",
