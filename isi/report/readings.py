@@ -155,7 +155,8 @@ def epochs(model: str, statistic: str = "mean") -> Measured:
             return mean
         square = _over_sizes([_means(of_size**2, weights) for of_size in sizes])
         number = len(sizes) * runs.seeds
-        deviation: np.ndarray = np.sqrt((square - mean**2).clip(min=0) * (number / (number - 1)))
+        variance = np.where(np.isinf(mean), inf, square - np.where(np.isinf(mean), 0.0, mean) ** 2)
+        deviation: np.ndarray = np.sqrt(variance.clip(min=0) * (number / (number - 1)))
         return deviation
 
     return measured
@@ -256,9 +257,11 @@ def _interval(result: PaperResult, runs: CaseRuns, repeats: int) -> tuple[np.nda
     distinct, back = np.unique(places, return_inverse=True)
     even = np.full((1, runs.seeds), 1 / runs.seeds)
     values = result.measured(runs, distinct, even)[0]
-    values = np.where(np.isfinite(values), values, nan)
     resampled = result.measured(runs, distinct, stats.resamples(runs.seeds)[:RESAMPLES] / runs.seeds)
-    low, high = np.nanpercentile(np.where(np.isfinite(values + resampled), resampled, values), (2.5, 97.5), axis=0)
+    measured = np.isfinite(values)
+    resampled = np.where(np.isfinite(resampled), resampled, np.nan_to_num(values, posinf=0.0))
+    low, high = np.percentile(resampled, (2.5, 97.5), axis=0)
+    values, low, high = (np.where(measured, part, nan) for part in (values, low, high))
     wider = sqrt(1 + runs.seeds / repeats)
     return values[back], (values - wider * (values - low))[back], (values + wider * (high - values))[back]
 
