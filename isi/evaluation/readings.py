@@ -150,9 +150,14 @@ def values(ranks: QueryRanks, queries: ReadingQueries) -> Tensor:
 
 
 def reached(measured: Tensor, target: Tensor) -> Tensor:
-    """Where MRR* is at its target or above; "both" needs known and novel; NaN: never; shapes: (M, readings)."""
-    is_reached = (measured >= target).reshape(len(measured), len(QUERIES), len(ABOUT), -1)
-    is_reached[:, :, 3] = is_reached[:, :, 1] & is_reached[:, :, 2]
+    """Where MRR* is at its target or above; NaN: never; shapes: (M, readings).
+
+    "both" needs known and novel, or the one of them that has queries.
+    """
+    shape = len(measured), len(QUERIES), len(ABOUT), -1
+    is_reached, absent = (measured >= target).reshape(shape), target.isnan().reshape(shape)
+    fulfilled = is_reached | absent
+    is_reached[:, :, 3] = fulfilled[:, :, 1] & fulfilled[:, :, 2]
     return is_reached.reshape(measured.shape)
 
 
