@@ -64,12 +64,25 @@ class Reading:
 
 
 ASPECTS = tuple(field.name for field in fields(Reading))
+#: The choices of each aspect, in the order of ``readings()``.
+CHOICES = {
+    aspect: tuple(choices)
+    for aspect, choices in zip(ASPECTS, (QUERIES, ABOUT, WEIGHTS, SLOTS, FILTERS, TRUTHS), strict=True)
+}
 
 
 @cache
 def readings() -> tuple[Reading, ...]:
     """Every reading."""
-    return tuple(Reading(*choices) for choices in product(QUERIES, ABOUT, WEIGHTS, SLOTS, FILTERS, TRUTHS))
+    return tuple(Reading(*choices) for choices in product(*CHOICES.values()))
+
+
+def place_of(reading: Reading) -> int:
+    """The place of a reading in ``readings()``."""
+    place = 0
+    for aspect, choices in CHOICES.items():
+        place = place * len(choices) + choices.index(getattr(reading, aspect))
+    return place
 
 
 @dataclass(frozen=True)
@@ -168,5 +181,4 @@ def reached(measured: Tensor, target: Tensor) -> Tensor:
 
 def places_of(names: Sequence[str]) -> list[int]:
     """Places in ``readings()`` of the readings with these names."""
-    order = {reading.name: place for place, reading in enumerate(readings())}
-    return [order[name] for name in names]
+    return [place_of(Reading.of(name)) for name in names]

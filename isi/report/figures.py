@@ -152,7 +152,8 @@ def by_epoch(
         panel.set_xticks(ticks, list(map(str, ticks)))
         panel.minorticks_off()
         panel.set_xlim(-0.3, max(last, 1) * 1.05)
-        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabels[min(place, len(ylabels) - 1)])
+        title, ylabel = SCOPES.get(scope, scope), ylabels[min(place, len(ylabels) - 1)]
+        panel.set(title=title, xlabel="epoch of fine-tuning", ylabel=ylabel)
     legend(canvas, axes)
     return canvas
 

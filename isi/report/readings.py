@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from isi.analyses.readings import READING_CURVES, READINGS, ReadingCase
-from isi.evaluation.readings import ABOUT, ASPECTS, FILTERS, QUERIES, SLOTS, TRUTHS, WEIGHTS, Reading, readings
+from isi.evaluation.readings import CHOICES, Reading, place_of, readings
 from isi.report import stats
 from isi.report.tables import Estimate
 from isi.report.words import BASELINE, JOINT, isi
@@ -25,7 +25,6 @@ FAR = 10.0
 PRINTED = 0.05
 #: The product's reading, that of the report: ``mrr_star`` in scope ``all``.
 OURS = Reading()
-_CHOICES = dict(zip(ASPECTS, (QUERIES, ABOUT, WEIGHTS, SLOTS, FILTERS, TRUTHS), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +43,8 @@ class CaseRuns:
         """The tables of a case."""
         frame = READINGS.read(case=name)
         place = np.zeros(len(frame), np.int64)
-        for aspect, choices in _CHOICES.items():
-            codes = pd.Categorical(frame[aspect], categories=list(choices)).codes
+        for aspect, choices in CHOICES.items():
+            codes = pd.Categorical(frame[aspect], categories=choices).codes
             place = place * len(choices) + codes
         frame = frame.assign(place=place)
         mrr_star, epochs = dict[Any, np.ndarray](), dict[Any, np.ndarray]()
@@ -150,6 +149,8 @@ def epochs(model: str, statistic: str = "mean") -> Measured:
 
     def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
         sizes = [runs.epochs[model, 0, size][:, places] for size in sorted(runs.case.finetuned)]
+        if not sizes:
+            return np.full((len(weights), len(places)), nan)
         mean = _over_sizes([_means(of_size, weights) for of_size in sizes])
         if statistic == "mean":
             return mean
@@ -163,10 +164,10 @@ def epochs(model: str, statistic: str = "mean") -> Measured:
 
 
 def best_indicators(model: str) -> Measured:
-    """The number of indicators with the highest mean MRR* right after insertion (Figure 2a)."""
+    """The number of indicators with the highest mean MRR* right after insertion, at the first size (Figure 2a)."""
 
     def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        (size,), numbers = runs.sizes, runs.swept(model)
+        size, numbers = runs.sizes[0], runs.swept(model)
         means = np.stack([_means(runs.mrr_star[model, k, size][:, places], weights) for k in numbers])
         best = np.array(numbers, float)[np.nan_to_num(means).argmax(0)]
         return np.where(np.isnan(means).all(0), nan, best)
@@ -269,9 +270,3 @@ def _interval(result: PaperResult, runs: CaseRuns, repeats: int) -> tuple[np.nda
 def about(reading: Reading, whom: str) -> Reading:
     """The reading with ``about`` replaced; as it is, if ``whom`` is empty."""
     return replace(reading, about=whom) if whom else reading
-
-
-def place_of(reading: Reading) -> int:
-    """The place of a reading in ``readings()``."""
-    places = [list(choices).index(getattr(reading, aspect)) for aspect, choices in _CHOICES.items()]
-    return int(np.ravel_multi_index(places, [len(choices) for choices in _CHOICES.values()]))

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from isi import config
-from isi.evaluation.readings import ASPECTS, Reading, readings
+from isi.evaluation.readings import ASPECTS, Reading, place_of, readings
 from isi.report import readings as fits
 from isi.report.data import Results
-from isi.report.figures import legend, panels, with_band
-from isi.report.readings import CaseRuns, Fit, PaperResult, place_of
+from isi.report.figures import by_epoch, legend, panels, with_band
+from isi.report.readings import CaseRuns, Fit, PaperResult
 from isi.report.section import Content
 from isi.report.stats import ratios
 from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, JOINT, TEMPLATES, colour, isi, label, line_style
+from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label, line_style
 
 #: What the paper's words say, and the readings of the table of graphs.
 ABOUT = config.read(TEMPLATES / "readings.yaml")
 BEST = 10  #: Readings in the table of the best.
+MAIN = "published"  #: The case without which there is no page.
 #: Cases from this project's run to the paper's, by that of the result: its conditions on today's graph, the paper's
 #: conditions there, the paper's graph.
 STEPS = {
@@ -73,7 +74,7 @@ def title_of(result: PaperResult) -> str:
 
 def paper_results(results: Results) -> Iterator[Content]:
     """Every result beside its value under the chosen reading, and under this project's."""
-    if not results.readings:
+    if MAIN not in results.readings:
         return
     fit, reading = fit_of(results), chosen(results)
     place, ours = place_of(reading), place_of(fits.OURS)
@@ -95,7 +96,7 @@ def paper_results(results: Results) -> Iterator[Content]:
         "outside": [title_of(result) for result, word in zip(fit.results, words, strict=True)
                     if word != "within the interval"],
         "never": [title_of(result) for row, result in enumerate(fit.results) if not fit.within[row].any()],
-        "same_order": words.count("same order"), "drawn": results.readings["published"].seeds,
+        "drawn": results.readings[MAIN].seeds,
         "most": int(fit.within.sum(0).max()), "of_most": in_words(readings()[int(fit.within.sum(0).argmax())]),
     }  # fmt: skip
     counted = {"one allowed by the paper's words": place, "this project's": ours}
@@ -120,7 +121,7 @@ def same_orders(fit: Fit, place: int) -> dict[tuple[str, str], bool]:
 
 def which_reading(results: Results) -> Iterator[Content]:
     """The nearest readings, this project's, the choice on one half of the results shown on the other, neighbours."""
-    if not results.readings:
+    if MAIN not in results.readings:
         return
     fit, reading, every = fit_of(results), chosen(results), readings()
     order = fit.order()
@@ -130,7 +131,7 @@ def which_reading(results: Results) -> Iterator[Content]:
     near = [_reading_row(fit, place_of(other), order) for other in reading.neighbours]
     near.sort(key=lambda row: int(row["rank"]))
     numbers = {
-        "reading": in_words(reading), "best": in_words(every[order[0]]), "number": len(every), "halves": halves,
+        "reading": in_words(reading), "number": len(every), "halves": halves,
         "allowed": sum(map(allowed, every)), "far": fits.FAR,
     }  # fmt: skip
     yield Content(numbers, {"nearest_readings": table, "neighbours_of_the_reading": near})
@@ -162,14 +163,11 @@ def _half(fit: Fit, kept: int) -> dict[str, Any]:
 
 def gaps(results: Results) -> Iterator[Content]:
     """How much of each gap the reading, the conditions and the graph explain."""
-    if not results.readings:
+    if MAIN not in results.readings:
         return
     fit, reading = fit_of(results), chosen(results)
-    rows = [
-        row for result in fit.results
-        if result.case in STEPS and set(STEPS[result.case]) <= set(results.readings)
-        if (row := _steps(results, result, reading))
-    ]  # fmt: skip
+    run = {case for case, steps in STEPS.items() if set(steps) <= set(results.readings)}
+    rows = [_steps(results, result, reading) for result in fit.results if result.case in run]
     yield Content({"reading": in_words(reading)}, {"steps_to_the_paper": rows})
 
 
@@ -184,14 +182,11 @@ def _steps(results: Results, result: PaperResult, reading: Reading) -> dict[Any,
     return {"what": title_of(result), **values, "paper": result.paper}
 
 
-def _measured(result: PaperResult, runs: CaseRuns, reading: Reading) -> float | None:
-    """A result under one reading; None where the case has not what it needs."""
+def _measured(result: PaperResult, runs: CaseRuns, reading: Reading) -> float:
+    """A result under one reading; NaN for epochs where no size was fine-tuned."""
     places = np.array([place_of(fits.about(reading, result.about))])
     weights = np.full((1, runs.seeds), 1 / runs.seeds)
-    try:
-        return float(result.measured(runs, places, weights)[0, 0])
-    except ValueError:  # no size was fine-tuned
-        return None
+    return float(result.measured(runs, places, weights)[0, 0])
 
 
 def on_three_graphs(results: Results) -> Iterator[Content]:
@@ -227,39 +222,43 @@ def mean_of(parts: Sequence[np.ndarray], reading: Reading) -> Estimate:
 
 def drawn(results: Results) -> Iterator[Content]:
     """The paper's figures and tables under the chosen reading, with this project's as the second form."""
-    if not results.readings:
+    if MAIN not in results.readings:
         return
     reading, cases, tables, figures = chosen(results), results.readings, dict[str, Any](), dict[str, Canvas]()
     pairs = {"the chosen reading": reading, "this project's": fits.OURS}
     if "sweep" in cases:
         figures["figure2_readings"] = _by_indicators(cases["sweep"], pairs)
-    for name in ("published", "ai2thor"):
+    for name in (MAIN, "ai2thor"):
         if name in cases:
             figures[f"figure3a_readings_{name}"] = _by_size(cases[name], pairs)
+        if name in cases and cases[name].case.finetuned:
+            tables[f"table2_readings_{name}"] = _table2(results, cases[name], pairs)
+        if name in cases and cases[name].case.curves:
             figures[f"figure3b_readings_{name}"] = _by_epoch(results, cases[name], pairs)
     if "extended" in cases:
+        tables["transfer_readings"] = _transfer(results, cases["extended"], pairs)
+    if "extended" in cases and cases["extended"].case.curves:
         known = {title: fits.about(of, "known") for title, of in pairs.items()}
         figures["figure4_readings"] = _by_epoch(results, cases["extended"], known)
-        tables["transfer_readings"] = _transfer(results, cases["extended"], pairs)
-    for name in ("published", "ai2thor"):
-        if name in cases:
-            tables[f"table2_readings_{name}"] = _table2(results, cases[name], pairs)
-    if "decay" in cases:
+    if "decay" in cases and set(cases["decay"].case.finetuned) & set(cases[MAIN].case.finetuned):
         tables["decay_readings"] = _decay(results, cases, reading)
-    yield Content({"reading": in_words(reading), "cases": cases, "parts": _centre(cases, pairs)}, tables, figures)
+    numbers = {
+        "reading": in_words(reading), "both": reading.about == "both", "cases": cases, "parts": _centre(cases, pairs),
+        "figures": list(figures),
+    }  # fmt: skip
+    yield Content(numbers, tables, figures)
 
 
 def _by_indicators(runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
     """Figure 2: MRR* right after insertion, and epochs to convergence, by number of indicators."""
-    canvas, axes = panels(4, 2, 6.4)
-    (size,), models = runs.sizes, list(runs.case.indicators)
-    for column, (title, reading) in enumerate(pairs.items()):
-        for row, (values, name) in enumerate(((runs.mrr_star, "MRR* (points)"), (runs.epochs, "epochs"))):
-            panel = axes[2 * row + column]
-            for model in models:
-                frames = [_rows(values[model, k, size], reading).assign(k=k) for k in runs.swept(model)]
-                with_band(panel, pd.concat(frames), "k", "value", 1, 0.1, marker="o", ms=3, **line_style(model, models))
-            panel.set(title=title, xlabel="number of indicators k", ylabel=name)
+    size, models = runs.sizes[0], list(runs.case.indicators)
+    measures = {"MRR* (points)": runs.mrr_star} | ({"epochs": runs.epochs} if size in runs.case.finetuned else {})
+    canvas, axes = panels(2 * len(measures), 2, 3.2 * len(measures))
+    for panel, ((name, values), title) in zip(axes, product(measures.items(), pairs), strict=True):
+        for model in models:
+            frames = [_rows(values[model, k, size], pairs[title]).assign(k=k) for k in runs.swept(model)]
+            with_band(panel, pd.concat(frames), "k", "value", 1, 0.1, marker="o", ms=3, **line_style(model, models))
+        panel.set(title=title, xlabel="number of indicators k", ylabel=name)
     legend(canvas, axes)
     return canvas
 
@@ -277,27 +276,19 @@ def _by_size(runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
 
 
 def _by_epoch(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
-    """Figures 3b and 4: MRR* by epoch of fine-tuning; lines at the joint model's mean and at the margin below it."""
-    canvas, axes = panels(len(pairs))
-    (size, *_) = runs.case.curves
-    for panel, (title, reading) in zip(axes, pairs.items(), strict=True):
-        for model in runs.case.initializers:
-            curve = 100 * runs.curves[f"{model}.size={size:02d}"][:, :, place_of(reading)].astype(float)
-            curve[curve < 0] = np.nan
+    """Figures 3b and 4: MRR* by epoch of fine-tuning."""
+    frames, size = list[pd.DataFrame](), runs.case.curves[0]
+    for title, reading in pairs.items():
+        place = place_of(reading)
+        curves = {model: runs.curves[f"{model}.size={size:02d}"][:, :, place] for model in runs.case.initializers}
+        curves[JOINT] = runs.mrr_star[JOINT, 0, size][:, [place]] / 100
+        for model, curve in curves.items():
             seeds, epochs = np.indices(curve.shape)
-            rows = pd.DataFrame({"seed": seeds.ravel(), "epoch": epochs.ravel(), "value": curve.ravel()})
-            with_band(panel, rows, "epoch", "value", 1, 0.1, **line_style(model, runs.models))
-        joint = float(np.nanmean(runs.mrr_star[JOINT, 0, size][:, place_of(reading)]))
-        panel.axhline(joint, color=colour(JOINT, runs.models), lw=1.2, ls="--", label=label(JOINT))
-        _margin(results, panel, joint)
-        panel.set(title=title, xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    legend(canvas, axes)
-    return canvas
-
-
-def _margin(results: Results, panel: Axes, joint: float) -> None:
-    below = joint - 100 * results.params.convergence.margin
-    panel.axhline(below, color=colour(JOINT, [JOINT]), lw=1, ls=":", label="margin of convergence")
+            columns = {"seed": seeds.ravel(), "epoch": epochs.ravel(), "mrr_star": curve.ravel().astype(float)}
+            frames.append(pd.DataFrame(columns).assign(model=model, scope=title))
+    rows = pd.concat(frames)
+    rows["mrr_star"] = rows["mrr_star"].mask(rows["mrr_star"] < 0)  # no queries
+    return by_epoch(rows, runs.case.initializers, list(pairs), results.params.convergence.margin)
 
 
 def _rows(values: np.ndarray, reading: Reading) -> pd.DataFrame:
@@ -314,7 +305,8 @@ def _table2(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> l
         for title, reading in pairs.items():
             every = np.concatenate([of_size[:, place_of(reading)] for of_size in sizes])
             row[Column("mean", title)] = mean_of(sizes, reading)
-            row[Column("deviation", title)] = float(np.std(every[np.isfinite(every)], ddof=1))
+            decided = every[np.isfinite(every)]
+            row[Column("deviation", title)] = float(np.std(decided, ddof=1)) if len(decided) > 1 else np.nan
         numbers = paper.get(model, {})
         row |= {Column(name, "paper"): numbers.get(name) for name in ("mean", "deviation")}
         rows.append(row)
@@ -335,20 +327,22 @@ def _transfer(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) ->
 
 
 def _decay(results: Results, cases: Mapping[str, CaseRuns], reading: Reading) -> list[dict[Any, Any]]:
-    """Epochs to convergence at one size with each weight decay of fine-tuning."""
-    (size,) = cases["decay"].sizes
-    paper = results.paper["convergence"]["epochs"]
-    rows = []
+    """Epochs to convergence at the sizes of both cases, with each weight decay of fine-tuning."""
+    compared = {name: cases[name] for name in (MAIN, "decay")}
+    sizes = sorted(set.intersection(*(set(runs.case.finetuned) for runs in compared.values())))
+    paper, rows = results.paper["convergence"]["epochs"], list[dict[Any, Any]]()
     for model in cases["decay"].case.initializers:
-        theirs, higher = (mean_of([cases[name].epochs[model, 0, size]], reading) for name in ("published", "decay"))
-        rows.append({"model": label(model), "weight decay of 0.001": theirs, "weight decay of 0.1": higher,
-                     "paper": paper.get(model, {}).get("mean")})  # fmt: skip
+        row: dict[Any, Any] = {"model": label(model)}
+        for runs in compared.values():
+            decay = runs.case.changes.get("finetuning.weight_decay", results.params.finetuning.weight_decay)
+            row[f"weight decay of {decay:g}"] = mean_of([runs.epochs[model, 0, size] for size in sizes], reading)
+        rows.append(row | {"paper": paper.get(model, {}).get("mean")})
     return rows
 
 
 def _centre(cases: Mapping[str, CaseRuns], pairs: Mapping[str, Reading]) -> dict[str, dict[str, float]]:
     """By reading, mean MRR* on the paper's graph of Xavier, ISI and the joint model, and what the mean has of it."""
-    runs = cases["published"]
+    runs = cases[MAIN]
     methods = isi(runs.case.initializers)
     gained = dict[str, dict[str, float]]()
     for title, reading in pairs.items():
