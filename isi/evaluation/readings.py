@@ -8,7 +8,7 @@ the terms of MRR* (equation 7) of every triple of D¹, so a model is ranked once
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Self, get_args
@@ -63,12 +63,16 @@ class Reading:
         return [other for other in readings() if sum(getattr(self, a) != getattr(other, a) for a in ASPECTS) == 1]
 
 
-ASPECTS = tuple(field.name for field in fields(Reading))
-#: The choices of each aspect, in the order of ``readings()``.
-CHOICES = {
-    aspect: tuple(choices)
-    for aspect, choices in zip(ASPECTS, (QUERIES, ABOUT, WEIGHTS, SLOTS, FILTERS, TRUTHS), strict=True)
+#: The choices of each aspect; aspects and choices in the order of ``readings()``.
+CHOICES: dict[str, tuple[str, ...]] = {
+    "queries": tuple(QUERIES),
+    "about": ABOUT,
+    "weights": WEIGHTS,
+    "slots": tuple(SLOTS),
+    "filter": tuple(FILTERS),
+    "truth": TRUTHS,
 }
+ASPECTS = tuple(CHOICES)
 
 
 @cache
