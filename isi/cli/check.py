@@ -21,7 +21,7 @@ from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.params import Params, load
-from isi.stage import makers
+from isi.pipeline import makers
 from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 

@@ -27,7 +27,7 @@ def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        from isi.stage import missing  # imported here: only this error needs the pipelines
+        from isi.pipeline import missing  # imported here: only this error needs the pipelines
 
         raise missing(path) from error
     except (OSError, fault) as error:
