@@ -232,9 +232,10 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
 
 def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
     """Check an entry of ``readings`` against params."""
-    sources = [case.graph.source, *([case.graph.extend.source] if case.graph.extend else [])]
-    _check_names(sources, params.sources, f"{key}.graph")
-    _check_names([*case.initializers, *case.indicators], params.initializers, f"{key}.initializers")
+    _check_names([case.graph.source], params.sources, f"{key}.graph.source")
+    _check_names([case.graph.extend.source] if case.graph.extend else [], params.sources, f"{key}.graph.extend.source")
+    _check_names(case.initializers, params.initializers, f"{key}.initializers")
+    _check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")
     with at("", f"{key}.changes"):

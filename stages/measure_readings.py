@@ -12,11 +12,12 @@ from stages.build_graph import mined
 
 @stage
 def measure_readings(context: StageContext, case: str) -> None:
-    key, settings, params = f"readings.{case}", context.beyond.readings[case], context.params
+    key, settings = f"readings.{case}", context.beyond.readings[case]
+    params = changed(context.params, settings.changes)
     with at(paths.BEYOND_PARAMS, key):
         tables = tables_of(settings.graph, mined, f"{key}.graph", params.seed)
         store = Store.drawn(case, tables, params.words, settings.sessions, params.sessions, params.seed, key)
-    measured = measure(changed(params, settings.changes), settings, store)
+    measured = measure(params, settings, store)
     RANKS.write(measured.ranks, context.stage, case=case)
     READINGS.write(measured.readings, context.stage, case=case)
     READING_CURVES.write(measured.curves, context.stage, case=case)

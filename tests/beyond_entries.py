@@ -26,6 +26,15 @@ VARIANT: dict[str, Any] = {
     "title": "own", "group": "causes", "experiments": ["ai2thor"], "initializers": ["xavier", "es"], "size": 5,
     "seeds": 2,
 }  # fmt: skip
+#: A case of ``readings``; the graph's source has to be mined.
+READING_CASE: dict[str, Any] = {
+    "title": "own", "graph": {"source": "published", "min_count": 2},
+    "sessions": {"novel": "any", "sizes": [2, 3], "seeds": 2, "steps": 1}, "initializers": ["xavier", "es", "rs"],
+    "indicators": {"es": [3]}, "finetuned": [2, 3], "curves": [3],
+    "converging": ["test any relation halves learned all", "test both triple alike none split"],
+    "changes": {"embedding.dimension": 8, "training.max_epochs": 2, "finetuning.max_epochs": 2,
+                "convergence.margin": 0.01},
+}  # fmt: skip
 
 
 def copy_pipelines(folder: Path) -> None:

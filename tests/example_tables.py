@@ -13,6 +13,7 @@ from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
+from isi.analyses.readings import RANKS, READINGS
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
@@ -34,6 +35,10 @@ QUERIES: dict[str, Any] = {
     "relation": "atLocation", "hidden": ["tail", "head", "relation"], "novel": ["given", "answer", "none"],
     "queries": [3, 1, 2], "mrr_star": [0.5, 1 / 3, 1.0], "mrr": [0.0, 1.0, 0.25], "observations": [3, 2**40, 7],
 }  # fmt: skip
+#: Models of a case of ``readings``, and choices of a reading.
+INSERTED_MODELS: dict[str, Any] = {"model": ["es", "es", "joint"], "k": [0, 3, 0], "size": 2, "seed": [0, 0, 1]}
+CHOICES: dict[str, Any] = {"queries": "test", "about": ["any", "both", "any"], "weights": "triple", "slots": "halves",
+                           "filter": "none", "truth": "split"}  # fmt: skip
 ROWS: dict[Table, dict[str, Any]] = {
     OBSERVATIONS: {"scene": ["one", None, "one"], "room": ["kitchen", None, "kitchen"], "relation": "atLocation",
                      "instance": ["m|1", None, "m|2"], "head": ["mug", "bed", "mug"], "tail": ["room", "bed", "mug"],
@@ -67,6 +72,12 @@ ROWS: dict[Table, dict[str, Any]] = {
     HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"], "initializer": ["es", "es", None],
                       "told": [1, None, None], "seed": [0, 0, 1], "asked": ["known", "hidden", "earlier"],
                       "entities": 5, "queries": [4, 4, 9], "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},
+    RANKS: {**INSERTED_MODELS, "triple": 7, "hidden": ["head", "relation", "tail"], "relation": "in",
+            "split": ["train", "valid", "test"], "novel": [0, 1, 1], "count": [1, 2**40, 3],
+            **{f"closeness_{which}_{truth}": [0.5, 1.0, 1 / 3]
+               for which in ("learned", "true", "none") for truth in ("all", "split")},
+            **{f"rank_{which}": [1.0, 2.5, 9.0] for which in ("learned", "true", "none")}},
+    READINGS: {**INSERTED_MODELS, **CHOICES, "mrr_star": [0.5, None, 1.0], "epochs": [0.0, 50.0, None]},
 }  # fmt: skip
 
 

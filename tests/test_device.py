@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from isi.analyses.readings import measure_stack
 from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
@@ -28,6 +29,10 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
     "tracing": (trace_trajectory, (*grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
                                    grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1], 1)),
+    **{f"measuring readings{' with curves' * curves}":
+       (measure_stack, (POINTS, TRAINED, TRAINED, grid.WORDS, (grid.insert_tasks(4, "es", TRAINED)[0][-1], 0),
+                        ["test any relation halves learned all"], curves))
+       for curves in (False, True)},
 }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import yaml
 from isi import stage as stages
 from isi.tables import paths
 from tests import small
-from tests.beyond_entries import GRAPH, HIDDEN, SESSIONS, VARIANT
+from tests.beyond_entries import GRAPH, HIDDEN, READING_CASE, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
 from tools.workspace import DROP
 
@@ -37,12 +37,15 @@ BEYOND: dict[str, Any] = {
     }},
     "graphs": {"again": GRAPH | {"sessions": SESSIONS | {"sizes": [1], "seeds": 1}}},
     "hidden": {"nations": HIDDEN | {"max_insert_triples": [1], "epochs": 1}},
+    "readings": {"case": READING_CASE | {
+        "sessions": READING_CASE["sessions"] | {"seeds": 1}, "initializers": ["ers"], "indicators": {"rs": [2]},
+    }},
 }  # fmt: skip
 COMMANDS = (
     *small.STAGES, f"insert {NAME} xavier", f"insert {NAME} ers", f"finetune_only {NAME}", f"rank_affordances {NAME}",
     f"break_down_queries {NAME}", f"sweep_indicators {NAME} es", f"sweep_rates {NAME} rs", f"cross_validate {NAME}",
     f"trace_trajectory {NAME}", f"compare_models {NAME} distmult", f"train_final {NAME}",
-    "vary rate", "explore again", "insert_hidden nations",
+    "vary rate", "explore again", "insert_hidden nations", "measure_readings case",
 )  # fmt: skip
 
 
@@ -68,7 +71,7 @@ def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str)
 def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
     pipelines = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)]
     names = {name for pipeline in pipelines for name in pipeline["stages"]}
-    assert {command.split()[0] for command in COMMANDS} == names - {"report", "report_beyond"}
+    assert {command.split()[0] for command in COMMANDS} == names - {"report", "report_beyond", "report_readings"}
 
 
 @pytest.mark.usefixtures("project")

@@ -34,7 +34,7 @@ from isi.params import load_beyond
 from isi.tables import paths
 from tests import small
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import HIDDEN, SESSIONS, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import HIDDEN, READING_CASE, SESSIONS, VARIANT, copy_pipelines, list_entries
 from tests.beyond_entries import WORDS as SHIPPED_WORDS
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
@@ -42,6 +42,7 @@ from tools.workspace import DROP, change_all
 
 ROOT = Path(__file__).parent.parent
 NAMES = ("xavier", "es", "rs")
+EXTEND: dict[str, Any] = {"source": "mp3d", "min_observations": 6, "candidates": 50, "always": []}
 
 
 def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
@@ -182,10 +183,25 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
         ("hidden", {"source": "graphs"}, "graph: expected names among "),
         ("hidden", {"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
+        ("readings", {"graph": {"source": "publish", "min_count": 1}}, "graph.source: expected names among "),
+        ("readings", {"graph": READING_CASE["graph"] | {"extend": EXTEND | {"source": "mp"}}},
+         "graph.extend.source: expected names among "),
+        ("readings", {"initializers": ["best"]}, "initializers: expected names among "),
+        ("readings", {"initializers": ["es", "es"]}, "initializers: expected each value once"),
+        ("readings", {"indicators": {"soft_e": [1]}}, "indicators: expected names among "),
+        ("readings", {"indicators": {"xavier": [1]}}, "indicators.xavier.k: unknown key"),
+        ("readings", {"indicators": {"es": []}}, "indicators.es: "),
+        ("readings", {"indicators": {"es": [2, 2]}}, "indicators.es: expected each value once"),
+        ("readings", {"sessions": SESSIONS | {"steps": 2}}, "sessions: expected one step"),
+        ("readings", {"finetuned": [2]}, " expected curves among the sizes in finetuned"),
+        ("readings", {"finetuned": [4], "curves": []}, " expected curves among the sizes in finetuned"),
+        ("readings", {"converging": ["test any relation halves learned"]}, "converging: expected names of readings"),
+        ("readings", {"changes": {"finetuning.learning_rate": -1.0}}, "changes.finetuning.learning_rate: "),
     ],
 )  # fmt: skip
 def test_what_an_entry_cannot_have_is_refused_in_one_line(section: str, wrong: dict[str, Any], line: str) -> None:
-    sound = {"variants": VARIANT, "graphs": GRAPH_EXPERIMENT, "hidden": HIDDEN}[section]
+    entries = {"variants": VARIANT, "graphs": GRAPH_EXPERIMENT, "hidden": HIDDEN, "readings": READING_CASE}
+    sound = entries[section]
     list_entries(**{section: {"own": sound | wrong}})
     with pytest.raises(InputError) as refused:
         load_beyond(load_params())

@@ -1,11 +1,12 @@
 """Initial vectors and MRR* right after insertion, computed from the pipeline's tables as docs/method.md defines them.
 
-A second, simple implementation for ANALOGY alone, which uses no code of the library.
+A second, simple implementation, which uses no code of the library; from embeddings, for ANALOGY alone.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -249,3 +250,77 @@ def term(
     true_rank = 1 + (competitors & (counts > counts[answer])).sum()
     predicted_rank = 1 + wins[competitors & (counts != counts[answer])].sum()
     return float(1 / (abs(true_rank - predicted_rank) + 1))
+
+
+# MRR* under every reading of the metric, from the terms of single queries
+
+#: Choices of the splits that are queried, of the shares of slots, and of the triples that are no candidates.
+QUERIES = {"test": ["test"], "held_out": ["valid", "test"], "all": ["train", "valid", "test"], "train": ["train"]}
+SLOTS = {
+    "alike": {"head": 1 / 3, "relation": 1 / 3, "tail": 1 / 3}, "entities": {"head": 1 / 2, "tail": 1 / 2},
+    "halves": {"head": 1 / 4, "relation": 1 / 2, "tail": 1 / 4},
+}  # fmt: skip
+FILTERS, TRUTHS = ("learned", "true", "none"), ("all", "split")
+ABOUT, WEIGHTS = ("any", "known", "novel", "both"), ("triple", "relation", "observations")
+
+Run = tuple[str, int, int, int]  #: Model, number of indicators, size and seed.
+Group = tuple[str, str, str]  #: Choices of queries, about and weights.
+Values = dict[Run, dict[Group, np.ndarray]]  #: MRR*; shape: (choices of slots, of filters, of truths).
+
+
+def readings_there(case: str) -> Values:
+    """MRR* under every reading, from the table of readings of a case; infinite where a row is missing."""
+    values: Values = {}
+    places = [{name: place for place, name in enumerate(names)} for names in (SLOTS, FILTERS, TRUTHS)]
+    names = ("model", "k", "size", "seed", "queries", "about", "weights", "slots", "filter", "truth", "mrr_star")
+    for model, k, size, seed, *group, slots, filtering, truth, mrr_star in rows_of(
+        f"beyond/readings/{case}.parquet", *names
+    ):
+        of_run = values.setdefault((model, int(k), int(size), int(seed)), {})
+        shape = tuple(map(len, places))
+        of_group = of_run.setdefault(tuple(group), np.full(shape, np.inf))  # type: ignore[arg-type]
+        of_group[places[0][slots], places[1][filtering], places[2][truth]] = mrr_star
+    return values
+
+
+class Ranked:
+    """The table of ranks of a case: an array for each column."""
+
+    def __init__(self, case: str) -> None:
+        table = pq.read_table(Path("data") / f"beyond/readings/{case}.ranks.parquet")
+        self.columns = {name: np.asarray(table[name].to_pandas()) for name in table.column_names}
+        terms = [[self.columns[f"closeness_{name}_{truth}"] for truth in TRUTHS] for name in FILTERS]
+        self.terms = np.moveaxis(np.array(terms), -1, 0)  #: of MRR*; shape: (rows, filters, truths)
+
+    def runs(self) -> Iterator[tuple[Run, np.ndarray]]:
+        """Each model at a grid point, with the places of its rows."""
+        places: dict[Run, list[int]] = {}
+        names = ("model", "k", "size", "seed")
+        for place, run in enumerate(zip(*(self.columns[name].tolist() for name in names), strict=True)):
+            places.setdefault(run, []).append(place)
+        yield from ((run, np.array(rows)) for run, rows in places.items())
+
+    def readings_here(self) -> Values:
+        """MRR* under every reading, computed from the terms."""
+        groups = list(product(QUERIES, ABOUT, WEIGHTS))
+        return {run: {group: self._means(rows, *group) for group in groups} for run, rows in self.runs()}
+
+    def _means(self, rows: np.ndarray, queries: str, about: str, weights: str) -> np.ndarray:
+        relation, count, hidden = (self.columns[name][rows] for name in ("relation", "count", "hidden"))
+        queried = np.isin(self.columns["split"][rows], QUERIES[queries])
+        if about in ("known", "novel"):
+            queried &= (self.columns["novel"][rows] == 1) == (about == "novel")
+        weight = {"triple": np.ones(len(rows)), "observations": count.astype(float), "relation": np.zeros(len(rows))}
+        for name in set(relation[queried]) if weights == "relation" else ():
+            of_relation, tails = relation == name, hidden == "tail"
+            observed, number = count[of_relation & tails].sum(), (of_relation & tails & queried).sum()
+            weight["relation"][of_relation] = observed / number
+        by_slot = {}
+        for slot in ("head", "relation", "tail"):
+            chosen = rows[queried & (hidden == slot)]
+            of_slot = weight[weights][queried & (hidden == slot)]
+            if (weights, slot) == ("relation", "relation"):
+                of_slot = np.ones(len(chosen))
+            total = of_slot.sum() if len(chosen) else np.nan
+            by_slot[slot] = np.tensordot(of_slot, self.terms[chosen], 1) / total
+        return np.array([sum(share * by_slot[slot] for slot, share in shares.items()) for shares in SLOTS.values()])

@@ -1,7 +1,8 @@
 """Recompute numbers of the pipeline and the report from the pipeline's tables alone, and compare.
 
-Code that shares nothing with the library computes mean epochs to convergence and, for ANALOGY alone, initial vectors of
-some initializers and MRR* right after insertion at random grid points. Run it in the folder of dvc.yaml.
+Code that shares nothing with the library computes mean epochs to convergence, MRR* under every reading of the metric
+from the terms of single queries and, for ANALOGY alone, initial vectors of some initializers and MRR* right after
+insertion at random grid points. Run it in the folder of dvc.yaml.
 """
 
 import argparse
@@ -15,7 +16,7 @@ import numpy as np
 from ruamel.yaml import YAML
 from safetensors.numpy import load_file
 
-from tools.recomputed import RECOMPUTED, TIE, Around, Experiment, Session, mrr_star, there
+from tools.recomputed import RECOMPUTED, TIE, Around, Experiment, Ranked, Session, mrr_star, readings_there, there
 
 #: A novel entity is not compared if scores of the last indicator and of the next entity differ by less than this.
 UNDECIDED = 1e-5
@@ -105,6 +106,24 @@ def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], me
             share.compare(where, 100 * np.mean([e is None for e in chosen]), unconverged or np.nan)
 
 
+def check_readings(case: str, check: Check) -> None:
+    """Compare MRR* under every reading in a case's table with that computed from its table of ranks.
+
+    Among false candidates alone, the term of MRR* is also the reciprocal rank.
+    """
+    ranked, stored = Ranked(case), readings_there(case)
+    computed = ranked.readings_here()
+    for run in sorted({*computed, *stored}):
+        model, k, size, seed = run
+        here, there = computed.get(run, {}), stored.get(run, {})
+        for group in sorted({*here, *there}):
+            where = f"{' '.join(group)}, {model}, k {k}, {case}, size {size}, seed {seed}"
+            check.compare(where, here.get(group, np.inf), there.get(group, np.inf))
+    for truth in ("all", "split"):
+        reciprocal = 1 / ranked.columns["rank_true"]
+        check.compare(f"terms of {truth}, {case}", reciprocal, ranked.columns[f"closeness_true_{truth}"])
+
+
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
     """Compare random grid points, and mean epochs of experiments with one source; print which vectors are skipped."""
     experiments = []
@@ -114,8 +133,8 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
             Experiment(name, [key for key in params["initializers"] if listed == "all" or key in listed])
         )
     checks = [Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5), Check("mean epochs", 6e-3),
-              Check("unconverged %", 6e-3)]  # fmt: skip
-    initial, immediate, epochs, unconverged = checks
+              Check("unconverged %", 6e-3), Check("readings of MRR*", 1e-5)]  # fmt: skip
+    initial, immediate, epochs, unconverged, readings = checks
     cells = [(experiment, *cell[:2]) for experiment in experiments for cell in experiment.novel if cell[2] == 1]
     if params["embedding"]["model"] == "analogy":
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
@@ -128,6 +147,8 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
             check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged)
+    for path in sorted(Path("data/beyond/readings").glob("*.ranks.parquet")):
+        check_readings(path.name.removesuffix(".ranks.parquet"), readings)
     return checks
 
 

@@ -14,7 +14,7 @@ from pydantic import Field
 from torch import Tensor
 
 from isi.analyses.variants import Changes
-from isi.config import Count, EachOnce, Name, Option, Section, ensure
+from isi.config import Count, EachOnce, Name, Names, Option, Section, ensure
 from isi.evaluation import readings
 from isi.evaluation.readings import ASPECTS, FILTERS, RANKINGS, QueryRanks, ReadingQueries, reading_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints
@@ -57,20 +57,25 @@ READINGS = Table(
 #: with curves; shape (seeds, epochs, readings), float32.
 READING_CURVES = TensorFile("data/beyond/readings/{case}.curves.safetensors")
 HIDDEN = ("head", "relation", "tail")
+ORDER = ["model", "k", "size", "seed"]  #: Rows of a table are in this order, whatever the stacks.
+
+Numbers = Annotated[list[Count], Field(min_length=1), EachOnce]  #: Numbers k of indicators of a sweep.
 
 
 class ReadingCase(Section):
     """An entry of ``readings`` in the params of the second pipeline: a graph and the conditions of its training."""
 
+    rules = ((lambda case: set(case.curves) <= set(case.finetuned) <= set(case.sessions.sizes),
+              "expected curves among the sizes in finetuned, and these among sessions.sizes"),)  # fmt: skip
     title: str  #: in the report
     graph: GraphOf
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
-    initializers: Annotated[list[Name], Field(min_length=1)]
+    initializers: Annotated[Names, Field(min_length=1)]
     finetuned: Annotated[list[Count], EachOnce]  #: sizes that are fine-tuned; the others only measured at once
     curves: Annotated[list[Count], EachOnce]  #: of these, sizes that are fine-tuned for all epochs, for learning curves
     #: readings by name: a run without curves ends once it has converged under each of them; []: under every one
-    followed: Annotated[list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings")]
-    indicators: Annotated[dict[Name, list[Count]], Field(default_factory=dict)]  #: numbers k of a sweep
+    converging: Annotated[list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings"), EachOnce]
+    indicators: Annotated[dict[Name, Numbers], Field(default_factory=dict)]  #: of a sweep, which has no curves
     changes: Changes
 
 
@@ -106,15 +111,17 @@ def measure(params: Params, case: ReadingCase, store: Store) -> ReadingTables:
         joint = joint_of[tuple(points.seeds)]
         sizes = points.size in case.finetuned, points.size in case.curves
         for inserted in _initializers(params, case, sizes[0]):
-            tasks.append((points, result.theta, joint, store.words(), inserted, case.followed, sizes[1]))
-        tasks.append((points, joint, joint, store.words(), None, case.followed, False))
+            has_curves = sizes[1] and not inserted[1]
+            tasks.append((points, result.theta, joint, store.words(), inserted, case.converging, has_curves))
+        tasks.append((points, joint, joint, store.words(), None, case.converging, False))
     parts = run(measure_stack, tasks, params.compute, f"{store.experiment}, readings")
     ranks, rows, curved = zip(*parts, strict=True)
     curves = defaultdict[str, list[Tensor]](list)
     for task, seen in zip(tasks, curved, strict=True):
         if seen is not None and task[4] is not None:
             curves[f"{task[4][0].initializer}.size={task[0].size:02d}"].append(seen)
-    return ReadingTables(pd.concat(ranks), pd.concat(rows), {name: torch.cat(of) for name, of in curves.items()})
+    ranks, rows = (pd.concat(frames).sort_values(ORDER, kind="stable") for frames in (ranks, rows))
+    return ReadingTables(ranks, rows, {name: torch.cat(of) for name, of in curves.items()})
 
 
 def _joint_models(
@@ -137,7 +144,7 @@ def _initializers(params: Params, case: ReadingCase, finetuned: bool) -> Iterato
 
 def measure_stack(
     points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, inserted: Inserted | None,
-    followed: Sequence[str], curves: bool,
+    converging: Sequence[str], curves: bool,
 ) -> tuple[pd.DataFrame, pd.DataFrame, Tensor | None]:  # fmt: skip
     """Ranks, readings and, with ``curves``, MRR* by epoch, (seeds, epochs, readings), at a stack of grid points.
 
@@ -156,7 +163,7 @@ def measure_stack(
     epochs, seen = None, None
     if inserted and config.optimizer.max_epochs:
         target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
-        watch = ReadingWatch(queries, target, config.optimizer.max_epochs, readings.places_of(followed), curves)
+        watch = ReadingWatch(queries, target, config.optimizer.max_epochs, readings.places_of(converging), curves)
         finetune(points, theta, config, watch)
         epochs, seen = watch.epochs, torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None
     seeds = np.array(points.seeds)
@@ -171,15 +178,16 @@ def measure_stack(
 class ReadingWatch:
     """Watches fine-tuning under every reading: ``epochs`` until MRR* reached the target, (M, readings), float64.
 
-    Without ``curves``, an embedding ends once it has converged under each of the ``followed`` readings. Then ``epochs``
-    is NaN where it had not yet converged under another one; ``last``, the maximum, where it never does.
+    Without ``curves``, an embedding ends once it has converged under each of ``converging``, places of readings (none:
+    all of them). Then ``epochs`` is NaN where it had not yet converged under another one; ``last``, the maximum, where
+    it never does. ``seen`` has MRR* by epoch with ``curves``; shape: (M, readings).
     """
 
     def __init__(
-        self, queries: ReadingQueries, target: Tensor, last: int, followed: Sequence[int], curves: bool
+        self, queries: ReadingQueries, target: Tensor, last: int, converging: Sequence[int], curves: bool
     ) -> None:  # fmt: skip
         self.queries, self.target, self.last = queries, target, last
-        self.followed = list(followed) or list(range(target.shape[1]))
+        self.converging = list(converging) or list(range(target.shape[1]))
         self.first = torch.full(target.shape, -1)
         self.ended = torch.zeros(len(target), dtype=torch.int64)
         self.curves, self.seen = curves, list[Tensor]()
@@ -188,7 +196,7 @@ class ReadingWatch:
     def epochs(self) -> np.ndarray:
         never = torch.where(self.ended == self.last, float(self.last), torch.nan)[:, None]
         decided = torch.where(self.first >= 0, self.first.double(), never)
-        return decided.masked_fill(self.target.isnan(), torch.nan).numpy()
+        return decided.masked_fill(self.target.isnan(), torch.nan).cpu().numpy()
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         measured = readings.values(readings.rank_all(embedding, self.queries), self.queries)
@@ -199,7 +207,7 @@ class ReadingWatch:
             self.seen.append(measured)
             return never_stop(epoch, embedding, models)
         undecided = (self.first[models] < 0) & ~self.target[models].isnan()
-        going_on = undecided[:, self.followed].any(1)
+        going_on = undecided[:, self.converging].any(1)
         if not going_on.all():
             self.queries = select(self.queries, going_on)
         return going_on
@@ -212,24 +220,24 @@ def _rank_rows(
     graph, new = session.graph, touches(session.graph, membership(novel, session.entities.shape[1]))
     model, query = (queries.triples >= 0).nonzero(as_tuple=True)
     triple = queries.triples[model, query]
+    numbers: dict[str, Tensor] = {"triple": triple, "novel": new[model, triple].long(), "count": graph.counts[triple]}
+    names = {
+        "relation": np.array(graph.relations)[graph.triples[triple, 1].cpu()],
+        "split": np.array(SPLIT_NAMES)[session.splits[model, triple].cpu()], "seed": seeds[model.cpu()],
+    }  # fmt: skip
     frames = []
     for slot, hidden in enumerate(HIDDEN):
-        columns = {
-            "seed": seeds[model], "triple": triple, "hidden": hidden,
-            "relation": np.array(graph.relations)[graph.triples[triple, 1]],
-            "split": np.array(SPLIT_NAMES)[session.splits[model, triple]],
-            "novel": new[model, triple].long(), "count": graph.counts[triple],
-        }  # fmt: skip
         for place, (filter_name, truth) in enumerate(RANKINGS):
-            columns[f"closeness_{filter_name}_{truth}"] = ranks.closeness[model, place, slot, query].double()
-            columns[f"rank_{filter_name}"] = ranks.rank[model, place, slot, query].double()
-        frames.append(pd.DataFrame(columns))
+            numbers[f"closeness_{filter_name}_{truth}"] = ranks.closeness[model, place, slot, query].double()
+            numbers[f"rank_{filter_name}"] = ranks.rank[model, place, slot, query].double()
+        arrays = {name: values.cpu().numpy() for name, values in numbers.items()}
+        frames.append(pd.DataFrame({**names, **arrays, "hidden": hidden}))
     return pd.concat(frames)
 
 
 def _reading_rows(measured: Tensor, epochs: np.ndarray | None, seeds: np.ndarray) -> pd.DataFrame:
     """Rows of ``READINGS`` without the model's columns and the size."""
-    frame = _by_reading(readings.readings(), seeds).assign(mrr_star=measured.flatten().numpy())
+    frame = _by_reading(readings.readings(), seeds).assign(mrr_star=measured.flatten().cpu().numpy())
     number = np.full(measured.numel(), np.nan) if epochs is None else epochs.flatten()
     return frame.assign(epochs=number)
 

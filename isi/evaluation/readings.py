@@ -77,7 +77,8 @@ class ReadingQueries:
     """All triples of D¹ as queries for every reading: their ranks' rows by ranking, and their weights."""
 
     rankings: dict[tuple[str, Truth], Queries]
-    #: of each group of queries, in its slot head, relation and tail; 0 for other queries; shape: (M, G, 3, Q)
+    #: of each group of queries, in its slot head, relation and tail; 0 for other queries; NaN in a group without
+    #: queries; shape: (M, G, 3, Q)
     weights: Tensor
     triples: Tensor  #: ids, -1 for padding; shape: (M, Q)
 
@@ -99,9 +100,9 @@ def reading_queries(session: Session, novel: Tensor) -> ReadingQueries:
     about = {"any": torch.ones_like(new), "known": ~new, "novel": new}
     masks = [session.members(*QUERIES[queries]) & about[which] for queries, which, _ in GROUPS]
     weights = [_weights(session, mask, kind) for mask, (*_, kind) in zip(masks, GROUPS, strict=True)]
-    padding = (triples < 0)[:, None, None]
-    places = triples.clamp(min=0)[:, None, None].expand(-1, len(GROUPS), 3, -1)
-    return ReadingQueries(rankings, torch.stack(weights, 1).gather(-1, places).masked_fill(padding, 0), triples)
+    padding, places = (triples < 0)[:, None, None], triples.clamp(min=0)[:, None, None]
+    of_queries = torch.stack(weights, 1).gather(-1, places.expand(-1, len(GROUPS), 3, -1))
+    return ReadingQueries(rankings, of_queries.masked_fill(padding & ~of_queries.isnan(), 0), triples)
 
 
 def _weights(session: Session, queried: Tensor, kind: str) -> Tensor:
@@ -111,12 +112,17 @@ def _weights(session: Session, queried: Tensor, kind: str) -> Tensor:
     if kind == "observations":
         entity = relation = alike * graph.counts
     elif kind == "relation":
-        shares = observations(session) / by_relation(graph, queried).clamp(min=1)
+        shares = observations(session).double() / by_relation(graph, queried).clamp(min=1)
         entity, relation = alike * shares[:, graph.triples[:, 1]], alike
     else:
         entity = relation = alike
     weights = torch.stack([entity, relation, entity], 1)
-    return weights / weights.sum(-1, keepdim=True)  # NaN without queries
+    return weights / _total(weights)[..., None]  # NaN without queries
+
+
+def _total(terms: Tensor) -> Tensor:
+    """The sum over the last dimension in order, so that neither padding nor the height of a stack changes a bit."""
+    return terms.cumsum(-1)[..., -1]
 
 
 @dataclass(frozen=True)
@@ -139,10 +145,9 @@ def rank_all(embedding: Embedding, queries: ReadingQueries) -> QueryRanks:
 
 def values(ranks: QueryRanks, queries: ReadingQueries) -> Tensor:
     """MRR* under every reading, in the order of ``readings()``; NaN without queries; shape: (M, readings)."""
-    weights = queries.weights
-    by_slot = torch.einsum("mgsq,mfsq->mgfs", weights, ranks.closeness.double())
-    shares = torch.tensor(list(SLOTS.values()), dtype=torch.float64)
-    means = torch.einsum("mgfs,ls->mglf", by_slot, shares)
+    closeness, shares = ranks.closeness.double(), torch.tensor(list(SLOTS.values()), dtype=torch.float64)
+    by_ranking = [_total(queries.weights * closeness[:, place, None]) for place in range(len(RANKINGS))]
+    means = _total(torch.stack(by_ranking, 2)[:, :, None] * shares[:, None])  # (M, G, choices of slots, rankings)
     models, groups = len(means), [len(QUERIES), 3, len(WEIGHTS)]
     means = means.reshape(models, *groups, len(SLOTS), len(RANKINGS))
     both = means[:, :, :1]  # the value of "both" is that of "any"
@@ -150,9 +155,14 @@ def values(ranks: QueryRanks, queries: ReadingQueries) -> Tensor:
 
 
 def reached(measured: Tensor, target: Tensor) -> Tensor:
-    """Where MRR* is at its target or above; "both" needs known and novel; NaN: never; shapes: (M, readings)."""
-    is_reached = (measured >= target).reshape(len(measured), len(QUERIES), len(ABOUT), -1)
-    is_reached[:, :, 3] = is_reached[:, :, 1] & is_reached[:, :, 2]
+    """Where MRR* is at its target or above; NaN: never; shapes: (M, readings).
+
+    "both" needs known and novel, or the one of them that has queries.
+    """
+    shape = len(measured), len(QUERIES), len(ABOUT), -1
+    is_reached, absent = (measured >= target).reshape(shape), target.isnan().reshape(shape)
+    fulfilled = is_reached | absent
+    is_reached[:, :, 3] = fulfilled[:, :, 1] & fulfilled[:, :, 2]
     return is_reached.reshape(measured.shape)
 
 
