@@ -21,7 +21,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from isi.analyses.joint_models import train_final
 from isi.bundle.folder import Bundle, Manifest
 from isi.bundle.live import LiveEmbedding
 from isi.bundle.names import by_known_name, note_of_kinds
@@ -30,6 +29,7 @@ from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.evaluation.ranking import padded_ids
+from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, train_stack
 from isi.graph.files import read_graph
