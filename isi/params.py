@@ -183,7 +183,7 @@ def load(path: Path = paths.PARAMS) -> Params:
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
-    """Read ``beyond/params.yaml`` (empty if ``path`` is null or missing), and check it alone and against ``params``.
+    """Read ``beyond/params.yaml`` (empty if ``path`` is None or missing), and check it alone and against ``params``.
 
     Without ``runs``, variants and graphs may name experiments and initializers that ``params`` lack.
     """

@@ -31,8 +31,8 @@ class Indicator:
     entity: str
     #: in the vector (MAP: in the mean of the prior); None if there are none or many equal ones: then similarity decides
     weight: float | None
-    words: float | None  #: cosine of the word vectors; null if one is missing
-    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); null if none
+    words: float | None  #: cosine of the word vectors; None if one is missing
+    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); None without facts
 
 
 class Lost(NamedTuple):
@@ -49,7 +49,7 @@ class Ablation:
 
     left_out: str  #: fact, words, indicator
     what: str  #: the fact as text, the name, or the indicator
-    cosine: float | None = None  #: between this vector and the real one; null if no input is left
+    cosine: float | None = None  #: between this vector and the real one; None if no input is left
     moved: float | None = None  #: their distance, divided by the length of the real one
     changes: Sequence[Lost] = ()  #: of each query whose best answers change
 
@@ -86,7 +86,7 @@ class Report:
     answers: list[Answers]  #: to the queries that fit the entity
     unsupported: list[tuple[Fact, float | None]]  #: probable triples that no indicator supports, and probabilities
     nearest: list[tuple[str, float]]  #: entities with the highest cosines
-    interference: Interference | None  #: of this entity alone; null without known triples
+    interference: Interference | None  #: of this entity alone; None without known triples
     interference_of_all: Interference | None  #: of all inserted entities
 
 

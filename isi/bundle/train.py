@@ -69,7 +69,7 @@ CLEARLY = 2.0  #: Standard errors by which the reciprocal ranks of a model that 
 class TrainingSummary:
     """How a bundle was trained, and filtered MRRs of test triples, which a model with its settings was not trained on.
 
-    The bundle itself is trained on all triples. MRRs are null if no triple can leave training.
+    The bundle itself is trained on all triples. MRRs are None if no triple can leave training.
     """
 
     entities: int
@@ -186,8 +186,8 @@ def train_bundle(
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
-        model: a registered model; null: the best of ``COMPARED`` for validation triples.
-        learning_rate: of Adagrad; null: the best of ``RATES``.
+        model: a registered model; None: the best of ``COMPARED`` for validation triples.
+        learning_rate: of Adagrad; None: the best of ``RATES``.
         dimension: d, the length of an entity's vector.
         budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
         seed: root seed of splits, initial vectors, batches and negatives.
