@@ -91,7 +91,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class State:
+class Snapshot:
     """An embedding with inserted entities, as explanations read it."""
 
     now: OpenBundle  #: with all inserted entities and the facts that hold
@@ -104,7 +104,7 @@ Ask = Callable[[Query, int, Collection[int]], Answers]
 
 
 def report(
-    state: State,
+    snapshot: Snapshot,
     row: InsertedEntity,
     top: int,
     ask: Ask,
@@ -113,9 +113,9 @@ def report(
     interference_of_all: Interference | None,
 ) -> Report:
     """Report on an inserted entity, with the ``top`` best answers to each query and nearest entities."""
-    now, record = state.now, row.record
+    now, record = snapshot.now, row.record
     entity = now.entity_ids[record.entity]
-    shown = indicators_of(state, row)
+    shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     ranked = [(query, ask(query, max(top, EXAMINED), weights)) for query in queries_of(now, entity, weights)]
     unsupported = [
@@ -145,11 +145,11 @@ def report(
     )
 
 
-def explain(state: State, row: InsertedEntity, top: int) -> Explanation:
+def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
     """Explain an inserted entity; ablations compare the ``top`` best answers to the queries that fit it."""
-    now, inserter, record = state.now, state.inserter, row.record
+    now, inserter, record = snapshot.now, snapshot.inserter, row.record
     name = record.entity
-    shown = indicators_of(state, row)
+    shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     queries = queries_of(now, now.entity_ids[name], weights)
     facts, base = record.insert_triples, inserter.base
@@ -162,17 +162,17 @@ def explain(state: State, row: InsertedEntity, top: int) -> Explanation:
             fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
             rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
             pieces.append(("indicator", indicator.entity, replace(inserter, base=fewer, _curves={}), rest))
-    without = [_ablation(state, row, *piece, queries, top) for piece in pieces]
+    without = [_ablation(snapshot, row, *piece, queries, top) for piece in pieces]
     without.sort(key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf")))
     return Explanation(name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without)
 
 
 def _ablation(
-    state: State, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
+    snapshot: Snapshot, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
     queries: Sequence[Query], top: int,
 ) -> Ablation:  # fmt: skip
     """Insert an entity again by the same initializer, alone, with the given facts; compare its best answers."""
-    record, now = row.record, state.now
+    record, now = row.record, snapshot.now
     same = NewEntity(
         definition=record.definition, kind=row.kind or None, initializer=record.initializer, options=record.options,
         seed=record.seed,
@@ -182,7 +182,7 @@ def _ablation(
     try:
         if not known and (row.words.vector is None or left_out == "words") and record.requested_initializer is None:
             raise InputError("", "", "no input is left")
-        alone = Additions(retracted=dict(state.additions.retracted))
+        alone = Additions(retracted=dict(snapshot.additions.retracted))
         alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
         changed = inserter.rows(alone, [record.entity])[record.entity]
     except InputError:  # nor does an initializer of words alone serve every model
@@ -203,13 +203,13 @@ def _ablation(
     return Ablation(left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes)
 
 
-def indicators_of(state: State, row: InsertedEntity) -> list[Indicator]:
+def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     """The indicators of an inserted entity, by falling weight; without weights, the most similar known entities."""
-    inserter, name = state.inserter, row.record.entity
+    inserter, name = snapshot.inserter, row.record.entity
     known = inserter.base.entity_ids.keys() | {name}
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
     method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
-    words, known_triples = {name: row.words}, inserter.known_triples(state.additions)
+    words, known_triples = {name: row.words}, inserter.known_triples(snapshot.additions)
     result = inserter.insert(method, [name], facts, words, [row.kind], known_triples)
     seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,

@@ -22,7 +22,7 @@ from isi.bundle import folder as folders
 from isi.bundle import journal as journals
 from isi.bundle import stored
 from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
-from isi.bundle.explain import Explanation, Report, State, explain, report
+from isi.bundle.explain import Explanation, Report, Snapshot, explain, report
 from isi.bundle.folder import Bundle
 from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
 from isi.bundle.journal import (
@@ -281,13 +281,13 @@ class LiveEmbedding:
 
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators, and the effect of each part of its input."""
-        return explain(self._state(), self._rows[self._inserted(entity)], top)
+        return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity, with the ``top`` best answers to each query."""
         name = self._inserted(entity)
         return report(
-            self._state(),
+            self._snapshot(),
             self._rows[name],
             top,
             self.ask_query,
@@ -295,8 +295,8 @@ class LiveEmbedding:
             interference_of_all=self.interference(show=top),
         )
 
-    def _state(self) -> State:
-        return State(self.now, self.inserter, self.additions)
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(self.now, self.inserter, self.additions)
 
     def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
         """How far inserted entities push known answers down: all of them, or those named; None without known triples.
