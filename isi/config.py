@@ -84,7 +84,7 @@ class Study(Section):
 
     @property
     def experiment(self) -> str | None:
-        """The first experiment of the list; null if the list is empty."""
+        """The first experiment of the list; None if the list is empty."""
         return self.experiments[0] if self.experiments else None
 
 
@@ -132,7 +132,7 @@ def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -
 
 
 def value_of(values: Any, key: str) -> Any:
-    """The value at a dotted key of nested mappings; null if a key is missing."""
+    """The value at a dotted key of nested mappings; None if a key is missing."""
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None
     return values

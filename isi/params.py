@@ -1,7 +1,7 @@
 """The pydantic models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -14,24 +14,25 @@ from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
-from isi.analyses.readings import ReadingCase
+from isi.analyses.readings import ReadingCase, ReadingConfig
 from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
-from isi.analyses.variants import GraphExperiment, Variant
+from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, suggestion
-from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed
+from isi.experiment.insert import Convergence, FullCurves, InitializerList, InsertConfig, is_listed
 from isi.experiment.runner import Compute
+from isi.experiment.train import TrainConfig
 from isi.graph.graph import GraphOf
 from isi.graph.sessions import SessionsOf, Shares
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
-from isi.models.model import EmbeddingParams, make_model
+from isi.models.model import EmbeddingParams, Model, make_model
 from isi.process import errors_in_one_line
 from isi.sources import settings_of
 from isi.sources.recordings import Recorder
 from isi.tables import paths
 from isi.training.batches import Negatives
-from isi.training.trainer import Optimizer, Training
+from isi.training.trainer import Optimizer, Training, compile_ahead
 
 S = TypeVar("S", bound=Section)
 
@@ -107,6 +108,65 @@ class Params(Section):
         """The initializers that an experiment runs, in the order of params."""
         return [name for name in self.initializers if is_listed(self.experiments[experiment].initializers, name)]
 
+    def model_of(self, name: str | None = None) -> Model:
+        """The model ``name`` (None: ``embedding.model``), with its options."""
+        name = name or self.embedding.model
+        return make_model(name, self.models[name], f"models.{name}")
+
+    def train_config(self, model: Model | None = None, training: Training | None = None) -> TrainConfig:
+        """The config of Θ⁰ and the joint models; None: the model and the training of params."""
+        model = model or self.model_of()
+        training = training or self.training
+        compile_ahead(model, training.batch_size)
+        return TrainConfig(
+            root=self.seed,
+            model=model,
+            dimension=self.embedding.dimension,
+            init_range=self.embedding.init_range,
+            negatives=self.negatives,
+            training=training,
+        )
+
+    def insert_config(
+        self,
+        initializer: str,
+        full_curves: Sequence[int] = (),
+        options: Mapping[str, Any] | None = None,
+    ) -> InsertConfig:
+        """The config of an initializer, with ``options`` (None: those of params).
+
+        An ``InputError`` names an invalid option.
+        """
+        options = self.initializers[initializer] if options is None else options
+        compile_ahead(self.model_of(), self.finetuning.batch_size)
+        return InsertConfig(
+            initializer=initializer,
+            options=options_of(initializer, options, f"initializers.{initializer}"),
+            root=self.seed,
+            negatives=self.negatives,
+            optimizer=self.finetuning,
+            margin=self.convergence.margin,
+            full_curves=full_curves,
+        )
+
+    def variant_config(self, variant: Variant) -> VariantConfig:
+        """The config of a variant; these params include its changes."""
+        full_curves = [variant.size] if variant.full_curves else []
+        inserted = {
+            name: self.insert_config(name, full_curves, variant.options.get(name)) for name in variant.initializers
+        }
+        words = self.words if variant.changes_one_of("words") else None
+        return VariantConfig(self.train_config(), inserted, words, self.compute)
+
+    def reading_config(self, case: ReadingCase) -> ReadingConfig:
+        """The config of an entry of ``readings``; these params include its changes."""
+        inserted = [(self.insert_config(name), 0) for name in case.initializers]
+        for name, numbers in case.indicators.items():
+            for k in numbers:
+                options = {**self.initializers[name], "k": k}
+                inserted.append((self.insert_config(name, options=options), k))
+        return ReadingConfig(self.train_config(), inserted, self.compute)
+
 
 class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
@@ -123,7 +183,7 @@ def load(path: Path = paths.PARAMS) -> Params:
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
-    """Read ``beyond/params.yaml`` (empty if ``path`` is null or missing), and check it alone and against ``params``.
+    """Read ``beyond/params.yaml`` (empty if ``path`` is None or missing), and check it alone and against ``params``.
 
     Without ``runs``, variants and graphs may name experiments and initializers that ``params`` lack.
     """

@@ -107,7 +107,7 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
 
 def _of_system(error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
-        from isi.stage import missing  # imported here: few commands need it
+        from isi.pipeline import missing  # imported here: few commands need it
 
         return missing(Path(error.filename))
     full = "standard output or shared memory" if error.errno == errno.ENOSPC else ""

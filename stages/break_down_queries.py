@@ -5,13 +5,12 @@ import pandas as pd
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES, break_down, used_coordinates
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import JOINT, Store
-from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
 
 
 @stage
 def break_down_queries(context: StageContext, experiment: str) -> None:
-    params, store, model = context.params, Store(experiment), model_of(context.params)
+    params, store, model = context.params, Store(experiment), context.params.model_of()
     initializers = params.initializers_of(experiment)
     tasks = [
         (points, store.theta0(points, model), store.joint(points, model),

@@ -5,13 +5,13 @@ import pandas as pd
 from isi.analyses.joint_models import CROSS_VALIDATION, best_validations, changed_config, fold_points
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
-from isi.experiment.train import train_config, train_stack
+from isi.experiment.train import train_stack
 from isi.stage import StageContext, stage
 
 
 @stage
 def cross_validate(context: StageContext, experiment: str) -> None:
-    params, graph, config = context.params, Store(experiment).graph(), train_config(context.params)
+    params, graph, config = context.params, Store(experiment).graph(), context.params.train_config()
     number, height = params.cross_validation.folds, stack_height(params.compute)
     grid = fold_points(experiment, graph, params.seed, number, height)
     cases = [(points, setting) for setting in params.settings for points in grid]

@@ -19,7 +19,9 @@ def explore(context: StageContext, graph: str) -> None:
         if tables.triples.empty:
             raise InputError("", "source", f"expected triples observed at least {settings.min_count} times, got none")
         store = Store.drawn(graph, tables, settings.words, settings.sessions, params.sessions, params.seed, key)
-    runs, answers = results(changed(params, settings.changes), settings.variant(graph), [store], graph)
+    variant = settings.variant(graph)
+    config = changed(params, variant.changes).variant_config(variant)
+    runs, answers = results(variant, config, [store], graph)
     for table, rows in ((GRAPH_ENTITIES, tables.entities), (GRAPH_TRIPLES, tables.triples), (GRAPH_RUNS, runs),
                         (GRAPH_QUERIES, answers)):  # fmt: skip
         table.write(rows, context.stage, graph=graph)

@@ -7,14 +7,13 @@ from isi.analyses import finetuning
 from isi.analyses.finetuning import FINETUNE_ONLY
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
-from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
 from isi.tables.table import concat
 
 
 @stage
 def finetune_only(context: StageContext, experiment: str) -> None:
-    params, store, model = context.params, Store(experiment), model_of(context.params)
+    params, store, model = context.params, Store(experiment), context.params.model_of()
     sizes = params.experiments[experiment].full_curves.sizes
     tasks = [
         (points, store.theta0(points, model), params.seed, params.negatives, params.finetuning)

@@ -7,7 +7,7 @@ fine-tuned.
 import torch
 
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertResult, insert_config, insert_stack, insert_tasks, is_listed
+from isi.experiment.insert import InsertResult, insert_stack, insert_tasks, is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES, Store, write_runs
 from isi.stage import StageContext, stage
@@ -22,9 +22,9 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     if is_listed(entry.initializers, initializer):
         curves, grid = entry.full_curves, store.grid(stack_height(params.compute))
         full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
-        config = insert_config(params, initializer, full_curves)
+        config = params.insert_config(initializer, full_curves)
         config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
-        tasks = insert_tasks(store, params, grid, config)
+        tasks = insert_tasks(store, params.model_of(), grid, config)
         results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     else:
         print(f"{experiment} does not list {initializer}: no insertion, tables without rows")

@@ -17,7 +17,7 @@ def measure_readings(context: StageContext, case: str) -> None:
     with at(paths.BEYOND_PARAMS, key):
         tables = tables_of(settings.graph, mined, f"{key}.graph", params.seed)
         store = Store.drawn(case, tables, params.words, settings.sessions, params.sessions, params.seed, key)
-    measured = measure(params, settings, store)
+    measured = measure(settings, params.reading_config(settings), store)
     RANKS.write(measured.ranks, context.stage, case=case)
     READINGS.write(measured.readings, context.stage, case=case)
     READING_CURVES.write(measured.curves, context.stage, case=case)

@@ -4,7 +4,6 @@ from isi.analyses.query_breakdown import AFFORDANCES, rank_answers
 from isi.errors import InputError
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
-from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
 from isi.tables import paths
 from isi.tables.table import concat
@@ -12,7 +11,7 @@ from isi.tables.table import concat
 
 @stage
 def rank_affordances(context: StageContext, experiment: str) -> None:
-    params, store, model = context.params, Store(experiment), model_of(context.params)
+    params, store, model = context.params, Store(experiment), context.params.model_of()
     grid, relations = store.grid(stack_height(params.compute)), store.graph().relations
     name = params.affordances.relation
     if name not in relations:

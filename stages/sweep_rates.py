@@ -3,7 +3,7 @@
 import pandas as pd
 
 from isi.analyses.finetuning import RATE_SWEEP
-from isi.experiment.insert import insert_config, insert_stack, insert_tasks
+from isi.experiment.insert import insert_stack, insert_tasks
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
@@ -11,13 +11,14 @@ from isi.stage import StageContext, stage
 
 @stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
-    params, store, config = context.params, Store(experiment), insert_config(context.params, initializer)
+    params, store = context.params, Store(experiment)
+    config, model = params.insert_config(initializer), params.model_of()
     grid, rate = store.grid(stack_height(params.compute), params.rate_sweep.size), config.optimizer.learning_rate
     factors = [factor for factor in params.rate_sweep.factors for _ in grid]
     tasks = [
         task
         for factor in params.rate_sweep.factors
-        for task in insert_tasks(store, params, grid, config.training(learning_rate=factor * rate))
+        for task in insert_tasks(store, model, grid, config.training(learning_rate=factor * rate))
     ]
     results = run(insert_stack, tasks, params.compute, f"rates, {initializer}")
     runs = (result.runs.assign(factor=factor) for factor, result in zip(factors, results, strict=True))

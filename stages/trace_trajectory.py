@@ -5,10 +5,8 @@ import torch
 from isi.analyses import trajectory as analysis
 from isi.analyses.trajectory import TRACED, TRAJECTORY, place_of_traced
 from isi.errors import InputError
-from isi.experiment.insert import insert_config
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
 from isi.tables import paths
 
@@ -20,12 +18,12 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
     if points is None:
         expected = f"expected one of the seeds of {experiment}, got {settings.seed}"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    theta0, words = store.theta0(points, model_of(params)), store.words()
+    theta0, words = store.theta0(points, params.model_of()), store.words()
     place = place_of_traced(points, theta0, words, store.entities()["kind"], settings.kind)
     if place is None:
         expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    tasks = [(points, theta0, words, insert_config(params, name).training(max_epochs=settings.epochs), place)
+    tasks = [(points, theta0, words, params.insert_config(name).training(max_epochs=settings.epochs), place)
              for name in TRACED]  # fmt: skip
     entity = torch.from_numpy(points.novel[0, 0, place : place + 1])
     tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}

@@ -3,12 +3,11 @@
 It is trained like a joint model, for the median of the joint models' best epochs.
 """
 
-from isi.analyses import joint_models
 from isi.bundle.folder import MODEL, Bundle, Manifest, WordSource, write
+from isi.experiment import final_model
 from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run
 from isi.experiment.store import TRAINING_LOG, Store
-from isi.experiment.train import train_config
 from isi.stage import StageContext, stage
 from isi.tables import paths
 from isi.tables.table import as_text
@@ -18,9 +17,9 @@ from isi.tables.table import as_text
 def train_final(context: StageContext, experiment: str) -> None:
     params, store = context.params, Store(experiment)
     entities, graph, words = as_text(store.entities()), store.graph(), params.words
-    epochs = joint_models.usual_epochs(TRAINING_LOG.read(experiment=experiment, model=JOINT_MODEL))
-    tasks = [(joint_models.whole_graph(experiment, graph), train_config(params), epochs)]
-    (trained,) = run(joint_models.train_final, tasks, params.compute, f"{experiment}, final model")
+    epochs = final_model.usual_epochs(TRAINING_LOG.read(experiment=experiment, model=JOINT_MODEL))
+    tasks = [(final_model.whole_graph(experiment, graph), params.train_config(), epochs)]
+    (trained,) = run(final_model.train_final, tasks, params.compute, f"{experiment}, final model")
     of_package = MODEL if words.shipped and words.text != "glove" else None
     model, options = params.embedding.model, params.models[params.embedding.model]
     settings = params.model_dump(include={"words", "embedding", "negatives", "training"}, exclude_unset=True)

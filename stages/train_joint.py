@@ -5,13 +5,13 @@ import pandas as pd
 from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import JOINT, TRAINING_LOG, Store, write_runs
-from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_config, train_stack, warn_of_batch
+from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_stack, warn_of_batch
 from isi.stage import StageContext, stage
 
 
 @stage
 def train_joint(context: StageContext, experiment: str) -> None:
-    store, config, compute = Store(experiment), train_config(context.params), context.params.compute
+    store, config, compute = Store(experiment), context.params.train_config(), context.params.compute
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     tasks = joint_tasks(grid, config)

@@ -4,14 +4,14 @@ import pandas as pd
 
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import THETA0, TRAINING_LOG, Store
-from isi.experiment.train import as_tensors, train_config, train_stack, warn_of_batch
+from isi.experiment.train import as_tensors, train_stack, warn_of_batch
 from isi.stage import StageContext, stage
 from isi.tables import io
 
 
 @stage
 def train_theta0(context: StageContext, experiment: str) -> None:
-    store, config, compute = Store(experiment), train_config(context.params), context.params.compute
+    store, config, compute = Store(experiment), context.params.train_config(), context.params.compute
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     trained = run(train_stack, [(points, config) for points in grid], compute, f"{experiment}, theta0")

@@ -9,7 +9,7 @@ from isi.stage import StageContext, stage
 def vary(context: StageContext, variant: str) -> None:
     settings = context.beyond.variants[variant]
     params, stores = changed(context.params, settings.changes), [Store(name) for name in settings.experiments]
-    runs, answers = results(params, settings, stores, variant)
+    runs, answers = results(settings, params.variant_config(settings), stores, variant)
     VARIANT_RUNS.write(runs, context.stage, variant=variant)
     VARIANT_QUERIES.write(answers, context.stage, variant=variant)
 

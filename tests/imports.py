@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
-#: Modules without effect on numbers, so that no stage depends on them: messages, process control, the start of a
-#: stage, and the collection of all classes of params (each class is defined beside the code that uses it).
-PLUMBING = {Path("isi", f"{name}.py") for name in ("__init__", "errors", "process", "stage", "params")}
+#: Modules without effect on numbers, so that no stage depends on them: messages, process control, what DVC's files say,
+#: the start of a stage, and params, which pass on values of sections (each is defined beside the code that uses it).
+PLUMBING = {Path("isi", f"{name}.py") for name in ("__init__", "errors", "process", "pipeline", "stage", "params")}
 
 
 def closure(*paths: Path) -> set[Path]:

@@ -12,7 +12,8 @@ import yaml
 from pydantic import BaseModel
 
 from isi.config import value_of
-from isi.stage import PIPELINES, StageContext, context_of
+from isi.pipeline import PIPELINES
+from isi.stage import StageContext, context_of
 from isi.tables import paths
 
 parsed = cache(yaml.safe_load)  # cached, since parsing is slow

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
-from isi.analyses.joint_models import train_final, usual_epochs, whole_graph
 from isi.bundle.folder import Bundle, InsertionRecord, read
 from isi.errors import InputError
+from isi.experiment.final_model import train_final, usual_epochs, whole_graph
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start

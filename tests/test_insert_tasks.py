@@ -8,7 +8,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.evaluation.query_sets import CONVERGING
-from isi.experiment.insert import insert_config, joint_targets
+from isi.experiment.insert import joint_targets
 from isi.experiment.store import RUNS
 from isi.params import load
 from isi.tables import paths
@@ -54,11 +54,11 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
 
 @pytest.mark.parametrize(("name", "options"), [("es", {"k": 4}), ("ers", {"k": 2, "candidates": 8})])
 def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int]) -> None:
-    config = insert_config(PARAMS, name, [3])
+    config = PARAMS.insert_config(name, [3])
     assert (config.initializer, config.options, config.root, config.full_curves) == (name, options, 9, [3])
     assert config.margin == PARAMS.convergence.margin
     assert (config.negatives, config.optimizer) == (PARAMS.negatives, PARAMS.finetuning)
-    assert insert_config(PARAMS, name, options={**options, "k": 1}).options == {**options, "k": 1}
+    assert PARAMS.insert_config(name, options={**options, "k": 1}).options == {**options, "k": 1}
     assert config.training(max_epochs=0).optimizer == PARAMS.finetuning.model_copy(update={"max_epochs": 0})
     with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
-        insert_config(PARAMS, name, options={**options, "k": 0})
+        PARAMS.insert_config(name, options={**options, "k": 0})

@@ -17,9 +17,9 @@ from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import WORD_VECTORS
+from isi.pipeline import missing
 from isi.sources import KINDS as KIND_TABLE
 from isi.sources import OBSERVATIONS
-from isi.stage import missing
 from isi.tables import io, paths
 from isi.tables.table import concat
 from tests import small

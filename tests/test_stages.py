@@ -36,8 +36,8 @@ PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sour
 #: Stages on which all other results depend.
 MAKING = ("mine", "build_graph", "embed_words", "make_sessions", "train_theta0", "train_joint", "insert")
 #: Code that changes for other reasons: messages, the command, the page, tables that only the report reads.
-APART = ("isi/errors.py", "isi/process.py", "isi/stage.py", "isi/params.py", "isi/cli", "isi/report", "isi/analyses",
-         "isi/bundle", "isi/insertion", "isi/pykeen")  # fmt: skip
+APART = ("isi/errors.py", "isi/process.py", "isi/pipeline.py", "isi/stage.py", "isi/params.py", "isi/cli",
+         "isi/report", "isi/analyses", "isi/bundle", "isi/insertion", "isi/pykeen")  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

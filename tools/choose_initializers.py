@@ -23,7 +23,7 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import train_config, train_stack
+from isi.experiment.train import train_stack
 from isi.graph.sessions import OUT, TRAIN, VALID, Session, membership, sample_insert_triples, touches
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
@@ -102,7 +102,7 @@ def tasks_of(
     params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
 ) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
     """Arguments of ``measured`` for samples of hidden entities at grid points of one size; trains the embeddings."""
-    store, chosen, fraction = Store(experiment), train_config(params), params.sessions.insert_fraction
+    store, chosen, fraction = Store(experiment), params.train_config(), params.sessions.insert_fraction
     words = store.words()
     drawn = [
         hide(points, given.hidden, draw, params.seed, fraction)

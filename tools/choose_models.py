@@ -13,7 +13,6 @@ import pandas as pd
 
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import train_config
 from isi.models.model import make_model
 from isi.params import load
 from tools.choose_rates import best_valid
@@ -40,7 +39,7 @@ def main() -> None:
         for rates, chosen in product(combinations(of_training), combinations(choices)):
             model = make_model(name, options | chosen, f"models.{name}")
             rows.append({"model": name, **rates, **chosen})
-            tasks.append((joint, train_config(params, model, params.training.model_copy(update=rates))))
+            tasks.append((joint, params.train_config(model, params.training.model_copy(update=rates))))
     measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
     table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
     shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")

@@ -14,10 +14,10 @@ from torch import Tensor
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertConfig, finetune, initialize, insert_config, with_vectors
+from isi.experiment.insert import InsertConfig, finetune, initialize, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, train_config, train_stack
+from isi.experiment.train import TrainConfig, train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
 from isi.params import load
@@ -61,15 +61,15 @@ def main() -> None:
     grid = list(product(given.batches, given.training))
     joint = [points.all_known for points in single]
     settings = [params.training.model_copy(update={"batch_size": b, "learning_rate": rate}) for b, rate in grid]
-    tasks = [(points, train_config(params, training=training)) for training in settings for points in joint]
+    tasks = [(points, params.train_config(training=training)) for training in settings for points in joint]
     measured = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, measured.reshape(len(grid), -1).mean(1))
-    chosen = train_config(params)
+    chosen = params.train_config()
     theta0 = run(train_stack, [(points, chosen) for points in single], params.compute, "theta0")
     words, grid = store.words(), list(product(given.batches, given.finetuning))
     names = [name for name in params.initializers if INITIALIZERS.get(name, name).role in ("paper", "isi")]
     tuned = [
-        (points, trained.theta, words, insert_config(params, name).training(batch_size=batch, learning_rate=rate))
+        (points, trained.theta, words, params.insert_config(name).training(batch_size=batch, learning_rate=rate))
         for (batch, rate), (points, trained), name in product(grid, zip(single, theta0, strict=True), names)
     ]
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)

@@ -1,10 +1,8 @@
-"""Joint models with other settings or scoring functions, and the final model of a whole graph."""
+"""Joint models with other settings or scoring functions."""
 
 from dataclasses import replace
-from statistics import median_low
 from typing import Annotated
 
-import numpy as np
 import pandas as pd
 import torch
 from pydantic import Field
@@ -15,14 +13,12 @@ from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import MEASURE_COLUMNS
-from isi.experiment.train import TrainConfig, TrainResult, run_rows, train_stack, training_start
+from isi.experiment.train import TrainConfig, TrainResult, run_rows, train_stack
 from isi.graph.graph import Graph
-from isi.graph.sessions import TRAIN, VALID, folds
-from isi.models.stack import Embedding
+from isi.graph.sessions import VALID, folds
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, REAL, SHARE, at_least, null_without
 from isi.tables.table import Table
-from isi.training.trainer import train
 
 RATE = at_least(0, REAL.type)
 #: Measures of each setting on each held-out fold, at the best epoch (section 5.3).
@@ -108,23 +104,3 @@ def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
     by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
     epochs, valid = by_seed["epoch"].max().rename("epochs"), best["mrr_star"].last().rename("valid_mrr_star")
     return run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
-
-
-def usual_epochs(log: pd.DataFrame) -> int:
-    """Lower median over seeds of the best epoch in ``log`` (``TRAINING_LOG``); ``InputError`` if no epoch is best."""
-    kept = log[log["kept"]].groupby("seed")["epoch"].max()
-    if kept.empty:
-        raise InputError("joint.log.parquet", "column 'kept'", "expected true in at least one row, a best epoch")
-    return int(median_low(kept.tolist()))
-
-
-def whole_graph(experiment: str, graph: Graph) -> GridPoints:
-    """A grid point with all triples in train and the random streams of the joint model of seed 0."""
-    splits = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8)
-    return GridPoints.without_insertion(experiment, graph, [0], splits)
-
-
-def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> Embedding:
-    """Train the final model on the training triples of ``points`` for a fixed number of epochs."""
-    optimizer = config.training.model_copy(update={"max_epochs": epochs})
-    return train(*training_start(points, config), config.negatives, optimizer, config.root)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -14,14 +14,14 @@ from pydantic import Field
 from torch import Tensor
 
 from isi.analyses.variants import Changes
-from isi.config import Count, EachOnce, Name, Names, Option, Section, ensure
+from isi.config import Count, EachOnce, Name, Names, Section, ensure
 from isi.evaluation import readings
 from isi.evaluation.readings import ASPECTS, FILTERS, RANKINGS, QueryRanks, ReadingQueries, reading_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints
-from isi.experiment.insert import InsertConfig, finetune, init_context, insert_config, with_vectors
-from isi.experiment.runner import run, stack_height
+from isi.experiment.insert import InsertConfig, finetune, init_context, with_vectors
+from isi.experiment.runner import Compute, run, stack_height
 from isi.experiment.store import SIZE_AND_SEED, Store
-from isi.experiment.train import TrainConfig, joint_tasks, train_config, train_stack
+from isi.experiment.train import TrainConfig, joint_tasks, train_stack
 from isi.graph.graph import GraphOf
 from isi.graph.sessions import SPLIT_NAMES, Session, SessionsOf, membership, touches
 from isi.initializers import api
@@ -29,9 +29,6 @@ from isi.models.stack import Embedding, select
 from isi.tables.rules import FROM_0, NAME, SHARE, at_least, one_of
 from isi.tables.table import Table, TensorFile
 from isi.training.trainer import never_stop
-
-if TYPE_CHECKING:
-    from isi.params import Params
 
 #: A model's column ``k``: the number of indicators of a sweep; 0: that of params, or none.
 MODEL = {"model": NAME, "k": FROM_0}
@@ -96,25 +93,35 @@ class ReadingTables:
 Inserted = tuple[InsertConfig, int]
 
 
+@dataclass(frozen=True)
+class ReadingConfig:
+    """How a case trains, inserts and fine-tunes, with its changes of params."""
+
+    training: TrainConfig
+    initializers: Sequence[Inserted]  #: those of the case, then those of its sweep
+    compute: Compute
+
+
 #: Arguments of ``measure_stack``.
 ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Inserted | None, Sequence[str], bool]
 
 
-def measure(params: Params, case: ReadingCase, store: Store) -> ReadingTables:
-    """Train, insert, fine-tune and measure a case; ``params`` include its changes."""
-    config = train_config(params)
-    grid = store.grid(stack_height(params.compute))
-    trained = run(train_stack, [(points, config, 0) for points in grid], params.compute, f"{store.experiment}, Θ⁰")
-    joint_of = _joint_models(params, grid, config, store.experiment)
+def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTables:
+    """Train, insert, fine-tune and measure a case."""
+    grid = store.grid(stack_height(config.compute))
+    theta0_tasks = [(points, config.training, 0) for points in grid]
+    trained = run(train_stack, theta0_tasks, config.compute, f"{store.experiment}, Θ⁰")
+    joint_of = _joint_models(config, grid, store.experiment)
     tasks = list[ReadingTask]()
     for points, result in zip(grid, trained, strict=True):
         joint = joint_of[tuple(points.seeds)]
         sizes = points.size in case.finetuned, points.size in case.curves
-        for inserted in _initializers(params, case, sizes[0]):
-            has_curves = sizes[1] and not inserted[1]
+        for initializer, k in config.initializers:
+            inserted = initializer if sizes[0] else initializer.training(max_epochs=0), k
+            has_curves = sizes[1] and not k
             tasks.append((points, result.theta, joint, store.words(), inserted, case.converging, has_curves))
         tasks.append((points, joint, joint, store.words(), None, case.converging, False))
-    parts = run(measure_stack, tasks, params.compute, f"{store.experiment}, readings")
+    parts = run(measure_stack, tasks, config.compute, f"{store.experiment}, readings")
     ranks, rows, curved = zip(*parts, strict=True)
     curves = defaultdict[str, list[Tensor]](list)
     for task, seen in zip(tasks, curved, strict=True):
@@ -124,22 +131,11 @@ def measure(params: Params, case: ReadingCase, store: Store) -> ReadingTables:
     return ReadingTables(ranks, rows, {name: torch.cat(of) for name, of in curves.items()})
 
 
-def _joint_models(
-    params: Params, grid: Sequence[GridPoints], config: TrainConfig, name: str
-) -> dict[tuple[int, ...], Embedding]:
+def _joint_models(config: ReadingConfig, grid: Sequence[GridPoints], name: str) -> dict[tuple[int, ...], Embedding]:
     """The joint model of each stack of seeds; all sizes share it."""
-    tasks = joint_tasks(grid, config)
-    trained = run(train_stack, tasks, params.compute, f"{name}, joint")
+    tasks = joint_tasks(grid, config.training)
+    trained = run(train_stack, tasks, config.compute, f"{name}, joint")
     return {tuple(task[0].seeds): result.theta for task, result in zip(tasks, trained, strict=True)}
-
-
-def _initializers(params: Params, case: ReadingCase, finetuned: bool) -> Iterator[Inserted]:
-    """The initializers of a case, then those of its sweep, ready for insertion."""
-    swept = [(name, {"k": k}, k) for name, numbers in case.indicators.items() for k in numbers]
-    for name, changed, k in [*((name, {}, 0) for name in case.initializers), *swept]:
-        options: Mapping[str, Option] = {**params.initializers[name], **changed}
-        config = insert_config(params, name, options=options)
-        yield config if finetuned else config.training(max_epochs=0), k
 
 
 def measure_stack(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -15,18 +15,17 @@ from isi.analyses.query_breakdown import break_down, breakdown_table
 from isi.config import Count, Name, Option, Section, check, ensure
 from isi.errors import InputError
 from isi.experiment.grid import JOINT_MODEL, GridPoints
-from isi.experiment.insert import InsertConfig, insert_config, insert_stack, joint_targets
-from isi.experiment.runner import run, stack_height
+from isi.experiment.insert import InsertConfig, insert_stack, joint_targets
+from isi.experiment.runner import Compute, run, stack_height
 from isi.experiment.store import Store, runs_table
-from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, model_of, train_config, train_stack
+from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, train_stack
 from isi.graph.sessions import SessionsOf, later_key
 from isi.graph.words import Words, load_vectors, look_up
 from isi.models.stack import Embedding
 from isi.random import stream
 from isi.tables.rules import NAME
 
-if TYPE_CHECKING:
-    from isi.params import Params
+S = TypeVar("S", bound=Section)
 
 #: Runs of the initializers and the joint model of a variant, by experiment, and the query breakdown at epoch 0.
 VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
@@ -81,7 +80,17 @@ class GraphExperiment(Section):
         )  # fmt: skip
 
 
-def changed(params: Params, changes: Mapping[str, Any]) -> Params:
+@dataclass(frozen=True)
+class VariantConfig:
+    """How a variant trains, inserts and fine-tunes, with its changes of params."""
+
+    training: TrainConfig
+    initializers: Mapping[str, InsertConfig]
+    words: Words | None  #: None: the word vectors of the experiment
+    compute: Compute
+
+
+def changed(params: S, changes: Mapping[str, Any]) -> S:
     """Params with new values at dotted keys; ``InputError`` for a key outside ``CHANGEABLE`` or an invalid value."""
     for key, value in changes.items():
         name, _, within = key.partition(".")
@@ -100,12 +109,14 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
     return params
 
 
-def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and its query breakdown right after insertion; ``params`` include the variant's changes."""
+def results(
+    variant: Variant, config: VariantConfig, stores: Sequence[Store], name: str
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs of a variant on experiments, and its query breakdown right after insertion."""
     parts = [
         [frame.assign(experiment=store.experiment) for frame in frames]
         for store in stores
-        for frames in run(run_variant, tasks(params, variant, store), params.compute, f"{name}, {store.experiment}")
+        for frames in run(run_variant, tasks(variant, config, store), config.compute, f"{name}, {store.experiment}")
     ]
     runs, answers = (pd.concat(frames) for frames in zip(*parts, strict=True))
     ordered = runs.sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
@@ -117,21 +128,23 @@ Models = tuple[Embedding, list[Embedding]]  #: Θ⁰ and the joint model of each
 VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None]
 
 
-def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
+def tasks(variant: Variant, config: VariantConfig, store: Store) -> list[VariantTask]:
     """Arguments of ``run_variant`` for each stack of grid points of one experiment."""
-    model, configs, phrases = model_of(params), dict[str, InsertConfig](), list(store.entities()["phrase"])
-    own_words = variant.changes_one_of("words")
-    words = look_up(load_vectors(params.words), phrases).vectors if own_words else store.words()
-    for name in variant.initializers:
-        full_curves = [variant.size] if variant.full_curves else []
-        config = insert_config(params, name, full_curves, variant.options.get(name))
-        configs[name] = config if variant.finetuned else config.training(max_epochs=0)
-    start = train_config(params) if variant.trained or variant.changes_one_of(*LEARNED) else None
-    return [
-        (points, start or (store.theta0(points, model), store.joint_models(points, model)), words, configs,
-         variant.max_insert_triples)
-        for points in store.grid(stack_height(params.compute), variant.size, variant.seeds)
-    ]  # fmt: skip
+    if config.words is None:
+        words = store.words()
+    else:
+        words = look_up(load_vectors(config.words), list(store.entities()["phrase"])).vectors
+    inserted = config.initializers
+    if not variant.finetuned:
+        inserted = {name: each.training(max_epochs=0) for name, each in inserted.items()}
+    trains = variant.trained or variant.changes_one_of(*LEARNED)
+    model, listed = config.training.model, list[VariantTask]()
+    for points in store.grid(stack_height(config.compute), variant.size, variant.seeds):
+        start: Models | TrainConfig = config.training
+        if not trains:
+            start = store.theta0(points, model), store.joint_models(points, model)
+        listed.append((points, start, words, inserted, variant.max_insert_triples))
+    return listed
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -33,11 +33,11 @@ class Answer:
     entity: str  #: or the relation that is asked for
     rank: int  #: of its score among the candidates, from 1
     score: float
-    probability: float | None  #: calibrated; null without a curve
+    probability: float | None  #: calibrated; None without a curve
     given: bool  #: whether it makes a fact that was added after training
     known: bool  #: whether it makes a known triple, given or trained on
     inserted: bool  #: whether it is an inserted entity
-    shared_by: list[str] | None = None  #: indicators with this known answer; null if no indicators were given
+    shared_by: list[str] | None = None  #: indicators with this known answer; None if no indicators were given
 
     @property
     def unsupported(self) -> bool:
@@ -120,7 +120,7 @@ def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
 
 
 def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
-    """The curve for a relation and the slot of the answer, from known triples; null if the relation has none."""
+    """The curve for a relation and the slot of the answer, from known triples; None if the relation has none."""
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
     if not given:
         return None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -13,14 +13,11 @@ from torch.nn.functional import cosine_similarity
 from isi.bundle.answers import Answers, completed
 from isi.bundle.inserter import InsertedEntity, Inserter, Method
 from isi.bundle.journal import Additions, Change, NewEntity
-from isi.bundle.query import Fact, Query, queries_of
+from isi.bundle.query import Fact, OpenBundle, Query, queries_of
 from isi.errors import InputError
 from isi.initializers import similarity
 from isi.insertion.api import init_context_of
 from isi.insertion.interference import Interference
-
-if TYPE_CHECKING:
-    from isi.bundle.live import LiveEmbedding
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
 SHOWN, LEAST = 8, 0.01  #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -34,8 +31,8 @@ class Indicator:
     entity: str
     #: in the vector (MAP: in the mean of the prior); None if there are none or many equal ones: then similarity decides
     weight: float | None
-    words: float | None  #: cosine of the word vectors; null if one is missing
-    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); null if none
+    words: float | None  #: cosine of the word vectors; None if one is missing
+    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); None without facts
 
 
 class Lost(NamedTuple):
@@ -52,7 +49,7 @@ class Ablation:
 
     left_out: str  #: fact, words, indicator
     what: str  #: the fact as text, the name, or the indicator
-    cosine: float | None = None  #: between this vector and the real one; null if no input is left
+    cosine: float | None = None  #: between this vector and the real one; None if no input is left
     moved: float | None = None  #: their distance, divided by the length of the real one
     changes: Sequence[Lost] = ()  #: of each query whose best answers change
 
@@ -89,55 +86,93 @@ class Report:
     answers: list[Answers]  #: to the queries that fit the entity
     unsupported: list[tuple[Fact, float | None]]  #: probable triples that no indicator supports, and probabilities
     nearest: list[tuple[str, float]]  #: entities with the highest cosines
-    interference: Interference | None  #: of this entity alone; null without known triples
+    interference: Interference | None  #: of this entity alone; None without known triples
     interference_of_all: Interference | None  #: of all inserted entities
 
 
-def report(live: LiveEmbedding, name: str, top: int) -> Report:
-    """Report on an inserted entity, with the ``top`` best answers to each query."""
-    row, now = live.inserted[name], live.now
-    shown, record = indicators_of(live, name), row.record
+@dataclass(frozen=True)
+class Snapshot:
+    """An embedding with inserted entities, as explanations read it."""
+
+    now: OpenBundle  #: with all inserted entities and the facts that hold
+    inserter: Inserter
+    additions: Additions
+
+
+#: The best answers to a query, so many of them, with ``Answer.shared_by`` for the ids of indicators.
+Ask = Callable[[Query, int, Collection[int]], Answers]
+
+
+def report(
+    snapshot: Snapshot,
+    row: InsertedEntity,
+    top: int,
+    ask: Ask,
+    *,
+    interference: Interference | None,
+    interference_of_all: Interference | None,
+) -> Report:
+    """Report on an inserted entity, with the ``top`` best answers to each query and nearest entities."""
+    now, record = snapshot.now, row.record
+    entity = now.entity_ids[record.entity]
+    shown = indicators_of(snapshot, row)
+    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
+    ranked = [(query, ask(query, max(top, EXAMINED), weights)) for query in queries_of(now, entity, weights)]
+    unsupported = [
+        (completed(now, query, now.entity_ids[best.entity]), best.probability)
+        for query, answers in ranked
+        for best in answers.answers
+        if best.unsupported
+    ]
+    nearest = [(now.entity_names[other], cosine) for other, cosine in now.nearest(entity, top)]
+    return Report(
+        entity=record.entity,
+        id=entity,
+        kind=row.kind or None,
+        facts=record.insert_triples,
+        initializer=record.initializer,
+        options=record.options,
+        why=record.why,
+        fallback=record.fallback,
+        words=row.words.note,
+        notes=list(row.notes),
+        indicators=shown,
+        answers=[replace(answers, answers=answers.answers[:top]) for _, answers in ranked],
+        unsupported=sorted(unsupported, key=lambda triple: -(triple[1] or 0)),
+        nearest=nearest,
+        interference=interference,
+        interference_of_all=interference_of_all,
+    )
+
+
+def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
+    """Explain an inserted entity; ablations compare the ``top`` best answers to the queries that fit it."""
+    now, inserter, record = snapshot.now, snapshot.inserter, row.record
+    name = record.entity
+    shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     queries = queries_of(now, now.entity_ids[name], weights)
-    ranked = [(query, live.ask_query(query, max(top, EXAMINED), weights)) for query in queries]
-    unsupported = [(completed(now, query, now.entity_ids[best.entity]), best.probability)
-                   for query, answers in ranked for best in answers.answers if best.unsupported]  # fmt: skip
-    return Report(
-        name, now.entity_ids[name], row.kind or None, record.insert_triples, record.initializer, record.options,
-        record.why, record.fallback, row.words.note, list(row.notes), shown,
-        [replace(answers, answers=answers.answers[:top]) for _, answers in ranked],
-        sorted(unsupported, key=lambda triple: -(triple[1] or 0)), live.nearest(name, top),
-        live.interference([name], show=top), live.interference(show=top),
-    )  # fmt: skip
-
-
-def explain(live: LiveEmbedding, name: str, top: int) -> Explanation:
-    """Explain an inserted entity; ablations compare the ``top`` best answers to the queries that fit it."""
-    row = live.inserted[name]
-    shown, record = indicators_of(live, name), row.record
-    weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    queries = queries_of(live.now, live.now.entity_ids[name], weights)
-    facts, base = record.insert_triples, live.base
-    pieces = [("fact", " ".join(fact), live.inserter, [other for other in facts if other != fact]) for fact in facts]
+    facts, base = record.insert_triples, inserter.base
+    pieces = [("fact", " ".join(fact), inserter, [other for other in facts if other != fact]) for fact in facts]
     if row.words.vector is not None:
-        without_words = Inserter(replace(base, words=None), None, live.inserter.chosen)
+        without_words = Inserter(replace(base, words=None), None, inserter.chosen)
         pieces.append(("words", name, without_words, facts))
     for indicator in shown:
         if indicator.weight is not None:
             fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
             rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
-            pieces.append(("indicator", indicator.entity, replace(live.inserter, base=fewer, _curves={}), rest))
-    without = [_ablation(live, row, *piece, queries, top) for piece in pieces]
+            pieces.append(("indicator", indicator.entity, replace(inserter, base=fewer, _curves={}), rest))
+    without = [_ablation(snapshot, row, *piece, queries, top) for piece in pieces]
     without.sort(key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf")))
     return Explanation(name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without)
 
 
 def _ablation(
-    live: LiveEmbedding, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
+    snapshot: Snapshot, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
     queries: Sequence[Query], top: int,
 ) -> Ablation:  # fmt: skip
     """Insert an entity again by the same initializer, alone, with the given facts; compare its best answers."""
-    record, now = row.record, live.now
+    record, now = row.record, snapshot.now
     same = NewEntity(
         definition=record.definition, kind=row.kind or None, initializer=record.initializer, options=record.options,
         seed=record.seed,
@@ -147,7 +182,7 @@ def _ablation(
     try:
         if not known and (row.words.vector is None or left_out == "words") and record.requested_initializer is None:
             raise InputError("", "", "no input is left")
-        alone = Additions(retracted=dict(live.additions.retracted))
+        alone = Additions(retracted=dict(snapshot.additions.retracted))
         alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
         changed = inserter.rows(alone, [record.entity])[record.entity]
     except InputError:  # nor does an initializer of words alone serve every model
@@ -168,17 +203,17 @@ def _ablation(
     return Ablation(left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes)
 
 
-def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
+def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     """The indicators of an inserted entity, by falling weight; without weights, the most similar known entities."""
-    row = live.inserted[name]
-    known = live.base.entity_ids.keys() | {name}
+    inserter, name = snapshot.inserter, row.record.entity
+    known = inserter.base.entity_ids.keys() | {name}
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
     method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
-    words = {name: row.words}
-    result = live.inserter.insert(method, [name], facts, words, [row.kind], live.known_triples)
+    words, known_triples = {name: row.words}, inserter.known_triples(snapshot.additions)
+    result = inserter.insert(method, [name], facts, words, [row.kind], known_triples)
     seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
-        live.inserter.word_rows([name], words), live.inserter.kind_ids([row.kind]), 0,
+        inserter.word_rows([name], words), inserter.kind_ids([row.kind]), 0,
     )  # fmt: skip
     has_words, has_triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
     candidates, named = seen.candidates[0, 0], similarity.word_eligible(seen)[0, 0]
@@ -198,10 +233,14 @@ def indicators_of(live: LiveEmbedding, name: str) -> list[Indicator]:
         best = best[weight[best] > 0]
     else:
         best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
-    return [
-        Indicator(
-            row, live.base.entity_names[row], None if weight is None else float(weight[row]),
-            float(similar[row]) if has_words and named[row] else None, float(related[row]) if has_triples else None,
+    indicators = list[Indicator]()
+    for entity in best.tolist():
+        indicator = Indicator(
+            id=entity,
+            entity=inserter.base.entity_names[entity],
+            weight=None if weight is None else float(weight[entity]),
+            words=float(similar[entity]) if has_words and named[entity] else None,
+            relations=float(related[entity]) if has_triples else None,
         )
-        for row in best.tolist()
-    ]  # fmt: skip
+        indicators.append(indicator)
+    return indicators

@@ -103,7 +103,7 @@ class Bundle:
     phrases: list[str]  #: the words of each entity's name, for its word vector
     relation_names: list[str]
     triples: np.ndarray  #: ids; shape: (T, 3), int64
-    words: np.ndarray | None = None  #: shape: (E, v), float32; zero rows if missing; null if all are missing
+    words: np.ndarray | None = None  #: shape: (E, v), float32; zero rows if missing; None if all are missing
 
     def insertions(self) -> dict[str, InsertionRecord]:
         """Records of insertions by entity name."""

@@ -1,6 +1,6 @@
 """Import of embeddings from other tools as bundles: names, triples and tensors of PyKEEN, OpenKE or plain files.
 
-Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; pickled code runs in ``of_pickle`` only.
+Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; only ``isi.pykeen.pickled`` runs pickled code.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.api import margin_of
 from isi.insertion.arguments import argument, array_of, checked_model
-from isi.models.model import MODELS, name_of
+from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies the form.
@@ -72,32 +72,14 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
         raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
     defaults = {"squared": False, "margin": 1.0}  # for the scores from which the margin is estimated
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
-    bundle = _bundle(model, options, read_tables(files, model), labels, files)
+    bundle = bundle_of(model, options, read_tables(files, model), labels, files)
     if estimated:
         margin = max(1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6)
         bundle.manifest.model_options["margin"] = margin
     return bundle
 
 
-def of_pickle(path: Path, labels: Labels) -> Bundle:
-    """A bundle of a model pickled by PyKEEN; InputError without PyKEEN, for another file, or if ``MODELS`` lacks it."""
-    if not path.is_file():
-        raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
-    with at(path):
-        from isi.pykeen.reading import read_model, unwrapped  # here, since only pickles need PyKEEN
-    try:
-        loaded = torch.load(path, map_location="cpu", weights_only=False)  # runs code: --trust-pickle allows it
-    except Exception as error:  # a pickle can raise any error
-        raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
-    pickled = unwrapped(loaded)
-    read = read_model(pickled, torch.from_numpy(labels.triples), None)
-    if (name := name_of(read.model)) and not pickled.use_inverse_triples:
-        return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
-    expected = "expected TransE, DistMult, ComplEx or RotatE without inverse triples"
-    raise InputError(path, "", f"{expected}: {OTHERS}")
-
-
-def _bundle(
+def bundle_of(
     model: str, options: Mapping[str, Option], tables: Sequence[np.ndarray], labels: Labels, files: Sequence[Path]
 ) -> OpenBundle:
     """Make a bundle of the two tables, checked against each other, the model and the labels."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from isi.bundle import folder as folders
 from isi.bundle import journal as journals
 from isi.bundle import stored
 from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
+from isi.bundle.explain import Explanation, Report, Snapshot, explain, report
 from isi.bundle.folder import Bundle
 from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
 from isi.bundle.journal import (
@@ -42,10 +43,6 @@ from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import TripleForms
 from isi.insertion.interference import Interference, measure
 from isi.names import clean
-
-if TYPE_CHECKING:
-    from isi.bundle.explain import Explanation, Report
-
 
 STORED_EVERY = 100  #: Changes, after which the computed vectors are written, in case the process is killed.
 
@@ -284,15 +281,22 @@ class LiveEmbedding:
 
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators, and the effect of each part of its input."""
-        from isi.bundle.explain import explain
-
-        return explain(self, self._inserted(entity), top)
+        return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity, with the ``top`` best answers to each query."""
-        from isi.bundle.explain import report
+        name = self._inserted(entity)
+        return report(
+            self._snapshot(),
+            self._rows[name],
+            top,
+            self.ask_query,
+            interference=self.interference([name], show=top),
+            interference_of_all=self.interference(show=top),
+        )
 
-        return report(self, self._inserted(entity), top)
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(self.now, self.inserter, self.additions)
 
     def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
         """How far inserted entities push known answers down: all of them, or those named; None without known triples.

@@ -37,9 +37,9 @@ SAME = 0.9
 class PhraseVector(NamedTuple):
     """The word vector of a phrase, and the most similar known entity."""
 
-    vector: np.ndarray | None  #: float32, shape (v,); null without usable words
+    vector: np.ndarray | None  #: float32, shape (v,); None without usable words
     note: str  #: the source of the vector, or why there is none
-    nearest: int | None = None  #: the known entity of the highest cosine; null without words
+    nearest: int | None = None  #: the known entity of the highest cosine; None without words
     cosine: float | None = None  #: that cosine, or ``PhraseVectors.unweighted``
 
 
@@ -64,7 +64,7 @@ class PhraseVectors:
         return unit(self.known)
 
     def vector(self, phrase: str, definition: str | None = None) -> PhraseVector:
-        """The word vector of a phrase; null if it has no words or is unlike all known phrases."""
+        """The word vector of a phrase; None if it has no words or is unlike all known phrases."""
         vector = self.embed(phrase, definition)
         if not vector.any():
             return PhraseVector(None, f"{self.source} has no word of {phrase!r}")
@@ -83,10 +83,10 @@ class PhraseVectors:
 
 
 def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors | None:
-    """Word vectors of a bundle's phrases from a word2vec or GloVe file; null: from the source of the bundle's own.
+    """Word vectors of a bundle's phrases from a word2vec or GloVe file; None: from the source of the bundle's own.
 
     If that is neither the installed sentence model nor an existing file, or if there is none, the vocabulary embeds all
-    phrases; if it has words of too few, the result is null. InputError for a file that has none.
+    phrases; if it has words of too few, the result is None. InputError for a file that has none.
     """
     origin = bundle.manifest.words
 

@@ -42,7 +42,7 @@ class Query(NamedTuple):
 class OpenBundle(Bundle):
     """A bundle with its scoring function."""
 
-    scoring: Model | None = None  #: null: the model that the manifest names
+    scoring: Model | None = None  #: None: the model that the manifest names
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 

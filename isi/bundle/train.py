@@ -21,7 +21,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from isi.analyses.joint_models import train_final
 from isi.bundle.folder import Bundle, Manifest
 from isi.bundle.live import LiveEmbedding
 from isi.bundle.names import by_known_name, note_of_kinds
@@ -30,6 +29,7 @@ from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.evaluation.ranking import padded_ids
+from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, train_stack
 from isi.graph.files import read_graph
@@ -69,7 +69,7 @@ CLEARLY = 2.0  #: Standard errors by which the reciprocal ranks of a model that 
 class TrainingSummary:
     """How a bundle was trained, and filtered MRRs of test triples, which a model with its settings was not trained on.
 
-    The bundle itself is trained on all triples. MRRs are null if no triple can leave training.
+    The bundle itself is trained on all triples. MRRs are None if no triple can leave training.
     """
 
     entities: int
@@ -186,8 +186,8 @@ def train_bundle(
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
-        model: a registered model; null: the best of ``COMPARED`` for validation triples.
-        learning_rate: of Adagrad; null: the best of ``RATES``.
+        model: a registered model; None: the best of ``COMPARED`` for validation triples.
+        learning_rate: of Adagrad; None: the best of ``RATES``.
         dimension: d, the length of an entity's vector.
         budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
         seed: root seed of splits, initial vectors, batches and negatives.

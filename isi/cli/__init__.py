@@ -126,7 +126,7 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def text_of(value: Any) -> str:
-    """Format a value for a line of text: floats with 3 digits, null as a dash, a tuple (a triple) with spaces."""
+    """Format a value for a line of text: floats with 3 digits, None as a dash, a tuple (a triple) with spaces."""
     match value:
         case tuple():
             return " ".join(map(str, value))

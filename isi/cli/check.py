@@ -16,12 +16,11 @@ from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import joint_targets
 from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
-from isi.experiment.train import model_of
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.params import Params, load
-from isi.stage import makers
+from isi.pipeline import makers
 from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
@@ -101,10 +100,10 @@ def _check_stack(
 ) -> None:
     """Check the part of a file that belongs to a stack of grid points."""
     if file is THETA0 and int(names["size"]) == points.size:
-        store.theta0(points, model_of(params))
+        store.theta0(points, params.model_of())
     elif file is JOINT:
         for session in range(1, points.sessions + 1):
-            store.joint(points, model_of(params), session)
+            store.joint(points, params.model_of(), session)
     elif file is RUNS and names["model"] == "joint":
         joint_targets(RUNS.read_file(path), points)
     elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # else it did not run

@@ -127,7 +127,7 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """Predictions (``best_tails``) of the joint model of ``seed`` (null: the first); InputError for an unknown seed."""
+    """Predictions (``best_tails``) of the joint model of ``seed`` (None: the first); InputError for an unknown seed."""
     graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
     entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()
@@ -165,7 +165,7 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     return pd.DataFrame(rows, columns=PREDICTED)
 
 
-Files = dict[Path, str | None]  #: Contents by path; null removes an existing file.
+Files = dict[Path, str | None]  #: Contents by path; None removes an existing file.
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:

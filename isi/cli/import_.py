@@ -6,9 +6,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isi.bundle.folder import write
-from isi.bundle.importer import PICKLE, of_pickle, of_tensors, read_labels, tensors_in
+from isi.bundle.importer import PICKLE, of_tensors, read_labels, tensors_in
 from isi.cli import NewFolder, Settings, flags, settings
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.models.model import MODELS
 
 
@@ -33,8 +33,13 @@ def import_(
         raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle determines them")
     labels = read_labels(folder)
     if trust_pickle:
-        with flags(model=folder / PICKLE):
-            bundle = of_pickle(folder / PICKLE, labels)
+        pickled = folder / PICKLE
+        if not pickled.is_file():
+            raise InputError(pickled, "", "no such file: expected PyKEEN's pickle of a model")
+        with at(pickled):
+            from isi.pykeen.pickled import of_pickle  # here, since only pickles need PyKEEN
+        with flags(model=pickled):
+            bundle = of_pickle(pickled, labels)
     else:
         files = list(tensors) or tensors_in(folder, labels.form)
         if model not in MODELS.names():

@@ -99,7 +99,7 @@ class Result:
 
 
 def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None) -> pd.DataFrame:
-    """A row of measures for each query set and model; ``models`` are their places in the stack, null: all."""
+    """A row of measures for each query set and model; ``models`` are their places in the stack, None: all."""
     import pandas as pd
 
     parts = []
@@ -121,7 +121,7 @@ def padded_ids(queried: Tensor) -> Tensor:
 def make_queries(
     session: Session, triples: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor, truth: Truth = "all"
 ) -> Queries:
-    """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else null; shapes: ``Queries``."""
+    """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else None; shapes: ``Queries``."""
     queries = Queries(session, triples, queried, filtered, candidates, truth)
     return replace(queries, rows=_rows(queries, triples)) if len(_pieces(queries)) == 1 else queries
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,17 +19,15 @@ from isi.evaluation.query_sets import CONVERGING, entity_query_sets, epoch_query
 from isi.evaluation.ranking import evaluate, measure_rows
 from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.store import RUNS, Store
-from isi.experiment.train import model_of, run_rows
+from isi.experiment.train import run_rows
 from isi.graph.sessions import later_key
 from isi.initializers import api
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
+from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, Watch
-
-if TYPE_CHECKING:
-    from isi.params import Params
 
 InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of an experiment.
 JointTargets = Mapping[tuple[int, str], np.ndarray]  #: MRR* by session and scope; NaN without queries; (M,).
@@ -70,24 +68,12 @@ class InsertConfig:
         return replace(self, optimizer=self.optimizer.model_copy(update=changed))
 
 
-def insert_config(
-    params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
-) -> InsertConfig:
-    """The config of an initializer, with ``options`` (None: from params); ``InputError`` for an invalid option."""
-    options = params.initializers[initializer] if options is None else options
-    trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
-    return InsertConfig(
-        initializer, api.options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
-        params.finetuning, params.convergence.margin, full_curves,
-    )  # fmt: skip
-
-
 InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]  #: Arguments of ``insert_stack``.
 
 
-def insert_tasks(store: Store, params: Params, grid: Sequence[GridPoints], config: InsertConfig) -> list[InsertTask]:
+def insert_tasks(store: Store, model: Model, grid: Sequence[GridPoints], config: InsertConfig) -> list[InsertTask]:
     """Tasks of insertion with one initializer, and fine-tuning, at grid points of the store's experiment."""
-    words, model, joint = store.words(), model_of(params), RUNS.read(experiment=store.experiment, model=JOINT_MODEL)
+    words, joint = store.words(), RUNS.read(experiment=store.experiment, model=JOINT_MODEL)
     return [(points, store.theta0(points, model), words, joint_targets(joint, points), config) for points in grid]
 
 

@@ -6,7 +6,6 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,14 +15,11 @@ from torch import Tensor
 from isi.evaluation import query_sets
 from isi.evaluation.ranking import evaluate, measure_rows
 from isi.experiment.grid import GridPoints
-from isi.models.model import Model, make_model
+from isi.models.model import Model
 from isi.models.stack import Embedding, uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, training_data
 from isi.training.trainer import Training
-
-if TYPE_CHECKING:
-    from isi.params import Params
 
 
 @dataclass(frozen=True)
@@ -45,19 +41,6 @@ class TrainResult:
     theta: Embedding
     known: np.ndarray  #: entities of the session; shape: (M, E), bool
     log: pd.DataFrame  #: in the columns of ``TRAINING_LOG``
-
-
-def model_of(params: Params, name: str | None = None) -> Model:
-    """The model ``name`` (None: ``embedding.model`` of params), with its options."""
-    name = name or params.embedding.model
-    return make_model(name, params.models[name], f"models.{name}")
-
-
-def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
-    """The training config; ``model`` and ``training`` override params."""
-    model, training, embedding = model or model_of(params), training or params.training, params.embedding
-    trainer.compile_ahead(model, training.batch_size)
-    return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
 
 
 def warn_of_batch(points: GridPoints, config: TrainConfig) -> None:

@@ -25,7 +25,7 @@ def read_graph(
     files: Sequence[str | Path], reader: str | None = None, settings: Mapping[str, Any] | None = None,
     min_count: int = 1, seed: int = 0,
 ) -> tuple[GraphTables, dict[str, dict[str, Any]]]:  # fmt: skip
-    """The graph of files or folders, and by file the name of its reader (guessed if null) and what that counted.
+    """The graph of files or folders, and by file the name of its reader (guessed if None) and what that counted.
 
     ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader; ``min_count``: triples with
     fewer observations are dropped. InputError for a file that cannot be read, two kinds of an entity, or no triples.

@@ -76,7 +76,7 @@ def context_of(
 ) -> InitContext:  # fmt: skip
     """The input of an initializer; ``insert_triples``, (T, 3), sorted: model, place in ``novel``, triple id.
 
-    Ids are rows of ``listed``, (I, 3); null: of the graph's triples.
+    Ids are rows of ``listed``, (I, 3); None: of the graph's triples.
     """
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place

@@ -72,7 +72,7 @@ def insert(
         word_source: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of word vectors.
         kinds: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and priors are of
             known entities of a new one's kind. No kind: an empty text, None, or, in an array of numbers, -1.
-        initializer: a name; null: the best by calibration. ``options`` replace its default options.
+        initializer: a name; None: the best by calibration. ``options`` replace its default options.
         seed: root seed of random initializers and of the hidden entities.
         calibrate: without a named initializer and ``options``, hide known entities, insert them from as many of their
             triples as the new ones have, and choose the initializer with the highest MRR about them among those that
@@ -274,7 +274,7 @@ def default(
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The given margin; null: −(mean score of triples, (T, 3), + mean of corrupted ones) / 2; 0 if linear or T = 0."""
+    """The given margin; None: −(mean score of triples, (T, 3), + mean of corrupted ones) / 2; 0 if linear or T = 0."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]

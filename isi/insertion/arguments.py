@@ -62,7 +62,7 @@ def is_whole(value: object) -> bool:
 
 
 def options_by_name(values: Any, name: str) -> dict[str, Any]:
-    """An argument that maps names to options, as a dict; empty for null."""
+    """An argument that maps names to options, as a dict; empty for None."""
     return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
 
 
@@ -104,7 +104,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
 
 @dataclass
 class Names:
-    """The names of a table's rows, known entities first. If null, rows are identified by id only."""
+    """The names of a table's rows, known entities first. If None, rows are identified by id only."""
 
     argument: str  #: ``entity_names`` or ``relation_names``
     number: int
@@ -300,7 +300,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero); null without words."""
+    """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero); None without words."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):

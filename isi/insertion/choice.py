@@ -123,7 +123,7 @@ def calibrated(
 ) -> Choice | None:  # fmt: skip
     """Choose among initializers, each with its defaults and with the options in its ``calibration``.
 
-    Null if there are too few known triples, or the embedding is too large for the budget.
+    None if there are too few known triples, or the embedding is too large for the budget.
 
     Args:
         initializers: those whose needs are met by the model and the data; the first is always compared.
@@ -255,7 +255,7 @@ class HiddenDraws:
         return random_ranks(self.competes, self.earlier).mean().item()
 
     def inserted(self, initializer: Registered, given: Mapping[str, Any]) -> tuple[dict[str, Any], Tensor] | None:
-        """The checked options, and the vectors of the hidden entities, (M, n, d); null if not all are finite."""
+        """The checked options, and the vectors of the hidden entities, (M, n, d); None if not all are finite."""
         try:
             options = options_of(initializer.name, given, "initializer")
             return options, initializer.initialize(self.context, options).vectors
@@ -268,7 +268,7 @@ class HiddenDraws:
         return replace(theta0, entity=theta0.entity.scatter(1, places, vectors))
 
     def measure(self, initializer: Registered, given: Mapping[str, Any]) -> Candidate | None:
-        """Insert the hidden entities and measure; null if the initializer has no finite vectors for them."""
+        """Insert the hidden entities and measure; None if the initializer has no finite vectors for them."""
         if (inserted := self.inserted(initializer, given)) is None:
             return None
         (options, vectors), novel = inserted, self.context.novel
@@ -295,7 +295,7 @@ def hide(
     theta0: Embedding, triples: np.ndarray, numbers: np.ndarray, words: np.ndarray | None, kinds: np.ndarray | None,
     seed: int, most: int,
 ) -> HiddenDraws | None:  # fmt: skip
-    """Draw at most ``most`` hidden entities, a tenth of the known ones at a time; null with too few triples to query.
+    """Draw at most ``most`` hidden entities, a tenth of the known ones at a time; None with too few triples to query.
 
     Entities with more triples than the median new one come first, at random. In each draw, the better connected hidden
     entities get the larger ``numbers`` of insert triples, if they have them.

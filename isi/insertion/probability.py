@@ -95,7 +95,7 @@ def fit_curves(draws: HiddenDraws, initializer: Registered, options: Mapping[str
     """Insert the hidden entities, and fit logistic curves (Platt 1999) to the answers to the queries about them.
 
     Given a hidden entity, all known entities are answers; given a known one, the hidden entities of the draw. Insert
-    triples are left out. Null with too few right answers, or if the initializer has no finite vectors.
+    triples are left out. None with too few right answers, or if the initializer has no finite vectors.
 
     docs/insert_reference.md has calibration errors on entities that PyKEEN never saw. One curve for all relations has
     nearly the same log loss, but fewer of its answers above .9 are right; curves for each direction are no better.

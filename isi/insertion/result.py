@@ -42,8 +42,8 @@ class Entity:
     id: int
     insert_triples: int  #: number of triples with a known end, which the initializer may use
     between: int  #: number of triples whose ends are all new, which the initializer did not use
-    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid; or null
-    indicators: list[str | int] | None  #: the entities whose centroid is the vector; null if it is no centroid
+    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid; or None
+    indicators: list[str | int] | None  #: the entities whose centroid is the vector; None if it is no centroid
     nearest: list[tuple[str | int, float]]  #: known entities with the highest cosines, and the cosines
     #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is typical
     distance: float
@@ -61,7 +61,7 @@ class Inserted:
     entities: np.ndarray  #: shape: (E + n, d)
     relations: np.ndarray  #: shape: (R + q, w)
     model: Model
-    entity_names: Sequence[str] | None  #: null if entities have ids only
+    entity_names: Sequence[str] | None  #: None if entities have ids only
     relation_names: Sequence[str] | None
     new: list[int]  #: ids of the new entities
     new_relations: list[int]  #: ids of the new relations
@@ -71,13 +71,13 @@ class Inserted:
     initializer: str
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
-    choice: Choice | None  #: the measures by which it was chosen; null if it was named or not calibrated
+    choice: Choice | None  #: the measures by which it was chosen; None if it was named or not calibrated
     hide: Callable[[], HiddenDraws | None]  #: hides known entities, those of the choice if there was one
-    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or null
-    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); null if the
+    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or None
+    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); None if the
     #: initializer has no weights, or n · E is too large
     weights: np.ndarray | None
-    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; null if vectors are no centroids
+    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; None if vectors are no centroids
 
     @property
     def known(self) -> int:
@@ -203,10 +203,10 @@ class Inserted:
         """Measure how far new entities push known answers down. This changes nothing: the insertion may be rejected.
 
         Args:
-            triples: of old entities, to query, held out or trained; null: ``known_triples``. InputError if none.
+            triples: of old entities, to query, held out or trained; None: ``known_triples``. InputError if none.
             most: maximum number of queried triples; a larger set is sampled at random.
             seed: root seed of the sample.
-            original: number of old entities, the first rows; null: those before this insertion. After a row of
+            original: number of old entities, the first rows; None: those before this insertion. After a row of
                 insertions, the number before the first one gives the effect of the whole row. If ``known_triples``
                 grew only at its end, the same triples are queried after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.

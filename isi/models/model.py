@@ -167,5 +167,5 @@ def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
 
 
 def name_of(model: Model) -> str | None:
-    """The name under which a model's class is registered; null if it is not."""
+    """The name under which a model's class is registered; None if it is not."""
     return next((name for name in MODELS.names() if type(model) is MODELS.get(name)), None)

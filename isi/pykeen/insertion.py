@@ -49,12 +49,12 @@ def insert(
         factory: the triples factory that the model was trained on.
         triples: of the new entities and relations, as labels (if the factory has labels) or ids, in any form of
             ``isi.insert``; or another triples factory.
-        new: labels of the new entities (null: all labels in ``triples`` that the factory lacks, with a warning if one
+        new: labels of the new entities (None: all labels in ``triples`` that the factory lacks, with a warning if one
             is nearly a known label); their number if the factory has no labels.
         new_relations: labels of the new relations in ``triples``, or their number if the factory has no labels.
             The model needs tables of relations. Triples of new relations may lie between known entities.
         words: see ``isi.insert``, as for all arguments that are not listed here.
-        margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; null: estimated
+        margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; None: estimated
             from scores of the factory's triples and of corrupted ones.
 
     Returns:
@@ -175,7 +175,7 @@ def of_result(model: Any, factory: Any, triples: Any) -> tuple[PykeenModel, Core
 
 
 def checked_labels(model: PykeenModel, factory: CoreTriplesFactory) -> tuple[list[str] | None, list[str] | None]:
-    """Labels of entities and relations by id, null without labels; InputError if a factory does not fit its model."""
+    """Labels of entities and relations by id, None without labels; InputError if a factory does not fit its model."""
     with argument("factory"):
         if not isinstance(factory, CoreTriplesFactory):
             raise InputError("", "", f"expected a triples factory of PyKEEN's, got {short(factory)}")

@@ -33,7 +33,7 @@ def of(
         factory: the triples factory with labels that the model was trained on; not with a result of the pipeline.
         kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that match no entity
             (``same_name``), and of entities without a kind.
-        margin: of a distance model; null: estimated (``isi.pykeen.insert``).
+        margin: of a distance model; None: estimated (``isi.pykeen.insert``).
 
     Raises:
         InputError: the model has no tables of entities, or the factory no labels.

@@ -154,7 +154,7 @@ def stored(tables: Sequence[Table], rows: Tensor) -> list[tuple[Table, Tensor]]:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """Read a model as a stack of one embedding; a null margin is estimated from ``triples``, shape (T, 3).
+    """Read a model as a stack of one embedding; margin None: estimated from ``triples``, shape (T, 3).
 
     Of a model with inverse triples, row 2r is that of relation r and row 2r + 1 that of its inverse, as in PyKEEN.
     """
@@ -178,7 +178,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 def _closed_form(
     interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w); null if there is none."""
+    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w); None if there is none."""
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
         is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING

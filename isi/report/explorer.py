@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
-from isi.experiment.train import model_of
 from isi.graph.sessions import sample_insert_triples
 from isi.initializers.similarity import cosines
 from isi.models.bilinear import BlockModel
@@ -39,7 +38,7 @@ class Explored:
 
 def read(params: Params, experiment: str) -> Explored | None:
     """Read what the explorer of an experiment shows; None if its model is none that the page computes."""
-    store, model, chosen = Store(experiment), model_of(params), params.explorer
+    store, model, chosen = Store(experiment), params.model_of(), params.explorer
     if not (isinstance(model, BlockModel) and model.linear):
         return None
     points = store.grid(1, chosen.size, chosen.seed + 1)[-1]

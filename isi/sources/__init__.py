@@ -40,7 +40,7 @@ MINED = Table(
 CHANGED = "names changed to Unicode's NFC, without invisible characters and outer spaces"
 REPEATED = "observations dropped that an earlier event has, too"
 CHUNK = 65_536  #: Maximum number of rows of a table that ``Source.frames`` yields.
-#: Scene, room and instance (null where there is none), head, relation, tail, count.
+#: Scene, room and instance (None where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
 #: Unique triples (columns head, relation, tail) and names of rooms → entities (``KINDS``).
 NameEntities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
@@ -53,7 +53,7 @@ class Mining:
 
     seed: int  #: root of every random stream
     counts: Counter[str] = field(default_factory=Counter)  #: instances or triples by description (``MINED``)
-    name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless null
+    name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless None
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Reader:
 
     read: Read  #: called with a ``Mining`` and the settings as keywords; yields observations
     name_entities: NameEntities
-    path: str | None = None  #: name of the setting that holds the path to read; null: shipped files
+    path: str | None = None  #: name of the setting that holds the path to read; None: shipped files
     suffixes: Collection[str] = ()  #: suffixes of the files that it reads, names of files in the folders that it reads
     reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON with this first value
     defaults: Mapping[str, Any] = field(default_factory=dict)  #: default settings in ``isi graph FILE``
@@ -97,7 +97,7 @@ def observed(
     scene: str, room: str | None, instance: str, head: str, receptacles: Iterable[str] = (),
     materials: Iterable[str] = (), affordances: Iterable[str] = (), count: int = 1,
 ) -> Iterator[Observation]:  # fmt: skip
-    """Yield one row for each location (``room`` unless null, receptacles), material and affordance of an object."""
+    """Yield one row for each location (``room`` unless None, receptacles), material and affordance of an object."""
     locations = [room, *receptacles] if room else receptacles
     tails = {AT_LOCATION: locations, HAS_MATERIAL: materials, HAS_AFFORDANCE: affordances}
     for relation, names in tails.items():

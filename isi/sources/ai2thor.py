@@ -64,7 +64,7 @@ def _register(simulator: str, **known: Any) -> None:
         """Observations of recorded scenes.
 
         ``from_`` is ``recording`` (in the package ``procthor``), ``simulator`` (of ``make record``), or the path of a
-        file in either format. ``sha256`` is the expected hash of the file; null: no check. The package's iTHOR has
+        file in either format. ``sha256`` is the expected hash of the file; None: no check. The package's iTHOR has
         fourteen ``circular`` observations, of cabinets that overlap.
         """
         path = locate(from_, simulator)
@@ -96,7 +96,7 @@ def ai2thor_scene(
 
     ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a recording; or a
     list of these, or JSON Lines, where an observation that is in several events of a scene counts once. ``room`` is the
-    scene's room; null: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
+    scene's room; None: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
     absent: set[str] | None = None  # properties that no object reports; None: no objects yet
@@ -176,7 +176,7 @@ def mine(
 
 
 def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Yield (id, id of its receptacle or invalid content, key of ``PROBLEMS`` or null); a floor is no receptacle."""
+    """Yield (id, id of its receptacle or invalid content, key of ``PROBLEMS`` or None); a floor is no receptacle."""
     inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
     cycle_of: dict[str, int] = {}  # equal for objects that contain each other, perhaps through others
     if find_cycles:

@@ -25,7 +25,7 @@ HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
 RECORD_KINDS = tuple("IPVSEOCRL")
 #: Place of a category's name among the fields of a record ``C``; 0 is the field after the letter.
 CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
-#: Scene and instance (null in published tallies), region and category (empty if unknown), and the number of objects.
+#: Scene and instance (None in published tallies), region and category (empty if unknown), and the number of objects.
 Tally = tuple[str | None, str | None, str, str, int]
 #: Settings: room by type of region (tallies) or by label of region (houses); other regions are omitted.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]

@@ -81,7 +81,7 @@ class House(_Fields):
     )
 
 
-#: An object of a house, its position, and the id of the room that its id contains (null: none).
+#: An object of a house, its position, and the id of the room that its id contains (None: no room).
 HouseObject = tuple[SceneObject, Point, str | None]
 RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: Recorded objects by name of their type.
 
@@ -150,7 +150,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """The room that contains each object, else borders it, else null; of several, the one in its id, else the first."""
+    """The room that contains each object, else borders it, else None; of several, the one in its id, else the first."""
     x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
@@ -198,7 +198,7 @@ def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Seque
 
 @lru_cache(maxsize=2**16)
 def type_and_room(identifier: str) -> tuple[str | None, str | None]:
-    """Type and room id in an object's id, or null: ``Bed|2|0`` → ``Bed``, ``room|2``; ``2|0`` → null, ``room|2``."""
+    """Type and room id in an object's id, or None: ``Bed|2|0`` → ``Bed``, ``room|2``; ``2|0`` → None, ``room|2``."""
     first, *rest = identifier.split("|")
     kind = first if first.isascii() and first.isalnum() and not first[0].isdigit() and first != "small" else None
     number = next((text for text in (first, *rest) if text.isascii() and text.isdigit()), None)

@@ -99,7 +99,7 @@ def json_lines(path: Path, sha256: str | None, most: int, content: str) -> Itera
     """Yield (number from 1, line) for each non-blank line of a plain or gzip file; InputError over ``most`` bytes.
 
     A file whose first line is not JSON by itself is yielded as one line: JSON over several lines. ``content``
-    describes the file in errors. ``sha256``: expected hash; null: no check.
+    describes the file in errors. ``sha256``: expected hash; None: no check.
     """
     check_sha256(path, sha256)
     number, is_first = 0, True

@@ -225,5 +225,5 @@ class Recorder(Section):
 
     @property
     def executable(self) -> Path | None:
-        """The path of a local build; null if a build is downloaded."""
+        """The path of a local build; None if a build is downloaded."""
         return None if self.platform in PLATFORMS else Path(self.platform)

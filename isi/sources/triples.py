@@ -110,7 +110,7 @@ def triples_with_ids(
     """Observations from OpenKE's files of ids; the count of a triple is its number of lines.
 
     ``from_`` is a shipped graph (``virtualhome``, ``thor_u``) or a folder with the files ``entity2id.txt`` and
-    ``relation2id.txt``; ``triples`` names the files of triples in the folder (null: ``gt2id.txt``). A suffix in
+    ``relation2id.txt``; ``triples`` names the files of triples in the folder (None: ``gt2id.txt``). A suffix in
     ``KINDS_BY_SUFFIX`` gives an entity's kind; the rest of the name is its phrase, unless a shipped list has another.
     """
     if from_ in SHIPPED:

@@ -27,7 +27,7 @@ def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        from isi.stage import missing  # imported here: only this error needs the pipelines
+        from isi.pipeline import missing  # imported here: only this error needs the pipelines
 
         raise missing(path) from error
     except (OSError, fault) as error:
@@ -36,7 +36,7 @@ def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
 
 
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
-    """Read named tensors (null: all) of a safetensors file; ``InputError`` where one is missing or not finite."""
+    """Read named tensors (None: all) of a safetensors file; ``InputError`` where one is missing or not finite."""
     with _opened(path) as file:
         tensors = {name: file.get_tensor(_tensor_of(path, file, name)) for name in names or file.keys()}
     _check_finite(path, tensors)
@@ -90,7 +90,7 @@ def _check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
 
 
 def check_sha256(path: Path, expected: str | None) -> None:
-    """InputError unless the SHA-256 of a file is ``expected`` (64 hexadecimal digits; null: no check)."""
+    """InputError unless the SHA-256 of a file is ``expected`` (64 hexadecimal digits; None: no check)."""
     if expected is not None:
         with at(path), path.open("rb") as file:
             got = hashlib.file_digest(file, "sha256").hexdigest()

@@ -40,7 +40,7 @@ class DataFile:
         return Path(self.template.format(**names))
 
     def names_in(self, path: Path) -> dict[str, str] | None:
-        """The names that complete the template to this path; null if the path does not match."""
+        """The names that complete the template to this path; None if the path does not match."""
         parts = [(re.escape(text), name) for text, name, *_ in Formatter().parse(self.template)]
         pattern = "".join(text + (rf"(?P<{name}>\w+)" if name else "") for text, name in parts)
         match = re.fullmatch(pattern, path.as_posix())
