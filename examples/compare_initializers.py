@@ -1,4 +1,5 @@
-"""Compare initializers on your own graph: train without some entities, insert them, and ask for what was not given.
+"""Compare initializers on your own graph: train without some entities, insert them,
+and ask for what was not given.
 
 ``python examples/compare_initializers.py [TRIPLES.csv]``
 """
@@ -29,7 +30,8 @@ true = triples.groupby(["head", "relation"])["tail"].agg(set)
 home = isi.train(known.to_numpy().tolist(), model="transe", budget=2)
 
 
-# %% The reciprocal rank of an answer among all entities, other true answers left out; ties count half
+# %% The reciprocal rank of an answer among all entities, other true answers left out
+# Ties count half
 def reciprocal_rank(head: str, relation: str, tail: str) -> float:
     scores = {answer.entity: answer.score for answer in home.ask(head, relation, top=10**6).answers}
     others = np.array([score for name, score in scores.items() if name not in true[head, relation]])

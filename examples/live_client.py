@@ -1,4 +1,6 @@
-"""A client of ``isi live home --socket /tmp/home.socket``: python examples/live_client.py /tmp/home.socket"""
+"""A client of ``isi live home --socket /tmp/home.socket``:
+python examples/live_client.py /tmp/home.socket
+"""
 
 # %%
 import json

@@ -1,25 +1,32 @@
 """Read the measures of all runs, and ask a few questions of your own.
 
-Run it in the folder of the project, or in quick/: `python examples/read_runs.py`. Editors with notebooks, such as VS
-Code, PyCharm and Jupyter with Jupytext, show each part after `# %%` as a cell.
+Run it in the folder of the project, or in quick/: `python examples/read_runs.py`. Editors with
+notebooks, such as VS Code, PyCharm and Jupyter with Jupytext, show each part after `# %%` as a
+cell.
 """
 
 # %% [markdown]
-# One file for each initializer, `data/runs/EXPERIMENT/INITIALIZER.parquet`, and `joint.parquet` for the joint model.
-# `INITIALIZER.inserted.parquet` has a row for each inserted entity, `INITIALIZER.ties.parquet` numbers of tied scores.
+# One file for each initializer, `data/runs/EXPERIMENT/INITIALIZER.parquet`, and `joint.parquet` for
+# the joint model. `INITIALIZER.inserted.parquet` has a row for each inserted entity,
+# `INITIALIZER.ties.parquet` numbers of tied scores.
 
 # %%
 from pathlib import Path
 
 import pandas as pd
 
-EXPERIMENT, ONE, OTHER = "ai2thor", "es", "xavier"  # of params.yaml: an experiment, two initializers to compare
+# of params.yaml: an experiment, two initializers to compare
+EXPERIMENT, ONE, OTHER = "ai2thor", "es", "xavier"
 FOLDER = Path("data/runs") / EXPERIMENT
 
 files = [path for path in sorted(FOLDER.glob("*.parquet")) if "." not in path.stem]
 if not files:
-    raise SystemExit(f"{FOLDER}: no runs here: run `make repro` or `make quick` first, then this in that folder")
-runs = pd.concat([pd.read_parquet(path).assign(model=path.stem) for path in files], ignore_index=True)
+    raise SystemExit(
+        f"{FOLDER}: no runs here: run `make repro` or `make quick` first, then this in that folder"
+    )
+runs = pd.concat(
+    [pd.read_parquet(path).assign(model=path.stem) for path in files], ignore_index=True
+)
 print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 
 # %% [markdown]
@@ -27,9 +34,9 @@ print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 #
 # | column | meaning |
 # | --- | --- |
-# | `model` | the initializer; `joint`: trained on all triples at once, the upper reference (epoch 0 only) |
+# | `model` | the initializer; `joint`: trained on all triples, the upper reference (epoch 0 only) |
 # | `size` | abs(ξ), the number of entities that a session inserts |
-# | `seed` | the repeat: each seed has its own splits and novel entities, equal for all initializers |
+# | `seed` | the repeat: each has its own splits and novel entities, equal for all initializers |
 # | `session` | 1, or up to `sessions.steps` where several sessions insert, one after the other |
 # | `epoch` | epochs of fine-tuning; 0: right after insertion |
 # | `scope` | the queries, see below |
@@ -38,32 +45,61 @@ print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 # | `mrr` | the plain filtered mean reciprocal rank |
 # | `queries` | the number of triples; each gives three queries: head, relation, tail |
 #
-# Scopes: `all` test triples; `known`, those of known entities alone; `known_closed`, the same with known candidates
-# alone; `novel`, the triples of novel entities except insert triples, at epoch 0; `novel_heldout`, those of them that
-# are never trained on.
+# Scopes: `all` test triples; `known`, those of known entities alone; `known_closed`, the same with
+# known candidates alone; `novel`, the triples of novel entities except insert triples, at epoch 0;
+# `novel_heldout`, those of them that are never trained on.
 
 # %% Right after insertion: means over sizes and seeds, in points
 immediate = runs[runs["epoch"] == 0]
-print((100 * immediate.pivot_table(values="mrr_star", index="model", columns="scope", observed=True)).round(2), "\n")
+print(
+    (
+        100
+        * immediate.pivot_table(values="mrr_star", index="model", columns="scope", observed=True)
+    ).round(2),
+    "\n",
+)
 
 # %% By the number of inserted entities, queries about the novel ones
 novel = immediate[immediate["scope"] == "novel"]
 print((100 * novel.pivot_table(values="mrr_star", index="model", columns="size")).round(2), "\n")
 
-# %% Two initializers: the same seeds have the same entities and queries, so their differences are paired
+# %% Two initializers
+# The same seeds have the same entities and queries, so their differences are paired
 values = novel.set_index(["model", "size", "seed", "session"])["mrr_star"]
 differences = 100 * (values[ONE] - values[OTHER]).dropna()
 error = differences.std() / len(differences) ** 0.5
-print(f"{ONE} - {OTHER}: {differences.mean():+.2f} ± {1.96 * error:.2f} points over {len(differences)} runs\n")
+print(
+    f"{ONE} - {OTHER}: {differences.mean():+.2f} ± {1.96 * error:.2f} points "
+    f"over {len(differences)} runs\n"
+)
 
-# %% Learning curves: held-out queries about novel entities, in runs that were fine-tuned for all epochs
-full = runs.groupby(["model", "size", "seed", "session"])["epoch"].transform("max") == runs["epoch"].max()
-curves = runs[full & (runs["scope"] == "novel_heldout")].groupby(["epoch", "model"])["mrr_star"].mean().unstack()
+# %% Learning curves
+# Held-out queries about novel entities, in runs that were fine-tuned for all epochs
+full = (
+    runs.groupby(["model", "size", "seed", "session"])["epoch"].transform("max")
+    == runs["epoch"].max()
+)
+curves = (
+    runs[full & (runs["scope"] == "novel_heldout")]
+    .groupby(["epoch", "model"])["mrr_star"]
+    .mean()
+    .unstack()
+)
 print((100 * curves).iloc[:: max(1, len(curves) // 5)].round(2), "\n")
 # curves.plot()  # needs matplotlib
 
-# %% Which entities were hardest to insert? `entity` is a row number of the graph's table of entities
+# %% Which entities were hardest to insert?
+# `entity` is a row number of the graph's table of entities
 names = pd.read_parquet(Path("data/graph") / EXPERIMENT / "entities.parquet")["entity"].astype(str)
 inserted = pd.read_parquet(FOLDER / f"{ONE}.inserted.parquet").dropna(subset="mrr_star")
-hardest = inserted.assign(entity=inserted["entity"].map(names)).groupby("entity")["mrr_star"].agg(["mean", "size"])
-print(hardest.rename(columns={"mean": "MRR*", "size": "insertions"}).sort_values("MRR*").head().round(3))
+hardest = (
+    inserted.assign(entity=inserted["entity"].map(names))
+    .groupby("entity")["mrr_star"]
+    .agg(["mean", "size"])
+)
+print(
+    hardest.rename(columns={"mean": "MRR*", "size": "insertions"})
+    .sort_values("MRR*")
+    .head()
+    .round(3)
+)

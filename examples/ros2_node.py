@@ -1,8 +1,9 @@
 """A ROS 2 node with a live embedding: python examples/ros2_node.py FOLDER
 
-The topics carry ``std_msgs/String`` with a request or an answer of docs/live.md in JSON. Changes come on /isi/facts and
-queries on /isi/ask, so that a bag of /isi/facts alone can be played again; the answers to both leave on /isi/answers,
-with the ``id`` of the request. The node has been tested with a stand-in for rclpy (tests/ros_bus.py), not with ROS 2.
+The topics carry ``std_msgs/String`` with a request or an answer of docs/live.md in JSON. Changes
+come on /isi/facts and queries on /isi/ask, so that a bag of /isi/facts alone can be played again;
+the answers to both leave on /isi/answers, with the ``id`` of the request. The node has been tested
+with a stand-in for rclpy (tests/ros_bus.py), not with ROS 2.
 """
 
 import sys
@@ -20,7 +21,9 @@ WAITING = 100  #: Messages that may wait on a topic.
 
 
 class LiveNode(Node):
-    """Answers the requests of two topics on a third one. Its callbacks run one at a time, as rclpy's default is."""
+    """Answers the requests of two topics on a third one.
+    Its callbacks run one at a time, as rclpy's default is.
+    """
 
     def __init__(self, home: isi.LiveEmbedding) -> None:
         super().__init__("isi")
@@ -33,7 +36,9 @@ class LiveNode(Node):
 
     def respond(self, request: String) -> None:
         """Publish the answer to a request; a change is in the journal by then."""
-        self.answers.publish(String(data=answer(self.home, request.data.encode(errors="replace")).decode().rstrip()))
+        self.answers.publish(
+            String(data=answer(self.home, request.data.encode(errors="replace")).decode().rstrip())
+        )
 
 
 def main() -> None:

@@ -1,7 +1,9 @@
-"""From a scene graph to an embedding: read what a robot has mapped, train, and insert what the next map adds.
+"""From a scene graph to an embedding: read what a robot has mapped, train,
+and insert what the next map adds.
 
-``python examples/scene_graph.py [MAP.json ...]``. A map is JSON of rooms with objects, as below, an AI2-THOR event, or
-a file of Hydra's ``DynamicSceneGraph.save``; the reader is guessed from its content.
+``python examples/scene_graph.py [MAP.json ...]``. A map is JSON of rooms with objects, as below, an
+AI2-THOR event, or a file of Hydra's ``DynamicSceneGraph.save``; the reader is guessed from its
+content.
 """
 
 # %%
@@ -14,13 +16,28 @@ from isi.graph.files import read_graph
 
 # %% Two maps of a home: the second one has a new object
 ROOMS = {
-    "kitchen": ["fridge", "kettle", "toaster", {"class": "mug", "receptacle": "shelf", "material": "ceramic"}],
-    "bedroom": ["bed", {"class": "lamp", "affordances": ["turn on"]}, {"class": "desk", "material": "wood"}],
-    "bathroom": ["towel", {"class": "shelf", "material": "wood"}, {"class": "sink", "material": "ceramic"}],
+    "kitchen": [
+        "fridge",
+        "kettle",
+        "toaster",
+        {"class": "mug", "receptacle": "shelf", "material": "ceramic"},
+    ],
+    "bedroom": [
+        "bed",
+        {"class": "lamp", "affordances": ["turn on"]},
+        {"class": "desk", "material": "wood"},
+    ],
+    "bathroom": [
+        "towel",
+        {"class": "shelf", "material": "wood"},
+        {"class": "sink", "material": "ceramic"},
+    ],
 }
 maps = [Path(name) for name in sys.argv[1:]] or [Path("map.json"), Path("next_map.json")]
 if len(sys.argv) == 1:
-    later = ROOMS | {"kitchen": [*ROOMS["kitchen"], {"class": "espresso machine", "affordances": ["turn on"]}]}
+    later = ROOMS | {
+        "kitchen": [*ROOMS["kitchen"], {"class": "espresso machine", "affordances": ["turn on"]}]
+    }
     for path, rooms in zip(maps, (ROOMS, later), strict=True):
         listed = [{"name": room, "objects": objects} for room, objects in rooms.items()]
         path.write_text(json.dumps({"rooms": listed}), encoding="utf-8")
@@ -29,7 +46,8 @@ if len(sys.argv) == 1:
 home = isi.train(maps[0], budget=1)
 print(home)
 
-# %% Insert what the next map has in addition; `isi insert --from next_map.json` does the same for a saved bundle
+# %% Insert what the next map has in addition
+# `isi insert --from next_map.json` does the same for a saved bundle
 tables, _ = read_graph([maps[-1]])
 facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
 new = [name for name in tables.entities["entity"] if name not in home.now.entity_names]

@@ -1,6 +1,7 @@
 """Train an embedding of a table of triples, insert an object that it lacks, and ask about it.
 
-Run it in the folder of the project: ``python examples/train_csv.py``. Any file that ``isi graph`` reads will do.
+Run it in the folder of the project: ``python examples/train_csv.py``. Any file that ``isi graph``
+reads will do.
 """
 
 # %%

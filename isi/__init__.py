@@ -1,8 +1,8 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``open`` gives the live embedding of a folder, to which a robot adds entities and facts, and which answers; ``of`` makes
-one of a PyKEEN model, ``train`` of triples. ``insert`` adds new entities to arrays; ``fit_new`` trains their rows;
-``isi.pykeen`` is for PyKEEN models.
+``open`` gives the live embedding of a folder, to which a robot adds entities and facts, and which
+answers; ``of`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds new entities to
+arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
 They are imported on first use (types are in ``__init__.pyi``).
 """
 
@@ -13,10 +13,14 @@ __all__ = ["InputError", "LiveEmbedding", "fit_new", "insert", "of", "open", "tr
 
 #: Module and name there of each name here.
 _WHERE = {
-    "InputError": ("isi.errors", "InputError"), "LiveEmbedding": ("isi.bundle.live", "LiveEmbedding"),
-    "fit_new": ("isi.insertion.fit", "fit_new"), "insert": ("isi.insertion.api", "insert"),
-    "of": ("isi.pykeen.live", "of"), "open": ("isi.bundle.live", "open_live"), "train": ("isi.bundle.train", "train"),
-}  # fmt: skip
+    "InputError": ("isi.errors", "InputError"),
+    "LiveEmbedding": ("isi.bundle.live", "LiveEmbedding"),
+    "fit_new": ("isi.insertion.fit", "fit_new"),
+    "insert": ("isi.insertion.api", "insert"),
+    "of": ("isi.pykeen.live", "of"),
+    "open": ("isi.bundle.live", "open_live"),
+    "train": ("isi.bundle.train", "train"),
+}
 
 
 def __dir__() -> list[str]:

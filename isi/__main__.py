@@ -5,7 +5,9 @@ import sys
 try:
     from isi.cli import main
 except ModuleNotFoundError as error:
-    sys.exit(f"isi: {sys.executable} lacks the package {error.name}: activate .venv, or use its `isi`")
+    sys.exit(
+        f"isi: {sys.executable} lacks the package {error.name}: activate .venv, or use its `isi`"
+    )
 
 if __name__ == "__main__":
     main()

@@ -1,4 +1,6 @@
-"""Read ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins register by name."""
+"""Read ``params.yaml``: each section has a pydantic model in the module that uses it;
+plug-ins register by name.
+"""
 
 import importlib
 import inspect
@@ -8,7 +10,15 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    create_model,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -20,7 +30,8 @@ Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within the range of single precision.
-LARGEST = 1e11  #: Largest |x| of a vector: a score sums products of three coordinates, and could overflow float32.
+#: Largest |x| of a vector: a score sums products of three coordinates, and could overflow float32.
+LARGEST = 1e11
 NotNegative = Annotated[float, Field(ge=0, le=1e30)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: Name of an experiment, source or initializer; names of files and stages contain it.
@@ -28,7 +39,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
 T = TypeVar("T")
-#: The validator of a type, cached because building it takes 1 ms; annotated because ``cache`` loses the type.
+#: The validator of a type, cached because building it takes 1 ms; annotated because ``cache`` loses
+#: the type.
 adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignore[assignment]
 
 
@@ -39,7 +51,9 @@ def distinct(values: Iterable[Any]) -> bool:
 
 
 def ensure(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """A pydantic validator that raises the error "expected {expected}" if ``hold(value)`` is false."""
+    """A pydantic validator that raises the error "expected {expected}" if
+    ``hold(value)`` is false.
+    """
 
     def checked(value: Any) -> Any:
         if not hold(value):
@@ -66,7 +80,9 @@ class Section(BaseModel):
         for key in values if isinstance(values, dict) else ():
             if key not in known:
                 message = f"unknown key{suggestion(key, known)}"
-                raise PydanticCustomError("unknown_key", "{message}", {"key": key, "message": message})
+                raise PydanticCustomError(
+                    "unknown_key", "{message}", {"key": key, "message": message}
+                )
         return values
 
     @model_validator(mode="after")
@@ -89,44 +105,61 @@ class Study(Section):
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read a YAML file that holds a mapping; InputError where it is missing or holds something else."""
+    """Read a YAML file that holds a mapping; InputError where it is
+    missing or holds something else.
+    """
     if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
-        raise InputError(path, "", f"no such file in {Path.cwd()}: run this in the folder of the project")
+        raise InputError(
+            path, "", f"no such file in {Path.cwd()}: run this in the folder of the project"
+        )
     with at(path):
         text = path.read_text(encoding="utf-8-sig")
     try:
         raw = YAML(typ="safe", pure=True).load(text)  # YAML 1.2, as DVC reads it
     except RecursionError as error:
         raise InputError(path, "", "expected YAML with fewer nested levels") from error
-    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # from a malformed value
+    # from a malformed value
+    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else ""
-        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', None) or error}") from error
+        raise InputError(
+            path, place, f"expected YAML: {getattr(error, 'problem', None) or error}"
+        ) from error
     if not isinstance(raw, dict):
         raise InputError(path, "", "expected a mapping of keys to values")
     return raw
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
-    """Validate a value as a type; InputError names the key, below ``key``, that is unknown, missing or wrong."""
+    """Validate a value as a type; InputError names the key, below ``key``, that is unknown,
+    missing or wrong.
+    """
     with at(path, key):
         return adapter(kind).validate_python(value, strict=True)
 
 
 @cache
 def options(function: Callable[..., Any]) -> type[Section]:
-    """The params section of a function: a key for each parameter but the first; ``from_`` is the key ``from``."""
+    """The params section of a function: a key for each parameter but the first;
+    ``from_`` is the key ``from``.
+    """
     hints, fields = get_type_hints(function, include_extras=True), dict[str, Any]()
     for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
         if name not in hints:
-            raise InputError(function.__module__, function.__name__, f"expected a type hint for its option {name!r}")
+            raise InputError(
+                function.__module__,
+                function.__name__,
+                f"expected a type hint for its option {name!r}",
+            )
         default = ... if parameter.default is parameter.empty else parameter.default
         fields[name] = (hints[name], Field(default, alias=name.removesuffix("_")))
     return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))
 
 
 def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Validated keyword arguments of a function; InputError names the key that is unknown, missing or wrong."""
+    """Validated keyword arguments of a function;
+    InputError names the key that is unknown, missing or wrong.
+    """
     checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
@@ -139,7 +172,9 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """Objects that the modules of a package register by name. Private and ``skipped`` modules are not imported."""
+    """Objects that the modules of a package register by name.
+    Private and ``skipped`` modules are not imported.
+    """
 
     def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
         self.package, self._skipped = package, skipped
@@ -149,9 +184,13 @@ class Plugins(Generic[T]):
         self._registered[name] = thing
 
     def get(self, name: str, key: str = "") -> T:
-        """The object registered under a name; for an unknown name, an InputError at ``key`` of ``params.yaml``."""
+        """The object registered under a name; for an unknown name,
+        an InputError at ``key`` of ``params.yaml``.
+        """
         if name not in self._registered and name not in (known := self.names()):
-            expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
+            expected = (
+                f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
+            )
             raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]
 

@@ -19,39 +19,51 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 class InputError(Exception):
-    """An error in the user's input: the file, the place in it, and a message (value found and value expected)."""
+    """An error in the user's input: the file, the place in it,
+    and a message (value found and value expected).
+    """
 
     def __init__(self, file: object, place: object, message: str) -> None:
         super().__init__(str(file), str(place), message)
         self.file, self.place, self.message = str(file), str(place), message
 
     def __str__(self) -> str:
-        line = cut(" ".join(": ".join(filter(None, self.args)).split()), LONGEST)  # no line ends or tabs
+        # no line ends or tabs
+        line = cut(" ".join(": ".join(filter(None, self.args)).split()), LONGEST)
         return cut("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), LONGEST)
 
 
 class MissingPackage(InputError, ImportError):
-    """A package that is not installed; the message names the extra of this project that installs it."""
+    """A package that is not installed; the message names the extra of this
+    project that installs it.
+    """
 
 
 @contextmanager
 def extra(name: str) -> Iterator[None]:
-    """Imports inside need this extra of ``isi-kge``; ``MissingPackage`` where a package is not installed."""
+    """Imports inside need this extra of ``isi-kge``;
+    ``MissingPackage`` where a package is not installed.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
-        raise MissingPackage(f"package {package}", "", f"not installed: pip install 'isi-kge[{name}]'") from error
+        raise MissingPackage(
+            f"package {package}", "", f"not installed: pip install 'isi-kge[{name}]'"
+        ) from error
 
 
 def is_of_pyarrow(error: Exception) -> bool:
-    """Whether pyarrow raised an error; pyarrow, which few commands need, is not imported for that."""
+    """Whether pyarrow raised an error; pyarrow, which few commands need,
+    is not imported for that.
+    """
     return type(error).__module__.split(".")[0] == "pyarrow"
 
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Turn an error raised inside (InputError, pydantic, pyarrow, UTF-8, system) into an InputError with file, place::
+    """Turn an error raised inside (InputError, pydantic, pyarrow, UTF-8, system) into an
+    InputError with file, place::
 
         with at("log.csv", "line 3"):  # log.csv: line 3, column 'head': expected a name, got ''
             raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
@@ -72,7 +84,13 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
         case InputError():
             return (error.place, error.message) if error.file in ("", file) else ("", str(error))
         case UnicodeDecodeError():
-            return "", f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at position {error.start + 1:,}"
+            return (
+                "",
+                (
+                    f"expected UTF-8, got byte 0x{error.object[error.start]:02x} "
+                    f"at position {error.start + 1:,}"
+                ),
+            )
         case ValidationError():
             return _first_mistake(error)
         case OSError():
@@ -83,11 +101,16 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
 
 
 def _first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Place and text of an error (unknown keys and non-lists before others), with the number of further errors."""
-    first: Any = min(error.errors(), key=lambda mistake: mistake["type"] not in ("unknown_key", "list_type"))
+    """Place and text of an error (unknown keys and non-lists before others),
+    with the number of further errors.
+    """
+    first: Any = min(
+        error.errors(), key=lambda mistake: mistake["type"] not in ("unknown_key", "list_type")
+    )
     kind, got, context = first["type"], first["input"], first.get("ctx", {})
     loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]
-    place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # not the types of a union
+    # not the types of a union
+    place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))
     message = first["msg"].removeprefix("Value error, ")
     if kind == "list_type" and isinstance(got, str):
         message = f"expected a list, got the text {short(got)}: write [{cut(got, 60)}]"
@@ -99,11 +122,15 @@ def _first_mistake(error: ValidationError) -> tuple[str, str]:
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
-    """An ``InputError`` that says why a file cannot be written, with the free space if the disk is full."""
+    """An ``InputError`` that says why a file cannot be written,
+    with the free space if the disk is full.
+    """
     why = "its folder is a file" if error.errno == errno.EEXIST else os_message(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         with suppress(OSError, StopIteration):
-            free = shutil.disk_usage(next(folder for folder in path.absolute().parents if folder.is_dir())).free
+            free = shutil.disk_usage(
+                next(folder for folder in path.absolute().parents if folder.is_dir())
+            ).free
             why += f"; {free / 2**20:.1f} MiB free there"
     return InputError(path, "", f"cannot be written ({why})")
 
@@ -124,11 +151,17 @@ def short(value: object) -> str:
 def cut(text: str, most: int = 80) -> str:
     """Shorten a text to at most ``most`` characters: ``...`` replaces its middle."""
     behind = max(0, most - 3) // 3
-    return text if len(text) <= most else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
+    return (
+        text
+        if len(text) <= most
+        else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
+    )
 
 
 def suggestion(name: object, known: Iterable[object]) -> str:
-    """``; did you mean ...`` with the known name nearest to a misspelt one, in any case, or an empty text."""
+    """``; did you mean ...`` with the known name nearest to a misspelt one, in any case,
+    or an empty text.
+    """
     folded = {str(other).casefold(): str(other) for other in known}
     close = get_close_matches(str(name)[:LONGEST].casefold(), folded, 1)
     return f"; did you mean {folded[close[0]]!r}?" if close else ""

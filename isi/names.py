@@ -1,4 +1,6 @@
-"""The rule for names: of entities, relations, kinds, rooms and phrases, in files, arguments and bundles."""
+"""The rule for names: of entities, relations, kinds, rooms and phrases, in files,
+arguments and bundles.
+"""
 
 import re
 import unicodedata
@@ -7,10 +9,12 @@ from collections.abc import Sequence
 from isi.errors import cut, short
 
 LONGEST = 1000  #: Maximum number of characters of a name.
-#: Unicode categories of refused characters: control characters, surrogates, line and paragraph separators.
+#: Unicode categories of refused characters: control characters, surrogates, line and paragraph
+#: separators.
 CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
-#: Characters that show nothing: soft hyphens, spaces without width, marks of the writing direction. Joiners (U+200C,
-#: U+200D) are not among them: they change letters of Persian and Hindi, and make one emoji of several.
+#: Characters that show nothing: soft hyphens, spaces without width, marks of the writing direction.
+#: Joiners (U+200C, U+200D) are not among them: they change letters of Persian and Hindi, and make
+#: one emoji of several.
 INVISIBLE = re.compile(r"[\u00ad\u061c\u180e\u200b\u200e\u200f\u202a-\u202e\u2060-\u206f\ufeff]")
 #: Spaces of other widths, and those at which no line breaks.
 SPACE = re.compile(r"[\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000]")
@@ -25,7 +29,8 @@ def check_text(text: str) -> str:
 
 
 def clean(name: str) -> str:
-    """The form in which names are read and compared: Unicode's NFC, without invisible characters and outer spaces.
+    """The form in which names are read and compared:
+    Unicode's NFC, without invisible characters and outer spaces.
 
     Spaces of other widths become plain ones.
     """
@@ -35,15 +40,22 @@ def clean(name: str) -> str:
 
 
 def name_fault(name: object) -> str | None:
-    """The message of the error for an invalid name; None for a valid one, perhaps one that ``clean`` changes."""
+    """The message of the error for an invalid name;
+    None for a valid one, perhaps one that ``clean`` changes.
+    """
     if not isinstance(name, str) or not name:
         return f"expected a name, got {short(name) if name else 'none'}"
     if len(name) > LONGEST:
-        return f"expected a name of at most {LONGEST:,} characters, got {len(name):,}: {short(name)}"
+        return (
+            f"expected a name of at most {LONGEST:,} characters, got {len(name):,}: {short(name)}"
+        )
     try:
         check_text(name)
     except ValueError:
-        return f"expected a name without tabs, line breaks or other control characters, got {short(name)}"
+        return (
+            "expected a name without tabs, line breaks or other control characters, "
+            f"got {short(name)}"
+        )
     return None if clean(name) else f"expected a name, got nothing but spaces: {short(name)}"
 
 

@@ -1,4 +1,6 @@
-"""The pydantic models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their sections."""
+"""The pydantic models of ``params.yaml`` and ``beyond/params.yaml``,
+and checks across their sections.
+"""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -36,19 +38,26 @@ from isi.training.trainer import Optimizer, Training, compile_ahead
 
 S = TypeVar("S", bound=Section)
 
-MOST_SETTINGS = 13  #: Maximum number of settings in cross-validation; a setting trains one model per fold.
+#: Maximum number of settings in cross-validation; a setting trains one model per fold.
+MOST_SETTINGS = 13
 
 
 class ExperimentOf(Section):
     """An entry under ``experiments``."""
 
     rules = (
-        (lambda entry: (entry.sessions.novel == "added") == (entry.graph.extend is not None),
-         "expected sessions.novel: added with graph.extend, and another value without it"),
-        (lambda entry: not entry.graph.extend
-         or entry.sessions.steps * max(entry.sessions.sizes) <= entry.graph.extend.candidates,
-         "sessions: expected steps × max(sizes) ≤ graph.extend.candidates"),
-    )  # fmt: skip
+        (
+            lambda entry: (entry.sessions.novel == "added") == (entry.graph.extend is not None),
+            "expected sessions.novel: added with graph.extend, and another value without it",
+        ),
+        (
+            lambda entry: (
+                not entry.graph.extend
+                or entry.sessions.steps * max(entry.sessions.sizes) <= entry.graph.extend.candidates
+            ),
+            "sessions: expected steps × max(sizes) ≤ graph.extend.candidates",
+        ),
+    )
     title: str
     graph: GraphOf
     sessions: SessionsOf
@@ -99,21 +108,29 @@ class Params(Section):
 
     @property
     def settings(self) -> list[Setting]:
-        """The settings that cross-validation compares; the first is the setting of all experiments."""
+        """The settings that cross-validation compares;
+        the first is the setting of all experiments.
+        """
         rates = self.training.model_dump(include={"learning_rate", "weight_decay"})
         choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
         return self.cross_validation.settings(choice)
 
     def initializers_of(self, experiment: str) -> list[str]:
         """The initializers that an experiment runs, in the order of params."""
-        return [name for name in self.initializers if is_listed(self.experiments[experiment].initializers, name)]
+        return [
+            name
+            for name in self.initializers
+            if is_listed(self.experiments[experiment].initializers, name)
+        ]
 
     def model_of(self, name: str | None = None) -> Model:
         """The model ``name`` (None: ``embedding.model``), with its options."""
         name = name or self.embedding.model
         return make_model(name, self.models[name], f"models.{name}")
 
-    def train_config(self, model: Model | None = None, training: Training | None = None) -> TrainConfig:
+    def train_config(
+        self, model: Model | None = None, training: Training | None = None
+    ) -> TrainConfig:
         """The config of Θ⁰ and the joint models; None: the model and the training of params."""
         model = model or self.model_of()
         training = training or self.training
@@ -153,7 +170,8 @@ class Params(Section):
         """The config of a variant; these params include its changes."""
         full_curves = [variant.size] if variant.full_curves else []
         inserted = {
-            name: self.insert_config(name, full_curves, variant.options.get(name)) for name in variant.initializers
+            name: self.insert_config(name, full_curves, variant.options.get(name))
+            for name in variant.initializers
         }
         words = self.words if variant.changes_one_of("words") else None
         return VariantConfig(self.train_config(), inserted, words, self.compute)
@@ -182,10 +200,14 @@ def load(path: Path = paths.PARAMS) -> Params:
     return _load(path, Params, check_params)
 
 
-def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS, *, runs: bool = True) -> Beyond:
-    """Read ``beyond/params.yaml`` (empty if ``path`` is None or missing), and check it alone and against ``params``.
+def load_beyond(
+    params: Params, path: Path | None = paths.BEYOND_PARAMS, *, runs: bool = True
+) -> Beyond:
+    """Read ``beyond/params.yaml`` (empty if ``path`` is None or missing),
+    and check it alone and against ``params``.
 
-    Without ``runs``, variants and graphs may name experiments and initializers that ``params`` lack.
+    Without ``runs``, variants and graphs may name experiments and initializers that ``params``
+    lack.
     """
     if path is None or not path.exists():
         return Beyond()
@@ -204,9 +226,13 @@ def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
 
 
 def check_params(params: Params) -> None:
-    """Check sections against each other and the plug-ins; InputError for an unknown name, size or option."""
+    """Check sections against each other and the plug-ins;
+    InputError for an unknown name, size or option.
+    """
     if "joint" in params.initializers:
-        raise InputError("", "initializers.joint", "expected another name: joint is the joint model")
+        raise InputError(
+            "", "initializers.joint", "expected another name: joint is the joint model"
+        )
     for key, listed, known in _listed_names(params):
         _check_names(listed, known, key)
     for name, study in params.studies.items():
@@ -217,7 +243,9 @@ def check_params(params: Params) -> None:
         options_of(name, options, f"initializers.{name}")
     for name, options in params.sweep.initializers.items():
         options_of(name, {**options, "k": params.sweep.k[0]}, f"sweep.initializers.{name}")
-    models = {name: make_model(name, options, f"models.{name}") for name, options in params.models.items()}
+    models = {
+        name: make_model(name, options, f"models.{name}") for name, options in params.models.items()
+    }
     used, tried = params.embedding, params.cross_validation
     compared = params.compare_models.models if params.compare_models.experiments else ()
     for key, names, dimensions in (
@@ -238,7 +266,10 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     yield "plots.initializers", params.plots.initializers, known
     yield "embedding.model", [params.embedding.model], params.models
     yield "compare_models.models", params.compare_models.models, params.models
-    yield from ((f"{name}.experiments", study.experiments, params.experiments) for name, study in studies.items())
+    yield from (
+        (f"{name}.experiments", study.experiments, params.experiments)
+        for name, study in studies.items()
+    )
     for study, place, listed, names in (
         ("sweep", "initializers", params.sweep.initializers, known),
         ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
@@ -251,8 +282,14 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
         yield f"{key}.graph.source", [experiment.graph.source], params.sources
         yield f"{key}.graph.extend.source", [extend.source] if extend else [], params.sources
         yield f"{key}.immediate_only", experiment.immediate_only, known
-        lists = {"initializers": experiment.initializers, "full_curves.initializers": curves.initializers}
-        yield from ((f"{key}.{place}", [] if names == "all" else names, known) for place, names in lists.items())
+        lists = {
+            "initializers": experiment.initializers,
+            "full_curves.initializers": curves.initializers,
+        }
+        yield from (
+            (f"{key}.{place}", [] if names == "all" else names, known)
+            for place, names in lists.items()
+        )
 
 
 def _check_study(study: Study, params: Params, name: str) -> None:
@@ -264,18 +301,32 @@ def _check_study(study: Study, params: Params, name: str) -> None:
         if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
             raise InputError("", f"{name}.size", f"expected one of the sizes of {experiment}")
         if seeds > sessions.seeds:
-            expected = f"expected a smaller number: {experiment} has {sessions.seeds} seeds, numbered from 0"
+            expected = (
+                f"expected a smaller number: {experiment} has {sessions.seeds} seeds, "
+                "numbered from 0"
+            )
             raise InputError("", f"{name}.{last}", expected)
 
 
 def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
-    """Check ``beyond`` against itself and ``params``; InputError for a wrong name, title, size or option."""
+    """Check ``beyond`` against itself and ``params``;
+    InputError for a wrong name, title, size or option.
+    """
     for name, variant in beyond.variants.items() if runs else ():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")
-    titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
-    if not distinct(titles) or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1:
-        raise InputError("", "graphs", "expected each title once in graphs and experiments, and equal sessions.sizes")
+    titles = [entry.title for entry in params.experiments.values()] + [
+        graph.title for graph in beyond.graphs.values()
+    ]
+    if (
+        not distinct(titles)
+        or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1
+    ):
+        raise InputError(
+            "",
+            "graphs",
+            "expected each title once in graphs and experiments, and equal sessions.sizes",
+        )
     for name, graph in beyond.graphs.items():
         if name in params.experiments:
             raise InputError("", f"graphs.{name}", "expected a name that no experiment has")
@@ -293,7 +344,11 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
 def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
     """Check an entry of ``readings`` against params."""
     _check_names([case.graph.source], params.sources, f"{key}.graph.source")
-    _check_names([case.graph.extend.source] if case.graph.extend else [], params.sources, f"{key}.graph.extend.source")
+    _check_names(
+        [case.graph.extend.source] if case.graph.extend else [],
+        params.sources,
+        f"{key}.graph.extend.source",
+    )
     _check_names(case.initializers, params.initializers, f"{key}.initializers")
     _check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
@@ -303,7 +358,9 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
 
 
 def _check_variant(variant: Variant, params: Params, key: str) -> None:
-    _check_names(variant.initializers, {**params.initializers, **variant.options}, f"{key}.initializers")
+    _check_names(
+        variant.initializers, {**params.initializers, **variant.options}, f"{key}.initializers"
+    )
     for initializer, options in variant.options.items():
         options_of(initializer, options, f"{key}.options.{initializer}")
     with at("", f"{key}.changes"):
@@ -313,9 +370,14 @@ def _check_variant(variant: Variant, params: Params, key: str) -> None:
 def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any], key: str) -> None:
     for name in listed:
         if name not in known:
-            raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}")
+            raise InputError(
+                "",
+                key,
+                f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}",
+            )
 
 
-if __name__ == "__main__":  # `make` runs this before DVC, which reads only the keys that its stages name
+# `make` runs this before DVC, which reads only the keys that its stages name
+if __name__ == "__main__":
     with errors_in_one_line("params"):
         load_beyond(load(), runs="beyond" in sys.argv)

@@ -1,4 +1,6 @@
-"""What the pipelines' files say: the stages, the keys of their matrices, and the stage that makes a file."""
+"""What the pipelines' files say: the stages, the keys of their matrices,
+and the stage that makes a file.
+"""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -16,7 +18,9 @@ PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_P
 
 
 def missing(path: Path) -> InputError:
-    """An ``InputError`` for a missing file, with the command that makes the file, if a stage does."""
+    """An ``InputError`` for a missing file, with the command that makes the file,
+    if a stage does.
+    """
     with suppress(InputError):
         for name in () if path.is_absolute() else makers(path):
             return InputError(path, "", f"missing: run `dvc repro {name}`, which makes it")
@@ -24,17 +28,31 @@ def missing(path: Path) -> InputError:
 
 
 def makers(path: Path) -> Iterator[str]:
-    """Arguments for ``dvc repro``: the stages that write a file, or a folder above it, under the current params."""
+    """Arguments for ``dvc repro``: the stages that write a file, or a folder above it,
+    under the current params.
+    """
     for pipeline in filter(Path.exists, PIPELINES):
-        values, before = read(PIPELINES[pipeline]), "" if pipeline == paths.PIPELINE else f"{pipeline}:"
+        values, before = (
+            read(PIPELINES[pipeline]),
+            "" if pipeline == paths.PIPELINE else f"{pipeline}:",
+        )
         for name, entry in _stages(pipeline).items():
             for out in [*entry.get("outs", []), *entry.get("metrics", [])]:
                 template = re.escape(next(iter(out)) if isinstance(out, dict) else str(out))
                 pattern = re.sub(r"\\\$\\\{item\\?\.(\w+)\\\}", r"(?P<\1>\\w+)", template)
                 match = re.fullmatch(rf"{pattern}(/.*)?", path.as_posix())
-                items = {item: key for item, key in matrix_of(entry).items() if match and item in match.groupdict()}
-                if match and all(match[item] in (config.value_of(values, key) or ()) for item, key in items.items()):
-                    yield f"{before}{name}" + f"@{'-'.join(match[item] for item in items)}" * bool(items)
+                items = {
+                    item: key
+                    for item, key in matrix_of(entry).items()
+                    if match and item in match.groupdict()
+                }
+                if match and all(
+                    match[item] in (config.value_of(values, key) or ())
+                    for item, key in items.items()
+                ):
+                    yield f"{before}{name}" + f"@{'-'.join(match[item] for item in items)}" * bool(
+                        items
+                    )
 
 
 def matrix_of(entry: Mapping[str, Any]) -> dict[str, str]:
@@ -47,13 +65,17 @@ def find(name: str) -> tuple[Path, dict[str, Any]]:
     for pipeline in PIPELINES:
         if name in _stages(pipeline):
             return pipeline, _stages(pipeline)[name]
-    raise InputError(paths.PIPELINE, "stages", f"expected a stage {name!r} here or in {paths.BEYOND_PIPELINE}")
+    raise InputError(
+        paths.PIPELINE, "stages", f"expected a stage {name!r} here or in {paths.BEYOND_PIPELINE}"
+    )
 
 
 def _stages(pipeline: Path) -> dict[str, Any]:
     stages = read(pipeline).get("stages")
     if not isinstance(stages, dict):
-        raise InputError(pipeline, "stages", "expected a mapping of stages: is this the folder of the project?")
+        raise InputError(
+            pipeline, "stages", "expected a mapping of stages: is this the folder of the project?"
+        )
     return stages
 
 

@@ -1,4 +1,6 @@
-"""Ends of processes: no worker outlives its parent; a command that fails or is stopped prints one line."""
+"""Ends of processes: no worker outlives its parent;
+a command that fails or is stopped prints one line.
+"""
 
 import argparse
 import ctypes
@@ -18,11 +20,14 @@ from typing import NoReturn
 from isi.errors import InputError, cut, os_message
 
 _PR_SET_PDEATHSIG = 1
-STOPPING = (signal.SIGINT, signal.SIGTERM)  #: Sent by Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
+#: Sent by Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
+STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 def tie_to_parent(parent: int | None = None) -> None:
-    """Kill this process when its parent ends: by a signal on Linux, elsewhere by polling every 0.5 s."""
+    """Kill this process when its parent ends: by a signal on Linux,
+    elsewhere by polling every 0.5 s.
+    """
     parent = parent or os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -49,14 +54,18 @@ def is_running(process: str) -> bool:
 
 
 def become_worker(parent: int) -> None:
-    """Make this process a worker: it ends with its parent and ignores Ctrl-C, which the parent handles."""
+    """Make this process a worker: it ends with its parent and ignores Ctrl-C,
+    which the parent handles.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     tie_to_parent(parent)
 
 
 def handle_stop_signals(name: str, then: str = "run it again") -> None:
-    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that cleanup runs; a second signal kills."""
+    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that cleanup runs;
+    a second signal kills.
+    """
     process = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -64,7 +73,9 @@ def handle_stop_signals(name: str, then: str = "run it again") -> None:
             signal.signal(stopping, signal.SIG_DFL)
         if os.getpid() != process:  # a worker that has just been forked
             os._exit(128 + number)
-        line = f"{name}: stopped by {signal.Signals(number).name}; no file is half-written; {then}\n"
+        line = (
+            f"{name}: stopped by {signal.Signals(number).name}; no file is half-written; {then}\n"
+        )
         os.write(2, b"\n" * os.isatty(2) + line.encode())  # print itself may have been interrupted
         raise SystemExit(128 + number)
 
@@ -82,7 +93,9 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """Exit with one line on InputError, OSError (broken pipe: no line), MemoryError or a signal (advice: ``then``)."""
+    """Exit with one line on InputError, OSError (broken pipe: no line),
+    MemoryError or a signal (advice: ``then``).
+    """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may lack letters of a name
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}
@@ -93,12 +106,16 @@ def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
     except InputError as error:
         sys.exit(f"{name}: {error}")
     except OSError as error:
-        if isinstance(sys.stdout, io.TextIOWrapper):  # discard the output that Python flushes at exit
+        # discard the output that Python flushes at exit
+        if isinstance(sys.stdout, io.TextIOWrapper):
             with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
         sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_of_system(error)}")
     except MemoryError:
-        sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or use less input")
+        sys.exit(
+            f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, "
+            "or use less input"
+        )
     finally:
         for stopping, handler in before.items():
             if signal.getsignal(stopping) is not signal.SIG_DFL:  # a second signal must still kill
@@ -111,4 +128,6 @@ def _of_system(error: OSError) -> InputError:
 
         return missing(Path(error.filename))
     full = "standard output or shared memory" if error.errno == errno.ENOSPC else ""
-    return InputError(error.filename or full, "", f"cannot be written or read ({os_message(error)})")
+    return InputError(
+        error.filename or full, "", f"cannot be written or read ({os_message(error)})"
+    )

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StageContext:
-    """Input of a stage: its name, for the metadata of the files it writes, and the params of both pipelines."""
+    """Input of a stage: its name, for the metadata of the files it writes,
+    and the params of both pipelines.
+    """
 
     stage: str
     params: Params
@@ -27,12 +29,16 @@ class StageContext:
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Turn ``body(context, **names)`` into the command of its DVC stage; the docstring of its module is the help."""
+    """Turn ``body(context, **names)`` into the command of its DVC stage;
+    the docstring of its module is the help.
+    """
     name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
     description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 
     def main() -> None:
-        parser = Parser(prog=f"python -m stages.{name}", description=description, formatter_class=form)
+        parser = Parser(
+            prog=f"python -m stages.{name}", description=description, formatter_class=form
+        )
         for argument in arguments:
             parser.add_argument(argument)
         names = vars(parser.parse_args())
@@ -43,7 +49,9 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage; InputError if params are invalid, or the mapping of its DVC matrix lacks an argument."""
+    """The context of a stage; InputError if params are invalid,
+    or the mapping of its DVC matrix lacks an argument.
+    """
     from isi import params  # imported here: it loads all packages, and a stage needs a few
 
     file, entry = pipeline.find(name)

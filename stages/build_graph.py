@@ -1,4 +1,6 @@
-"""Build the graph of an experiment: unique triples with counts, and, if params say so, entities of a second source."""
+"""Build the graph of an experiment: unique triples with counts, and, if params say so,
+entities of a second source.
+"""
 
 from isi.graph import graph
 from isi.graph.graph import ENTITIES, TRIPLES, MinedSource

@@ -14,7 +14,8 @@ def compare_models(context: StageContext, experiment: str, model: str) -> None:
     params, settings = context.params, context.params.compare_models
     grid = Store(experiment).grid(stack_height(params.compute), seeds=settings.seeds)
     shared = {
-        name: getattr(params.training, name) for name in ("batch_size", "max_epochs", "evaluate_every", "patience")
+        name: getattr(params.training, name)
+        for name in ("batch_size", "max_epochs", "evaluate_every", "patience")
     }
     training = Training(**shared, **settings.models[model].model_dump())
     config = params.train_config(params.model_of(model), training)

@@ -1,8 +1,15 @@
-"""For every fold and each of several settings, train a joint model on the other folds, and measure it on the fold."""
+"""For every fold and each of several settings, train a joint model on the other folds,
+and measure it on the fold.
+"""
 
 import pandas as pd
 
-from isi.analyses.joint_models import CROSS_VALIDATION, best_validations, changed_config, fold_points
+from isi.analyses.joint_models import (
+    CROSS_VALIDATION,
+    best_validations,
+    changed_config,
+    fold_points,
+)
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import train_stack
@@ -17,7 +24,10 @@ def cross_validate(context: StageContext, experiment: str) -> None:
     cases = [(points, setting) for setting in params.settings for points in grid]
     tasks = [(points, changed_config(config, setting)) for points, setting in cases]
     trained = run(train_stack, tasks, params.compute, "cross-validation")
-    best = pd.concat(best_validations(result, setting) for (_, setting), result in zip(cases, trained, strict=True))
+    best = pd.concat(
+        best_validations(result, setting)
+        for (_, setting), result in zip(cases, trained, strict=True)
+    )
     CROSS_VALIDATION.write(best, context.stage, experiment=experiment)
 
 

@@ -15,7 +15,9 @@ def embed_words(context: StageContext, experiment: str) -> None:
     with at(paths.PARAMS, "words"):
         words = look_up(load_vectors(context.params.words), list(entities["phrase"]))
     coverage = entities[["entity", "phrase"]].assign(served_by=words.served_by)
-    WORD_VECTORS.write({"vectors": torch.from_numpy(words.vectors)}, context.stage, experiment=experiment)
+    WORD_VECTORS.write(
+        {"vectors": torch.from_numpy(words.vectors)}, context.stage, experiment=experiment
+    )
     COVERAGE.write(coverage, context.stage, experiment=experiment)
     missing = coverage.loc[coverage["served_by"].isna(), "entity"]
     covered = f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector"

@@ -1,4 +1,6 @@
-"""Run an experiment on another graph: mine, sample sessions, train, insert, and fine-tune until convergence."""
+"""Run an experiment on another graph: mine, sample sessions, train, insert,
+and fine-tune until convergence.
+"""
 
 import pandas as pd
 
@@ -15,15 +17,27 @@ from isi.tables import paths
 def explore(context: StageContext, graph: str) -> None:
     key, settings, params = f"graphs.{graph}", context.beyond.graphs[graph], context.params
     with at(paths.BEYOND_PARAMS, key):
-        tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"), settings.min_count)
+        tables = build_tables(
+            mined(graph, settings, params.seed, f"{key}.source"), settings.min_count
+        )
         if tables.triples.empty:
-            raise InputError("", "source", f"expected triples observed at least {settings.min_count} times, got none")
-        store = Store.drawn(graph, tables, settings.words, settings.sessions, params.sessions, params.seed, key)
+            raise InputError(
+                "",
+                "source",
+                f"expected triples observed at least {settings.min_count} times, got none",
+            )
+        store = Store.drawn(
+            graph, tables, settings.words, settings.sessions, params.sessions, params.seed, key
+        )
     variant = settings.variant(graph)
     config = changed(params, variant.changes).variant_config(variant)
     runs, answers = results(variant, config, [store], graph)
-    for table, rows in ((GRAPH_ENTITIES, tables.entities), (GRAPH_TRIPLES, tables.triples), (GRAPH_RUNS, runs),
-                        (GRAPH_QUERIES, answers)):  # fmt: skip
+    for table, rows in (
+        (GRAPH_ENTITIES, tables.entities),
+        (GRAPH_TRIPLES, tables.triples),
+        (GRAPH_RUNS, runs),
+        (GRAPH_QUERIES, answers),
+    ):
         table.write(rows, context.stage, graph=graph)
 
 

@@ -1,7 +1,7 @@
 """Insert novel entities into Θ⁰ with one initializer, measure right after insertion, and fine-tune.
 
-An initializer that the experiment does not list leaves tables without rows; one in ``immediate_only`` is not
-fine-tuned.
+An initializer that the experiment does not list leaves tables without rows; one in
+``immediate_only`` is not fine-tuned.
 """
 
 import torch
@@ -36,7 +36,12 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
     INITIAL_VECTORS.write(tensors, context.stage, experiment=experiment, initializer=initializer)
     INSERTED.write(inserted, context.stage, experiment=experiment, initializer=initializer)
-    write_runs(concat((result.runs for result in results), RUNS, TIES), context.stage, experiment, initializer)
+    write_runs(
+        concat((result.runs for result in results), RUNS, TIES),
+        context.stage,
+        experiment,
+        initializer,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Hide entities of a graph, train a PyKEEN model on the others, insert the hidden entities, and rank answers."""
+"""Hide entities of a graph, train a PyKEEN model on the others, insert the hidden entities,
+and rank answers.
+"""
 
 import sys
 from importlib.util import find_spec
@@ -28,13 +30,21 @@ def insert_hidden(context: StageContext, study: str) -> None:
     if settings.source == "pykeen":
         check_name(settings.graph, dataset_resolver.lookup_dict, f"hidden.{study}.graph")
     graph, phrases = SOURCES[settings.source](settings.graph)
-    words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
+    words = (
+        None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
+    )
     splits = np.zeros((1, len(graph.triples)), dtype=np.int8)
-    points = [GridPoints.without_insertion(study, graph, [seed], splits) for seed in range(settings.seeds)]
+    points = [
+        GridPoints.without_insertion(study, graph, [seed], splits) for seed in range(settings.seeds)
+    ]
     tasks = [(point, words, settings, f"hidden.{study}", params.seed) for point in points]
     answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {study}"), strict=True)
     HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, study=study)
-    by_method = pd.concat(seconds).astype({"told": "Int64"}).groupby(["method", "told"], dropna=False, sort=False)
+    by_method = (
+        pd.concat(seconds)
+        .astype({"told": "Int64"})
+        .groupby(["method", "told"], dropna=False, sort=False)
+    )
     means = by_method["seconds"].mean().round(3).reset_index().to_json(orient="records", indent=1)
     io.atomically(seconds_path(study), lambda path: path.write_text(f"{means}\n", encoding="utf-8"))
 
@@ -44,19 +54,26 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     dataset = get_dataset(dataset=name)
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)
-    entities, relations = (sorted(ids, key=ids.__getitem__) for ids in (dataset.entity_to_id, dataset.relation_to_id))
+    entities, relations = (
+        sorted(ids, key=ids.__getitem__) for ids in (dataset.entity_to_id, dataset.relation_to_id)
+    )
     return unweighted(entities, relations, triples), entities
 
 
 def of_table(name: str) -> tuple[Graph, list[str]]:
     """A graph that ships as a table of triples, and the names of its entities."""
     listed = pd.read_csv(paths.RAW / name / "triples.csv", keep_default_na=False)
-    entities, relations = sorted({*listed["head"], *listed["tail"]}), sorted(set(listed["relation"]))
+    entities, relations = (
+        sorted({*listed["head"], *listed["tail"]}),
+        sorted(set(listed["relation"])),
+    )
     ids = [
         pd.Categorical(listed[slot], names).codes
         for slot, names in (("head", entities), ("relation", relations), ("tail", entities))
     ]
-    return unweighted(entities, relations, torch.from_numpy(np.stack(ids, 1).astype(np.int64))), entities
+    return unweighted(
+        entities, relations, torch.from_numpy(np.stack(ids, 1).astype(np.int64))
+    ), entities
 
 
 def unweighted(entities: list[str], relations: list[str], triples: torch.Tensor) -> Graph:

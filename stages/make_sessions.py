@@ -9,9 +9,13 @@ from isi.stage import StageContext, stage
 def make_sessions(context: StageContext, experiment: str) -> None:
     params, key = context.params, f"experiments.{experiment}.sessions"
     entities = ENTITIES.read(experiment=experiment)
-    graph = build_graph(entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment))
+    graph = build_graph(
+        entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment)
+    )
     sessions = params.experiments[experiment].sessions
-    for table, drawn in session_tables(graph, entities, sessions, params.sessions, params.seed, key).items():
+    for table, drawn in session_tables(
+        graph, entities, sessions, params.sessions, params.seed, key
+    ).items():
         table.write(drawn, context.stage, experiment=experiment)
 
 

@@ -1,4 +1,6 @@
-"""Train on a graph under the paper's conditions, insert, fine-tune, and measure under every reading of its metric."""
+"""Train on a graph under the paper's conditions, insert, fine-tune,
+and measure under every reading of its metric.
+"""
 
 from isi.analyses.readings import RANKS, READING_CURVES, READINGS, measure
 from isi.analyses.variants import changed
@@ -16,7 +18,9 @@ def measure_readings(context: StageContext, case: str) -> None:
     params = changed(context.params, settings.changes)
     with at(paths.BEYOND_PARAMS, key):
         tables = tables_of(settings.graph, mined, f"{key}.graph", params.seed)
-        store = Store.drawn(case, tables, params.words, settings.sessions, params.sessions, params.seed, key)
+        store = Store.drawn(
+            case, tables, params.words, settings.sessions, params.sessions, params.seed, key
+        )
     measured = measure(settings, params.reading_config(settings), store)
     RANKS.write(measured.ranks, context.stage, case=case)
     READINGS.write(measured.readings, context.stage, case=case)

@@ -13,7 +13,9 @@ def mine(context: StageContext, source: str) -> None:
     key = f"sources.{source}"
     with at(paths.PARAMS, key):
         mined = Source(context.params.sources[source], key, context.params.seed)
-        rows = OBSERVATIONS.write_parts(OBSERVATIONS.path(source=source), mined.frames(), context.stage)
+        rows = OBSERVATIONS.write_parts(
+            OBSERVATIONS.path(source=source), mined.frames(), context.stage
+        )
     counts = pd.DataFrame(mined.counts.items(), columns=list(MINED.columns))
     KINDS.write(mined.kinds, context.stage, source=source)
     MINED.write(counts, context.stage, source=source)

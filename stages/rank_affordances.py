@@ -18,11 +18,16 @@ def rank_affordances(context: StageContext, experiment: str) -> None:
         expected = f"expected a relation of {experiment}: {', '.join(relations)}"
         raise InputError(paths.PARAMS, "affordances.relation", expected)
     tasks = [
-        (points, store.theta0(points, model), initializer, store.initial_vectors(initializer, points),
-         relations.index(name))
+        (
+            points,
+            store.theta0(points, model),
+            initializer,
+            store.initial_vectors(initializer, points),
+            relations.index(name),
+        )
         for initializer in params.initializers_of(experiment)
         for points in grid
-    ]  # fmt: skip
+    ]
     ranked = run(rank_answers, tasks, params.compute, "affordances")
     AFFORDANCES.write(concat(ranked, AFFORDANCES), context.stage, experiment=experiment)
 

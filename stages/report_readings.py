@@ -1,4 +1,6 @@
-"""Render the page of the paper's numbers under every reading of its metric: tables, figures and the HTML page."""
+"""Render the page of the paper's numbers under every reading of its metric:
+tables, figures and the HTML page.
+"""
 
 from isi.report import data
 from isi.report.page import Page

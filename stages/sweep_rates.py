@@ -1,4 +1,6 @@
-"""Insert novel entities by one initializer, and fine-tune until convergence at several learning rates."""
+"""Insert novel entities by one initializer,
+and fine-tune until convergence at several learning rates.
+"""
 
 import pandas as pd
 
@@ -13,7 +15,10 @@ from isi.stage import StageContext, stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     config, model = params.insert_config(initializer), params.model_of()
-    grid, rate = store.grid(stack_height(params.compute), params.rate_sweep.size), config.optimizer.learning_rate
+    grid, rate = (
+        store.grid(stack_height(params.compute), params.rate_sweep.size),
+        config.optimizer.learning_rate,
+    )
     factors = [factor for factor in params.rate_sweep.factors for _ in grid]
     tasks = [
         task
@@ -21,7 +26,9 @@ def sweep_rates(context: StageContext, experiment: str, initializer: str) -> Non
         for task in insert_tasks(store, model, grid, config.training(learning_rate=factor * rate))
     ]
     results = run(insert_stack, tasks, params.compute, f"rates, {initializer}")
-    runs = (result.runs.assign(factor=factor) for factor, result in zip(factors, results, strict=True))
+    runs = (
+        result.runs.assign(factor=factor) for factor, result in zip(factors, results, strict=True)
+    )
     RATE_SWEEP.write(pd.concat(runs), context.stage, experiment=experiment, initializer=initializer)
 
 

@@ -14,22 +14,38 @@ from isi.tables import paths
 @stage
 def trace_trajectory(context: StageContext, experiment: str) -> None:
     params, settings, store = context.params, context.params.trajectory, Store(experiment)
-    points = next((points for points in store.grid(1, settings.size) if points.seeds == [settings.seed]), None)
+    points = next(
+        (points for points in store.grid(1, settings.size) if points.seeds == [settings.seed]), None
+    )
     if points is None:
         expected = f"expected one of the seeds of {experiment}, got {settings.seed}"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
     theta0, words = store.theta0(points, params.model_of()), store.words()
     place = place_of_traced(points, theta0, words, store.entities()["kind"], settings.kind)
     if place is None:
-        expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
+        expected = (
+            f"expected a seed with a novel {settings.kind} that has a "
+            "word vector and insert triples"
+        )
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    tasks = [(points, theta0, words, params.insert_config(name).training(max_epochs=settings.epochs), place)
-             for name in TRACED]  # fmt: skip
+    tasks = [
+        (
+            points,
+            theta0,
+            words,
+            params.insert_config(name).training(max_epochs=settings.epochs),
+            place,
+        )
+        for name in TRACED
+    ]
     entity = torch.from_numpy(points.novel[0, 0, place : place + 1])
     tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
     for name, (path, indicators) in zip(TRACED, traces, strict=True):
-        tensors |= {f"{name}.path": torch.from_numpy(path), f"{name}.indicators": torch.from_numpy(indicators)}
+        tensors |= {
+            f"{name}.path": torch.from_numpy(path),
+            f"{name}.indicators": torch.from_numpy(indicators),
+        }
     TRAJECTORY.write(tensors, context.stage, experiment=experiment)
 
 

@@ -22,15 +22,29 @@ def train_final(context: StageContext, experiment: str) -> None:
     (trained,) = run(final_model.train_final, tasks, params.compute, f"{experiment}, final model")
     of_package = MODEL if words.shipped and words.text != "glove" else None
     model, options = params.embedding.model, params.models[params.embedding.model]
-    settings = params.model_dump(include={"words", "embedding", "negatives", "training"}, exclude_unset=True)
-    made = {"experiment": experiment, "epochs": epochs,
-            "params": {"seed": params.seed, f"models.{model}": options, **settings}}  # fmt: skip
+    settings = params.model_dump(
+        include={"words", "embedding", "negatives", "training"}, exclude_unset=True
+    )
+    made = {
+        "experiment": experiment,
+        "epochs": epochs,
+        "params": {"seed": params.seed, f"models.{model}": options, **settings},
+    }
     source = WordSource(source=words.source, text=words.text, model=of_package)
-    manifest = Manifest(model_name=model, model_options=options, words=source, inserted=[], made=made)
+    manifest = Manifest(
+        model_name=model, model_options=options, words=source, inserted=[], made=made
+    )
     bundle = Bundle(
-        manifest, trained.entity[0].numpy(), trained.relation[0].numpy(), graph.entities, list(entities["kind"]),
-        list(entities["phrase"]), graph.relations, graph.triples.numpy(), store.words(),
-    )  # fmt: skip
+        manifest,
+        trained.entity[0].numpy(),
+        trained.relation[0].numpy(),
+        graph.entities,
+        list(entities["kind"]),
+        list(entities["phrase"]),
+        graph.relations,
+        graph.triples.numpy(),
+        store.words(),
+    )
     write(paths.final_model(experiment), bundle)
 
 

@@ -1,4 +1,6 @@
-"""Train the joint models of every session, and measure each of them in all scopes of its session."""
+"""Train the joint models of every session,
+and measure each of them in all scopes of its session.
+"""
 
 import pandas as pd
 
@@ -11,12 +13,19 @@ from isi.stage import StageContext, stage
 
 @stage
 def train_joint(context: StageContext, experiment: str) -> None:
-    store, config, compute = Store(experiment), context.params.train_config(), context.params.compute
+    store, config, compute = (
+        Store(experiment),
+        context.params.train_config(),
+        context.params.compute,
+    )
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     tasks = joint_tasks(grid, config)
     trained = run(train_stack, tasks, compute, f"{experiment}, joint")
-    results = [(points, session, result) for (points, _, session), result in zip(tasks, trained, strict=True)]
+    results = [
+        (points, session, result)
+        for (points, _, session), result in zip(tasks, trained, strict=True)
+    ]
     JOINT.write(as_tensors(results), context.stage, experiment=experiment)
     joint = [(points, store.joint_models(points, config.model)) for points in grid]
     runs = pd.concat(run(evaluate_stack, joint, compute, f"{experiment}, joint, measured"))

@@ -11,13 +11,23 @@ from isi.tables import io
 
 @stage
 def train_theta0(context: StageContext, experiment: str) -> None:
-    store, config, compute = Store(experiment), context.params.train_config(), context.params.compute
+    store, config, compute = (
+        Store(experiment),
+        context.params.train_config(),
+        context.params.compute,
+    )
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
-    trained = run(train_stack, [(points, config) for points in grid], compute, f"{experiment}, theta0")
+    trained = run(
+        train_stack, [(points, config) for points in grid], compute, f"{experiment}, theta0"
+    )
     sizes = sorted({points.size for points in grid})
     for size in sizes:
-        results = [(points, 0, result) for points, result in zip(grid, trained, strict=True) if points.size == size]
+        results = [
+            (points, 0, result)
+            for points, result in zip(grid, trained, strict=True)
+            if points.size == size
+        ]
         THETA0.write(as_tensors(results), context.stage, experiment=experiment, size=size)
     written = [THETA0.path(experiment=experiment, size=size) for size in sizes]
     io.keep_only(written[0].parent, written)

@@ -9,32 +9,68 @@ import yaml
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
-TRAINING = {"model": "complex", "loss": "softplus", "dimension": 4, "batch_size": 64, "learning_rate": 0.05,
-            "negatives": 2, "valid": 0.1, "max_epochs": 4, "frequency": 2, "patience": 1}  # fmt: skip
+TRAINING = {
+    "model": "complex",
+    "loss": "softplus",
+    "dimension": 4,
+    "batch_size": 64,
+    "learning_rate": 0.05,
+    "negatives": 2,
+    "valid": 0.1,
+    "max_epochs": 4,
+    "frequency": 2,
+    "patience": 1,
+}
 HIDDEN: dict[str, Any] = {
-    "title": "Ring", "graph": "nations", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4,
-    "queries": 0.25, "max_insert_triples": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3,
-}  # fmt: skip
+    "title": "Ring",
+    "graph": "nations",
+    "source": "pykeen",
+    "words": None,
+    "seeds": 1,
+    "fraction": 0.1,
+    "fewest": 4,
+    "queries": 0.25,
+    "max_insert_triples": [1, 3, None],
+    "initializers": ["mean"],
+    "training": TRAINING,
+    "epochs": 3,
+}
 SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
 WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
 GRAPH: dict[str, Any] = {
-    "title": "again", "source": {"reader": "published"}, "min_count": 2, "words": WORDS, "sessions": SESSIONS,
+    "title": "again",
+    "source": {"reader": "published"},
+    "min_count": 2,
+    "words": WORDS,
+    "sessions": SESSIONS,
     "initializers": ["xavier", "es"],
     "changes": {"embedding.dimension": 8, "training.max_epochs": 2, "finetuning.max_epochs": 2},
-}  # fmt: skip
+}
 VARIANT: dict[str, Any] = {
-    "title": "own", "group": "causes", "experiments": ["ai2thor"], "initializers": ["xavier", "es"], "size": 5,
+    "title": "own",
+    "group": "causes",
+    "experiments": ["ai2thor"],
+    "initializers": ["xavier", "es"],
+    "size": 5,
     "seeds": 2,
-}  # fmt: skip
+}
 #: A case of ``readings``; the graph's source has to be mined.
 READING_CASE: dict[str, Any] = {
-    "title": "own", "graph": {"source": "published", "min_count": 2},
-    "sessions": {"novel": "any", "sizes": [2, 3], "seeds": 2, "steps": 1}, "initializers": ["xavier", "es", "rs"],
-    "indicators": {"es": [3]}, "finetuned": [2, 3], "curves": [3],
+    "title": "own",
+    "graph": {"source": "published", "min_count": 2},
+    "sessions": {"novel": "any", "sizes": [2, 3], "seeds": 2, "steps": 1},
+    "initializers": ["xavier", "es", "rs"],
+    "indicators": {"es": [3]},
+    "finetuned": [2, 3],
+    "curves": [3],
     "converging": ["test any relation halves learned all", "test both triple alike none split"],
-    "changes": {"embedding.dimension": 8, "training.max_epochs": 2, "finetuning.max_epochs": 2,
-                "convergence.margin": 0.01},
-}  # fmt: skip
+    "changes": {
+        "embedding.dimension": 8,
+        "training.max_epochs": 2,
+        "finetuning.max_epochs": 2,
+        "convergence.margin": 0.01,
+    },
+}
 
 
 def copy_pipelines(folder: Path) -> None:

@@ -1,8 +1,8 @@
 """A real browser that opens pages from files, without a network.
 
-Tests take the fixture ``chromium`` (from ``tests/conftest.py``) and open files with ``opened``. They are skipped, with
-the reason, if Playwright (the extra ``browser``) or a Chromium is missing; the variable ``CHROMIUM`` may hold the path
-of a Chromium.
+Tests take the fixture ``chromium`` (from ``tests/conftest.py``) and open files with ``opened``.
+They are skipped, with the reason, if Playwright (the extra ``browser``) or a Chromium is missing;
+the variable ``CHROMIUM`` may hold the path of a Chromium.
 """
 
 from __future__ import annotations
@@ -22,9 +22,15 @@ if TYPE_CHECKING:
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _ARGUMENTS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 #: The heights of windows by width, in CSS pixels: a phone and a desktop.
 _HEIGHTS = {390: 844, 1280: 900}
 
@@ -42,16 +48,24 @@ class Opened:
     @property
     def overflow(self) -> int:
         """Width of the page minus width of its window, in CSS pixels; 0 if the page fits."""
-        return int(self.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
+        return int(
+            self.page.evaluate(
+                "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            )
+        )
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """A headless Chromium for the tests of a module; no other asyncio loop may run until it is closed."""
+    """A headless Chromium for the tests of a module;
+    no other asyncio loop may run until it is closed.
+    """
     api = pytest.importorskip("playwright.sync_api", reason="the extra `browser` is not installed")
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
     if found is None:
-        pytest.skip(f"no Chromium: none of {', '.join(_NAMES)} is on the path, and CHROMIUM names none")
+        pytest.skip(
+            f"no Chromium: none of {', '.join(_NAMES)} is on the path, and CHROMIUM names none"
+        )
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
         yield browser
@@ -60,7 +74,12 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def opened(
-    browser: Browser, path: Path, width: int = 1280, scheme: str = "light", script: bool = True, fragment: str = ""
+    browser: Browser,
+    path: Path,
+    width: int = 1280,
+    scheme: str = "light",
+    script: bool = True,
+    fragment: str = "",
 ) -> Iterator[Opened]:
     """Open a file in a new window, and close the window in the end.
 
@@ -71,16 +90,24 @@ def opened(
         fragment: fragment of the address, without ``#``.
     """
     window = browser.new_context(
-        viewport={"width": width, "height": _HEIGHTS.get(width, 900)}, color_scheme=scheme,  # type: ignore[arg-type]
-        java_script_enabled=script, reduced_motion="reduce",
-    )  # fmt: skip
+        viewport={"width": width, "height": _HEIGHTS.get(width, 900)},
+        color_scheme=scheme,  # type: ignore[arg-type]
+        java_script_enabled=script,
+        reduced_motion="reduce",
+    )
     found, address = Opened(window.new_page()), path.resolve().as_uri()
     found.page.on(
-        "console", lambda message: found.errors.append(message.text) if message.type in ("error", "warning") else None
+        "console",
+        lambda message: (
+            found.errors.append(message.text) if message.type in ("error", "warning") else None
+        ),
     )
     found.page.on("pageerror", lambda error: found.errors.append(str(error)))
     found.page.on(
-        "request", lambda request: found.requests.append(request.url) if request.url.split("#")[0] != address else None
+        "request",
+        lambda request: (
+            found.requests.append(request.url) if request.url.split("#")[0] != address else None
+        ),
     )
     try:
         found.page.goto(f"{address}#{fragment}" if fragment else address)

@@ -1,4 +1,6 @@
-"""The last commit's report and locks: a run since then may have changed those of this folder in their last digits."""
+"""The last commit's report and locks: a run since then may have changed those of this
+folder in their last digits.
+"""
 
 import io
 import subprocess
@@ -22,7 +24,8 @@ def text_of(path: Path) -> str:
 
 
 def with_report(folder: Path) -> Path:
-    """Fill an empty folder with what pages show: the report of the last commit, and the rest of this folder.
+    """Fill an empty folder with what pages show:
+    the report of the last commit, and the rest of this folder.
 
     Returns the folder; without git, the root.
     """

@@ -12,7 +12,9 @@ __all__ = ["chromium"]
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
-    """Name bytes by their argument: compressed bytes contain the time, on which names of tests must not depend."""
+    """Name bytes by their argument: compressed bytes contain the time,
+    on which names of tests must not depend.
+    """
     return argname if isinstance(val, bytes) else None
 
 

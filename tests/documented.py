@@ -34,7 +34,9 @@ def params(mark: str) -> dict[str, Any]:
 def blocks(page: str, language: str) -> list[str]:
     """The texts of all code blocks of a language on a page, in order."""
     return re.findall(
-        rf"^```{language}\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+        rf"^```{language}\n(.*?)^```",
+        (DOCS / page).read_text(encoding="utf-8"),
+        re.DOTALL | re.MULTILINE,
     )
 
 

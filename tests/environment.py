@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import TypeVar
 
 #: The environment of commands: the folder of this interpreter is first on the path.
-ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-#: Seconds after which a test gives up waiting for a process: many, since other work may keep the machine busy.
+ENVIRONMENT = os.environ | {
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+}
+#: Seconds after which a test gives up waiting for a process: many, since other work may keep the
+#: machine busy.
 PATIENCE = 120
 Value = TypeVar("Value")
 #: Runs a command that may mount file systems, which no other process sees.

@@ -7,13 +7,19 @@ from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
-#: Modules without effect on numbers, so that no stage depends on them: messages, process control, what DVC's files say,
-#: the start of a stage, and params, which pass on values of sections (each is defined beside the code that uses it).
-PLUMBING = {Path("isi", f"{name}.py") for name in ("__init__", "errors", "process", "pipeline", "stage", "params")}
+#: Modules without effect on numbers, so that no stage depends on them: messages, process control,
+#: what DVC's files say, the start of a stage, and params, which pass on values of sections (each is
+#: defined beside the code that uses it).
+PLUMBING = {
+    Path("isi", f"{name}.py")
+    for name in ("__init__", "errors", "process", "pipeline", "stage", "params")
+}
 
 
 def closure(*paths: Path) -> set[Path]:
-    """The project's files that an import of ``paths`` loads, including ``paths``, without ``PLUMBING`` and plug-ins."""
+    """The project's files that an import of ``paths`` loads, including ``paths``,
+    without ``PLUMBING`` and plug-ins.
+    """
     files: set[Path] = set()
     waiting = list(paths)
     while waiting:
@@ -26,13 +32,21 @@ def closure(*paths: Path) -> set[Path]:
 
 @cache
 def _loads(path: Path) -> list[Path]:
-    return [file for name in [".".join(path.with_suffix("").parts), *imported(path)] for file in _files(name)]
+    return [
+        file
+        for name in [".".join(path.with_suffix("").parts), *imported(path)]
+        for file in _files(name)
+    ]
 
 
 def imported(path: Path) -> list[str]:
     names = []
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for_types = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    for_types = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+    ]
     skipped = {inner for node in for_types for inner in ast.walk(node)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import) and node not in skipped:

@@ -1,4 +1,6 @@
-"""Input of initializers (``InitContext``) from plain lists: one model with four novel entities, or a random stack."""
+"""Input of initializers (``InitContext``) from plain lists:
+one model with four novel entities, or a random stack.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,36 +38,60 @@ def initialize(name: str, context: InitContext, **options: Option) -> InitResult
 
 
 def insertion(
-    theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int],
+    theta0: Embedding,
+    novel: Sequence[int],
+    seen: Sequence[Sequence[Seen]],
+    words: Tensor,
+    kinds: Sequence[int],
     triples: Sequence[tuple[int, int, int]] = (),
-) -> InitContext:  # fmt: skip
-    """A context of one model: rows of novel entities become zero; all other entities are known and eligible.
+) -> InitContext:
+    """A context of one model: rows of novel entities become zero;
+    all other entities are known and eligible.
 
     ``triples``: the training triples of D⁰.
     """
     known = torch.ones(1, len(kinds), dtype=torch.bool)
     known[0, list(novel)] = False
     longest = max([1, *map(len, seen)])
-    padded = torch.tensor([[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]).long()[None]
+    padded = torch.tensor([[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]).long()[
+        None
+    ]
     return InitContext(
-        theta0=replace(theta0, entity=theta0.entity * known[..., None]), known=known, eligible=known,
-        novel=torch.tensor([list(novel)]), words=words, kinds=torch.tensor(kinds),
-        other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
-        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
-        triples=torch.tensor(triples, dtype=torch.int64).view(-1, 3), trained=torch.ones(1, len(triples)) > 0,
-        root=0, keys=torch.tensor([[2, 0]]),
-    )  # fmt: skip
+        theta0=replace(theta0, entity=theta0.entity * known[..., None]),
+        known=known,
+        eligible=known,
+        novel=torch.tensor([list(novel)]),
+        words=words,
+        kinds=torch.tensor(kinds),
+        other=padded[..., 0],
+        relation=padded[..., 1],
+        novel_is_tail=padded[..., 2] == 1,
+        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[
+            None
+        ],
+        triples=torch.tensor(triples, dtype=torch.int64).view(-1, 3),
+        trained=torch.ones(1, len(triples)) > 0,
+        root=0,
+        keys=torch.tensor([[2, 0]]),
+    )
 
 
 def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
-    """Novel entities: 0 with 4 insert triples as head and tail, 5 with one, 9 with none, 11 without a word vector."""
+    """Novel entities: 0 with 4 insert triples as head and tail, 5 with one, 9 with none,
+    11 without a word vector.
+    """
     words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
     words[11] = 0
     seen: list[list[Seen]] = [
-        [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)], [(7, 1, True)], [], [(2, 1, False), (6, 1, True)],
-    ]  # fmt: skip
+        [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)],
+        [(7, 1, True)],
+        [],
+        [(2, 1, False), (6, 1, True)],
+    ]
     theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
-    return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3], TRIPLES)
+    return insertion(
+        theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3], TRIPLES
+    )
 
 
 def stacked(models: int, dimension: int = 20) -> InitContext:
@@ -78,16 +104,24 @@ def stacked(models: int, dimension: int = 20) -> InitContext:
         novel = rng.choice(30, 3, replace=False).tolist()
         others = [entity for entity in range(30) if entity not in novel]
         seen = [
-            [(int(rng.choice(others)), int(rng.integers(3)), bool(rng.integers(2))) for _ in range(4)] for _ in novel
+            [
+                (int(rng.choice(others)), int(rng.integers(3)), bool(rng.integers(2)))
+                for _ in range(4)
+            ]
+            for _ in novel
         ]
         theta = select(theta0, torch.tensor([model]))
         contexts.append(insertion(theta, novel, seen, words, [e % 4 for e in range(30)]))
-    triples = torch.tensor([[*rng.choice(30, 2, replace=False), rng.integers(3)] for _ in range(60)])[:, [0, 2, 1]]
+    triples = torch.tensor(
+        [[*rng.choice(30, 2, replace=False), rng.integers(3)] for _ in range(60)]
+    )[:, [0, 2, 1]]
     known = torch.cat([context.known for context in contexts])
     per_model = ("known", "eligible", "novel", "other", "relation", "novel_is_tail", "observed")
     return replace(
-        contexts[0], **{name: torch.cat([getattr(context, name) for context in contexts]) for name in per_model},
+        contexts[0],
+        **{name: torch.cat([getattr(context, name) for context in contexts]) for name in per_model},
         theta0=replace(theta0, entity=torch.cat([context.theta0.entity for context in contexts])),
         keys=torch.tensor([[3, seed] for seed in range(models)]),
-        triples=triples, trained=known[:, triples[:, 0]] & known[:, triples[:, 2]],
-    )  # fmt: skip
+        triples=triples,
+        trained=known[:, triples[:, 0]] & known[:, triples[:, 2]],
+    )

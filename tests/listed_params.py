@@ -20,7 +20,9 @@ parsed = cache(yaml.safe_load)  # cached, since parsing is slow
 
 
 def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
-    """The keys of params that a pipeline lists for a stage with these arguments, by file of params."""
+    """The keys of params that a pipeline lists for a stage with these arguments,
+    by file of params.
+    """
     first, beyond = (parsed(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
     values = parsed(paths.PARAMS.read_text(encoding="utf-8"))
 
@@ -37,17 +39,25 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
 
 
 def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage with the params that are listed for it and ``compute``, and no others."""
+    """The context of a stage with the params that are listed for it and ``compute``,
+    and no others.
+    """
     context, keys = context_of(stage, names), listed(stage, names)
     params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
-    return replace(context, params=params, beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]))
+    return replace(
+        context, params=params, beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS])
+    )
 
 
 class Listed(dict[str, Any]):
-    """A mapping restricted to listed keys; iteration raises ``AssertionError``, since it would read all keys."""
+    """A mapping restricted to listed keys; iteration raises ``AssertionError``,
+    since it would read all keys.
+    """
 
     def __iter__(self) -> Any:
-        raise AssertionError(f"reads every key of a mapping of which {', '.join(super().keys())} are listed")
+        raise AssertionError(
+            f"reads every key of a mapping of which {', '.join(super().keys())} are listed"
+        )
 
     items = values = keys = __len__ = __iter__  # type: ignore[assignment]
 
@@ -64,5 +74,7 @@ def restricted(value: Any, keys: Iterable[str]) -> Any:
         return Listed({name: restricted(value[name], rest) for name, rest in within.items()})
     section = type(value).model_construct()
     section.__dict__.clear()
-    section.__dict__.update({name: restricted(getattr(value, name), rest) for name, rest in within.items()})
+    section.__dict__.update(
+        {name: restricted(getattr(value, name), rest) for name, rest in within.items()}
+    )
     return section

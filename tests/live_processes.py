@@ -33,7 +33,9 @@ class Client:
 
 @contextmanager
 def socket_of(folder: Path, path: Path) -> Iterator[subprocess.Popen[bytes]]:
-    with subprocess.Popen([*COMMAND, str(folder), "--socket", str(path)], stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [*COMMAND, str(folder), "--socket", str(path)], stderr=subprocess.PIPE
+    ) as process:
         try:
             assert wait_for(lambda: path.is_socket() or process.poll() is not None)
             yield process

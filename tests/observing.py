@@ -16,7 +16,9 @@ TRIPLE = ["head", "relation", "tail"]
 
 @dataclass(frozen=True)
 class Observations:
-    """All observations of a source, its entities, and the instances that each step of mining leaves."""
+    """All observations of a source, its entities,
+    and the instances that each step of mining leaves.
+    """
 
     table: pd.DataFrame
     kinds: pd.DataFrame

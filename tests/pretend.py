@@ -1,4 +1,6 @@
-"""A device that computes on the CPU but refuses operations that a GPU refuses, for machines without a GPU."""
+"""A device that computes on the CPU but refuses operations that a GPU refuses,
+for machines without a GPU.
+"""
 
 import weakref
 from collections.abc import Callable, Iterator
@@ -10,19 +12,26 @@ from torch.overrides import TorchFunctionMode
 
 #: The device in place of a GPU: PyTorch has the name, and no other test uses it.
 DEVICE = torch.device("meta")
-_TAKING_INDICES = {Tensor.__getitem__, Tensor.__setitem__}  # a GPU takes indices that lie on the CPU
+# a GPU takes indices that lie on the CPU
+_TAKING_INDICES = {Tensor.__getitem__, Tensor.__setitem__}
 _HOST_ONLY = {Tensor.numpy, Tensor.__array__}
 
 
 class Pretend(TorchFunctionMode):
-    """Records which tensors are on ``DEVICE``; mixing them with CPU tensors or converting them to arrays raises."""
+    """Records which tensors are on ``DEVICE``;
+    mixing them with CPU tensors or converting them to arrays raises.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.there: weakref.WeakValueDictionary[int, Tensor] = weakref.WeakValueDictionary()
 
     def __torch_function__(
-        self, func: Callable[..., Any], types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
+        self,
+        func: Callable[..., Any],
+        types: Any,
+        args: tuple[Any, ...] = (),
+        kwargs: dict[str, Any] | None = None,
     ) -> Any:
         kwargs = dict(kwargs or {})
         if func is Tensor.cpu:

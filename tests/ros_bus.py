@@ -1,7 +1,8 @@
-"""A stand-in for the few names of rclpy and std_msgs that examples/ros2_node.py uses: topics in one process.
+"""A stand-in for the few names of rclpy and std_msgs that examples/ros2_node.py uses:
+topics in one process.
 
-``spin`` delivers the messages that were published, in their order, calls each timer as often as there are messages,
-and then raises what rclpy raises when ROS is shut down from outside.
+``spin`` delivers the messages that were published, in their order, calls each timer as often as
+there are messages, and then raises what rclpy raises when ROS is shut down from outside.
 """
 
 from collections import defaultdict
@@ -71,19 +72,24 @@ class Bus:
                 assert kind is String
                 return Publisher(topic)
 
-            def create_subscription(self, kind: type, topic: str, callback: Callable[[Any], None], _: int) -> None:
+            def create_subscription(
+                self, kind: type, topic: str, callback: Callable[[Any], None], _: int
+            ) -> None:
                 assert kind is String
                 bus.subscribed[topic].append(callback)
 
             def create_timer(self, _: float, callback: Callable[[], object]) -> None:
                 bus.timers.append(callback)
 
-        self.made = {name: ModuleType(name) for name in
-                     ("rclpy", "rclpy.node", "rclpy.executors", "std_msgs", "std_msgs.msg")}  # fmt: skip
+        self.made = {
+            name: ModuleType(name)
+            for name in ("rclpy", "rclpy.node", "rclpy.executors", "std_msgs", "std_msgs.msg")
+        }
         vars(self.made["rclpy"]).update(
-            init=lambda: vars(self).update(running=True), try_shutdown=lambda: vars(self).update(running=False),
+            init=lambda: vars(self).update(running=True),
+            try_shutdown=lambda: vars(self).update(running=False),
             spin=self.spin,
-        )  # fmt: skip
+        )
         vars(self.made["rclpy.node"])["Node"] = Node
         vars(self.made["rclpy.executors"])["ExternalShutdownException"] = ExternalShutdownException
         vars(self.made["std_msgs.msg"])["String"] = String

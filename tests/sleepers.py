@@ -1,4 +1,6 @@
-"""A stage that never ends: its workers write their process ids and sleep, for tests that kill it."""
+"""A stage that never ends: its workers write their process ids and sleep,
+for tests that kill it.
+"""
 
 import os
 import time
@@ -31,5 +33,7 @@ def _sleep(folder: str) -> None:
     nothing = torch.zeros(0, dtype=torch.int64)
     graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), nothing, nothing)
     splits = np.zeros((1, 0), dtype=np.int8)
-    tasks = [(GridPoints.without_insertion(folder, graph, [seed], splits),) for seed in range(WORKERS)]
+    tasks = [
+        (GridPoints.without_insertion(folder, graph, [seed], splits),) for seed in range(WORKERS)
+    ]
     run(sleep, tasks, Compute(workers=WORKERS, stack=1), "sleeping")

@@ -1,4 +1,6 @@
-"""A run of the pipeline's main stages on a small grid, without DVC, for tests that alter its files."""
+"""A run of the pipeline's main stages on a small grid, without DVC,
+for tests that alter its files.
+"""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -16,15 +18,29 @@ from tools.workspace import change
 ROOT = Path(__file__).parent.parent
 NAME = "published"
 SMALL: dict[str, Any] = {
-    f"experiments.{NAME}.sessions.seeds": 2, f"experiments.{NAME}.sessions.sizes": [1, 2],
-    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 1,
-    "final_model.experiments": [NAME], "explorer.experiments": [NAME], "explorer.size": 1, "explorer.seed": 0,
-    "compute.stack": 2, "compute.workers": 1, "words.text": "glove",
-}  # fmt: skip
+    f"experiments.{NAME}.sessions.seeds": 2,
+    f"experiments.{NAME}.sessions.sizes": [1, 2],
+    "embedding.dimension": 8,
+    "training.max_epochs": 4,
+    "training.evaluate_every": 2,
+    "finetuning.max_epochs": 1,
+    "final_model.experiments": [NAME],
+    "explorer.experiments": [NAME],
+    "explorer.size": 1,
+    "explorer.seed": 0,
+    "compute.stack": 2,
+    "compute.workers": 1,
+    "words.text": "glove",
+}
 STAGES = (
-    f"mine {NAME}", f"build_graph {NAME}", f"embed_words {NAME}", f"make_sessions {NAME}", f"train_theta0 {NAME}",
-    f"train_joint {NAME}", f"insert {NAME} rs",
-)  # fmt: skip
+    f"mine {NAME}",
+    f"build_graph {NAME}",
+    f"embed_words {NAME}",
+    f"make_sessions {NAME}",
+    f"train_theta0 {NAME}",
+    f"train_joint {NAME}",
+    f"insert {NAME} rs",
+)
 
 
 def lay_out(folder: Path, changes: dict[str, Any]) -> None:

@@ -13,12 +13,21 @@ KNOWN = [f"e{number}" for number in range(ENTITIES)]
 NEW = ["cup", "mug"]
 BETWEEN = ["in", "on", "has"]
 TRIPLES = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
-KNOWN_TRIPLES = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
+KNOWN_TRIPLES = [
+    ("e0", "in", "e1"),
+    ("e2", "on", "e3"),
+    ("e4", "has", "e5"),
+    ("e6", "in", "e7"),
+    ("e1", "on", "e2"),
+]
 
 
 def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
     stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed)
-    return {"entities": stack.entity[0].numpy().astype(dtype), "relations": stack.relation[0].numpy().astype(dtype)}
+    return {
+        "entities": stack.entity[0].numpy().astype(dtype),
+        "relations": stack.relation[0].numpy().astype(dtype),
+    }
 
 
 def words(seed: int = 0) -> np.ndarray:
@@ -27,8 +36,16 @@ def words(seed: int = 0) -> np.ndarray:
 
 def named(**changed: Any) -> dict[str, Any]:
     """Arguments of a call with names of entities and relations in place of ids."""
-    return {**tables(), "triples": TRIPLES, "new": NEW, "model": "analogy", "entity_names": KNOWN,
-            "relation_names": BETWEEN, "known_triples": KNOWN_TRIPLES, **changed}  # fmt: skip
+    return {
+        **tables(),
+        "triples": TRIPLES,
+        "new": NEW,
+        "model": "analogy",
+        "entity_names": KNOWN,
+        "relation_names": BETWEEN,
+        "known_triples": KNOWN_TRIPLES,
+        **changed,
+    }
 
 
 def call(**changed: Any) -> Inserted:
@@ -40,18 +57,23 @@ NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
 
 def fit(done: Inserted, triples: Any = TRIPLES, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
     return isi.fit_new(
-        done.entities, done.relations, triples,
+        done.entities,
+        done.relations,
+        triples,
         **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
-    )  # fmt: skip
+    )
 
 
 #: DistMult in one dimension: f = h · r · t.
 LINE: dict[str, Any] = {
-    "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
+    "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32),
+    "relations": np.array([[1.0]], np.float32),
     "model": "distmult",
-}  # fmt: skip
+}
 
 
 def on_a_line(triples: Any = ((4, 0, 1),)) -> Inserted:
-    """The result for new entity 4 at 0.5, the mean of the known vectors, with the insert triple (4, 0, 1)."""
+    """The result for new entity 4 at 0.5, the mean of the known vectors,
+    with the insert triple (4, 0, 1).
+    """
     return isi.insert(**LINE, triples=list(triples), new=1, initializer="mean")

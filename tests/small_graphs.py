@@ -37,9 +37,13 @@ def score_all(embedding: Embedding) -> Tensor:
 
 
 def random_counts(entities: int, relations: int, triples: int, seed: int) -> dict[Triple, int]:
-    """Counts from 1 to 4 of a ring through all entities, with relations in turn, and of further random triples."""
+    """Counts from 1 to 4 of a ring through all entities, with relations in turn,
+    and of further random triples.
+    """
     rng = np.random.default_rng(seed)
-    counts = {(e, e % relations, (e + 1) % entities): int(rng.integers(1, 5)) for e in range(entities)}
+    counts = {
+        (e, e % relations, (e + 1) % entities): int(rng.integers(1, 5)) for e in range(entities)
+    }
     while len(counts) < min(triples, relations * entities**2):
         head, relation, tail = rng.integers((entities, relations, entities)).tolist()
         counts[head, relation, tail] = int(rng.integers(1, 5))
@@ -62,15 +66,27 @@ def as_stored(graph: Graph) -> Graph:
 
 
 def random_embedding(
-    models: int, entities: int, relations: int, dimension: int, seed: int = 0, model: Model = ANALOGY
+    models: int,
+    entities: int,
+    relations: int,
+    dimension: int,
+    seed: int = 0,
+    model: Model = ANALOGY,
 ) -> Embedding:
     generator = torch.Generator().manual_seed(seed)
     entity = torch.randn(models, entities, dimension, generator=generator)
-    return Embedding(entity, torch.randn(models, relations, model.width(dimension), generator=generator), model)
+    return Embedding(
+        entity, torch.randn(models, relations, model.width(dimension), generator=generator), model
+    )
 
 
 def points_of(
-    graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1, fraction: float = 0.5
+    graph: Graph,
+    size: int,
+    seeds: Sequence[int],
+    root: int = 0,
+    steps: int = 1,
+    fraction: float = 0.5,
 ) -> GridPoints:
     """Grid points sampled as in the pipeline, with shares of 0.2 for validation and for test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
@@ -81,7 +97,9 @@ def points_of(
 
 
 def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) -> np.ndarray:
-    """Insert triples sampled as in the pipeline: session, model, index in ``novel``, triple; shape (I, 4)."""
+    """Insert triples sampled as in the pipeline: session, model, index in ``novel``, triple;
+    shape (I, 4).
+    """
     rows = [
         (session, model, points.novel[model, session - 1].tolist().index(entity), triple)
         for session in range(1, points.sessions + 1)
@@ -99,7 +117,9 @@ def generator(purpose: str, *key: int) -> np.random.Generator:
 
 
 def dense(relation: Tensor) -> Tensor:
-    """The matrix W, (d, d), of a relation of ANALOGY, (d,), entry by entry from vᵀW (docs/method.md)."""
+    """The matrix W, (d, d), of a relation of ANALOGY, (d,),
+    entry by entry from vᵀW (docs/method.md).
+    """
     dimension = len(relation)
     half, quarter = dimension // 2, dimension // 4
     matrix = torch.zeros(dimension, dimension, dtype=relation.dtype)

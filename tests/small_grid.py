@@ -21,19 +21,29 @@ GRAPH = random_graph(ENTITIES, RELATIONS, 90)
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 #: Options of the models whose options have no default.
 MODEL_OPTIONS: dict[str, dict[str, Option]] = {
-    "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
+    "transe": {"margin": 4.0, "squared": False},
+    "rotate": {"margin": 4.0, "squared": False},
     "transe_l1": {"margin": 4.0},
-}  # fmt: skip
-TRAINING = Training(batch_size=80, learning_rate=0.1, weight_decay=1e-3, max_epochs=8, evaluate_every=2, patience=1)
+}
+TRAINING = Training(
+    batch_size=80, learning_rate=0.1, weight_decay=1e-3, max_epochs=8, evaluate_every=2, patience=1
+)
 LEARNING = TrainConfig(
     root=0, model=ANALOGY, dimension=12, init_range=0.01, negatives=SAMPLED, training=TRAINING
-)  # fmt: skip
+)
 OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5)
 MARGIN = 0.05
 INITIALIZERS: dict[str, dict[str, Option]] = {
-    "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
-    "mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
-}  # fmt: skip
+    "xavier": {},
+    "iu": {},
+    "es": {"k": 3},
+    "rs": {"k": 4},
+    "ers": {"k": 2, "candidates": 5},
+    "mean": {},
+    "gaussian": {},
+    "gaussian_centred": {},
+    "es_permuted": {"k": 3},
+}
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
 #: MRR* of the joint models by seed: the first is reached soon, the last one never.
@@ -67,14 +77,22 @@ def some_models(theta: Embedding, models: slice | list[int]) -> Embedding:
 
 
 def insert_tasks(
-    height: int, name: str, trained: Embedding, words: np.ndarray = WORDS, steps: int = 1,
+    height: int,
+    name: str,
+    trained: Embedding,
+    words: np.ndarray = WORDS,
+    steps: int = 1,
     full_curves: Sequence[int] = (),
-) -> list[InsertTask]:  # fmt: skip
+) -> list[InsertTask]:
     config = InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, full_curves)
     tasks = []
     for number, points in enumerate(stacks(height, steps)):
         models = slice(number * height, (number + 1) * height)
-        joint = {(session, scope): JOINT[models].copy() for session in range(1, steps + 1) for scope in CONVERGING}
+        joint = {
+            (session, scope): JOINT[models].copy()
+            for session in range(1, steps + 1)
+            for scope in CONVERGING
+        }
         tasks.append((points, some_models(trained, models), words, joint, config))
     return tasks
 
@@ -85,15 +103,21 @@ def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
         "entity": [result.theta.entity for result in trained],
         "relation": [result.theta.relation for result in trained],
         "known": [result.known for result in trained],
-    }  # fmt: skip
+    }
     log = pd.concat([result.log for result in trained]).sort_values(["seed", "epoch"])
-    return {name: np.concatenate(parts).tobytes() for name, parts in tensors.items()} | {"log": csv(log)}
+    return {name: np.concatenate(parts).tobytes() for name, parts in tensors.items()} | {
+        "log": csv(log)
+    }
 
 
 def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
     """All results of insertion as bytes, sorted by seed, session, epoch and scope."""
-    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
-    entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
+    runs = pd.concat([result.runs for result in inserted]).sort_values(
+        ["seed", "session", "epoch", "scope"]
+    )
+    entities = pd.concat([result.entities for result in inserted]).sort_values(
+        ["seed", "session", "entity"]
+    )
     vectors = np.concatenate([result.vectors for result in inserted])
     return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
 

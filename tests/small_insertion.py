@@ -1,4 +1,6 @@
-"""A small random graph with novel entities in two models: the input of a session and of initializers."""
+"""A small random graph with novel entities in two models:
+the input of a session and of initializers.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -10,23 +12,33 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID
 from isi.initializers.api import InitContext, context_of
 from isi.models.stack import Embedding
-from tests.small_graphs import graph_of, insert_triples_of, points_of, random_counts, random_embedding
+from tests.small_graphs import (
+    graph_of,
+    insert_triples_of,
+    points_of,
+    random_counts,
+    random_embedding,
+)
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
-#: Novel entities of two models. All training triples of 15 contain 0, which is novel: 15 is an orphan in both.
-#: Entities 3 and 9 have no word vector.
+#: Novel entities of two models. All training triples of 15 contain 0, which is novel: 15 is an
+#: orphan in both. Entities 3 and 9 have no word vector.
 NOVEL = np.array([[0, 4, 9], [0, 7, 12]])
 ORPHAN, WORDLESS = 15, (3, 9)
 
 
 def orphaning_graph() -> Graph:
     counts = random_counts(ORPHAN, RELATIONS, 60, seed=2)
-    return graph_of(counts | {(ORPHAN, 1, 0): 2, (0, 2, ORPHAN): 1, (ORPHAN, 0, 5): 1}, ENTITIES, RELATIONS)
+    return graph_of(
+        counts | {(ORPHAN, 1, 0): 2, (0, 2, ORPHAN): 1, (ORPHAN, 0, 5): 1}, ENTITIES, RELATIONS
+    )
 
 
 @dataclass(frozen=True)
 class World:
-    """The data of a session, with validation and test triples in ``splits``, which initializers must not see."""
+    """The data of a session, with validation and test triples in ``splits``,
+    which initializers must not see.
+    """
 
     graph: Graph
     splits: np.ndarray
@@ -36,7 +48,9 @@ class World:
 
 
 def world() -> World:
-    """Random embeddings and word vectors; splits sampled as in the pipeline, except for the orphan's triples."""
+    """Random embeddings and word vectors; splits sampled as in the pipeline,
+    except for the orphan's triples.
+    """
     graph = orphaning_graph()
     splits = points_of(graph, 3, [5, 6]).splits
     splits[:, -3:] = TRAIN, TRAIN, VALID

@@ -1,4 +1,6 @@
-"""A small live embedding of random vectors, with its choices of initializers, and a comparison of two of them."""
+"""A small live embedding of random vectors, with its choices of initializers,
+and a comparison of two of them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,21 +38,35 @@ def live_of(changes: Sequence[Change] = ()) -> LiveEmbedding:
 
 
 def seen(live: LiveEmbedding) -> tuple[dict[str, np.ndarray], Answers]:
-    """The vectors of the inserted entities, and the answers about them and about some known ones."""
+    """The vectors of the inserted entities, and the answers about them
+    and about some known ones.
+    """
     vectors = {name: row.vector for name, row in live.inserted.items()}
-    queries: list[tuple[str | None, str | None, str | None]] = [(name, "in", None) for name in [*vectors, "e0", "e1"]]
-    queries += [(None, "on", name) for name in [*vectors, "e2"]] + [("e0", None, name) for name in vectors]
+    queries: list[tuple[str | None, str | None, str | None]] = [
+        (name, "in", None) for name in [*vectors, "e0", "e1"]
+    ]
+    queries += [(None, "on", name) for name in [*vectors, "e2"]] + [
+        ("e0", None, name) for name in vectors
+    ]
     answers = {
         tuple(map(str, query)): {
-            answer.entity: (answer.score, answer.probability, answer.given, answer.known, answer.inserted)
+            answer.entity: (
+                answer.score,
+                answer.probability,
+                answer.given,
+                answer.known,
+                answer.inserted,
+            )
             for answer in live.ask(*query, top=99).answers
         }
         for query in queries
-    }  # fmt: skip
+    }
     return vectors, answers
 
 
-def assert_same(one: tuple[dict[str, np.ndarray], Answers], other: tuple[dict[str, np.ndarray], Answers]) -> None:
+def assert_same(
+    one: tuple[dict[str, np.ndarray], Answers], other: tuple[dict[str, np.ndarray], Answers]
+) -> None:
     (vectors, answers), (others, expected) = one, other
     assert vectors.keys() == others.keys()
     for name, vector in vectors.items():

@@ -12,25 +12,55 @@ from tools import workspace
 
 EXPERIMENTS = ("ai2thor", "transfer")
 INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
-#: Params of a small grid on which every stage runs, with two items per sweep and one experiment per analysis.
+#: Params of a small grid on which every stage runs, with two items per sweep and one experiment per
+#: analysis.
 SMALL: dict[str, Any] = {
-    "experiments.ai2thor.sessions.seeds": 3, "experiments.ai2thor.sessions.sizes": [1, 2],
-    "experiments.ai2thor.full_curves.sizes": [2], "experiments.transfer.sessions.seeds": 3,
-    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
-    "compute.stack": 2, "finetune_only.experiments": ["ai2thor"], "query_breakdown.experiments": ["ai2thor"],
-    "sweep.initializers": {"es": {}, "ers": {"candidates": 30}}, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2,
-    "rate_sweep.initializers": ["xavier", "es"], "rate_sweep.size": 2, "trajectory.size": 2, "trajectory.epochs": 2,
-    "cross_validation.folds": 3, "cross_validation.dimension": [12], "cross_validation.ratio": [],
-    "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [], "compare_models.seeds": 2,
-    "compare_models.models": {"transe": {"learning_rate": 0.1, "weight_decay": 0.0001}}, "explorer.size": 2,
+    "experiments.ai2thor.sessions.seeds": 3,
+    "experiments.ai2thor.sessions.sizes": [1, 2],
+    "experiments.ai2thor.full_curves.sizes": [2],
+    "experiments.transfer.sessions.seeds": 3,
+    "embedding.dimension": 8,
+    "training.max_epochs": 4,
+    "training.evaluate_every": 2,
+    "finetuning.max_epochs": 3,
+    "compute.stack": 2,
+    "finetune_only.experiments": ["ai2thor"],
+    "query_breakdown.experiments": ["ai2thor"],
+    "sweep.initializers": {"es": {}, "ers": {"candidates": 30}},
+    "sweep.k": [1, 8],
+    "sweep.size": 2,
+    "sweep.seeds": 2,
+    "rate_sweep.initializers": ["xavier", "es"],
+    "rate_sweep.size": 2,
+    "trajectory.size": 2,
+    "trajectory.epochs": 2,
+    "cross_validation.folds": 3,
+    "cross_validation.dimension": [12],
+    "cross_validation.ratio": [],
+    "cross_validation.learning_rate": [0.2],
+    "cross_validation.weight_decay": [],
+    "compare_models.seeds": 2,
+    "compare_models.models": {"transe": {"learning_rate": 0.1, "weight_decay": 0.0001}},
+    "explorer.size": 2,
     "explorer.seed": 0,
     # The published graph goes through DVC in tests of killed runs.
-    "experiments.published": workspace.DROP, "sources.published": workspace.DROP,
-    **{f"initializers.{name}": workspace.DROP for name in (
-        "mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds", "soft_hybrid",
-        "map", "map_own_facts",
-    )},
-}  # fmt: skip
+    "experiments.published": workspace.DROP,
+    "sources.published": workspace.DROP,
+    **{
+        f"initializers.{name}": workspace.DROP
+        for name in (
+            "mean",
+            "kind_mean",
+            "gaussian",
+            "gaussian_centred",
+            "es_permuted",
+            "es_permuted_kinds",
+            "soft_hybrid",
+            "map",
+            "map_own_facts",
+        )
+    },
+}
 
 
 def dvc(folder: Path, *arguments: str) -> str:

@@ -1,4 +1,6 @@
-"""Random sessions as dictionaries and sets, for computations that look up a triple, a split or a score at a time."""
+"""Random sessions as dictionaries and sets, for computations that look up a triple,
+a split or a score at a time.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,11 +32,17 @@ class World:
     @property
     def session(self) -> Session:
         members = [[e in own for e in range(self.entities)] for own in self.members]
-        return Session(graph_of(self.counts, self.entities, self.relations), torch.tensor(members), self.split_tensor)
+        return Session(
+            graph_of(self.counts, self.entities, self.relations),
+            torch.tensor(members),
+            self.split_tensor,
+        )
 
     @property
     def split_tensor(self) -> Tensor:
-        return torch.tensor([[split[t] for t in self.counts] for split in self.splits], dtype=torch.int8)
+        return torch.tensor(
+            [[split[t] for t in self.counts] for split in self.splits], dtype=torch.int8
+        )
 
     def mask(self, triples: list[set[Triple]]) -> Tensor:
         return torch.tensor([[t in own for t in self.counts] for own in triples])
@@ -43,10 +51,15 @@ class World:
         return {triple for triple, split in self.splits[model].items() if split in splits}
 
     def new(self, model: int, triples: set[Triple]) -> set[Triple]:
-        return {(h, r, t) for h, r, t in triples if h in self.novel[model] or t in self.novel[model]}
+        return {
+            (h, r, t) for h, r, t in triples if h in self.novel[model] or t in self.novel[model]
+        }
 
     def score(self, model: int) -> Score:
-        entity, relation = self.embedding.entity[model].tolist(), self.embedding.relation[model].tolist()
+        entity, relation = (
+            self.embedding.entity[model].tolist(),
+            self.embedding.relation[model].tolist(),
+        )
 
         def score(h: int, r: int, t: int) -> float:
             (s1, s2, a, b), (r1, r2, x, y), v = entity[h], relation[r], entity[t]
@@ -57,7 +70,9 @@ class World:
 
 @st.composite
 def worlds(draw: st.DrawFn) -> World:
-    """Two models on one graph; vectors are small whole numbers, so that ties are exact and frequent."""
+    """Two models on one graph; vectors are small whole numbers,
+    so that ties are exact and frequent.
+    """
     entities, relations, models = draw(st.integers(4, 6)), draw(st.integers(1, 3)), 2
     entity, relation = st.integers(0, entities - 1), st.integers(0, relations - 1)
     triple = st.tuples(entity, relation, entity)
@@ -67,15 +82,27 @@ def worlds(draw: st.DrawFn) -> World:
     for _ in range(models):
         out = draw(st.sets(entity, max_size=1))
         drawn = draw(
-            st.lists(entity.filter(lambda e, out=out: e not in out), min_size=size, max_size=size, unique=True)
+            st.lists(
+                entity.filter(lambda e, out=out: e not in out),
+                min_size=size,
+                max_size=size,
+                unique=True,
+            )
         )
-        split = {t: OUT if out & {t[0], t[2]} else draw(st.sampled_from([TRAIN, VALID, TEST])) for t in counts}
-        usable = [t for t, part in split.items() if part == TRAIN and (t[0] in drawn) != (t[2] in drawn)]
+        split = {
+            t: OUT if out & {t[0], t[2]} else draw(st.sampled_from([TRAIN, VALID, TEST]))
+            for t in counts
+        }
+        usable = [
+            t for t, part in split.items() if part == TRAIN and (t[0] in drawn) != (t[2] in drawn)
+        ]
         splits.append(split)
         members.append(set(range(entities)) - out)
         novel.append(sorted(drawn))
         inserted.append(set(usable[::2]))
     values = st.lists(st.integers(-1, 1), min_size=models * 4 * 9, max_size=models * 4 * 9)
     table = torch.tensor(draw(values), dtype=torch.float32).view(models, 9, 4)
-    embedding = Embedding(table[:, :entities].contiguous(), table[:, 6 : 6 + relations].contiguous(), ANALOGY)
+    embedding = Embedding(
+        table[:, :entities].contiguous(), table[:, 6 : 6 + relations].contiguous(), ANALOGY
+    )
     return World(counts, entities, relations, splits, members, novel, inserted, embedding)

@@ -19,10 +19,19 @@ from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
 OBSERVED = pd.DataFrame(
-    {"scene": ["FloorPlan1"], "room": ["kitchen"], "instance": ["Mug|1"], "head": ["mug"], "relation": ["atLocation"],
-     "tail": ["kitchen"], "count": [1]}
-)  # fmt: skip
-KINDS = pd.DataFrame({"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]})
+    {
+        "scene": ["FloorPlan1"],
+        "room": ["kitchen"],
+        "instance": ["Mug|1"],
+        "head": ["mug"],
+        "relation": ["atLocation"],
+        "tail": ["kitchen"],
+        "count": [1],
+    }
+)
+KINDS = pd.DataFrame(
+    {"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]}
+)
 #: Runs a stage (its name and arguments), and returns the one line with which it refuses its input.
 Says = Callable[[str], str]
 
@@ -47,7 +56,11 @@ def set_params(workspace: Path, changes: dict[str, object]) -> None:
 
 def outputs(workspace: Path) -> dict[str, bytes]:
     """Bytes of every file under ``data`` outside ``raw``, by path."""
-    files = [path for path in (workspace / "data").rglob("*") if path.is_file() and "raw" not in path.parts]
+    files = [
+        path
+        for path in (workspace / "data").rglob("*")
+        if path.is_file() and "raw" not in path.parts
+    ]
     return {str(path.relative_to(workspace)): path.read_bytes() for path in files}
 
 
@@ -84,8 +97,12 @@ def main_of(command: str) -> Callable[[], None]:
 
 
 @pytest.fixture
-def says(workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Says:
-    """A function that runs a stage, and returns its one line of refusal; it checks that no output changes."""
+def says(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Says:
+    """A function that runs a stage, and returns its one line of refusal;
+    it checks that no output changes.
+    """
 
     def say(command: str) -> str:
         monkeypatch.chdir(workspace)

@@ -15,12 +15,21 @@ Frames = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def of_frames(value: Any, change: Frames) -> Any:
-    """``value`` with every table of measures in it changed: a frame, a mapping, or an experiment with its analyses."""
+    """``value`` with every table of measures in it changed:
+    a frame, a mapping, or an experiment with its analyses.
+    """
     if isinstance(value, pd.DataFrame):
         return change(value) if {*MEASURES, "x"} & set(value) else value
     if isinstance(value, Experiment):
-        return replace(value, **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)})
-    return {name: of_frames(part, change) for name, part in value.items()} if isinstance(value, dict) else value
+        return replace(
+            value,
+            **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)},
+        )
+    return (
+        {name: of_frames(part, change) for name, part in value.items()}
+        if isinstance(value, dict)
+        else value
+    )
 
 
 def changed(results: Results, change: Frames) -> Results:
@@ -35,7 +44,9 @@ def without_queries(*scopes: str, half: str = "") -> Frames:
         if not {"scope", "mrr_star"} <= set(frame):
             return frame
         own = frame["scope"].isin(scopes)
-        columns = [name for name in MEASURES if name in frame and (not half or name in (half, "mrr_star"))]
+        columns = [
+            name for name in MEASURES if name in frame and (not half or name in (half, "mrr_star"))
+        ]
         empty = frame.assign(**{name: frame[name].mask(own) for name in columns})
         return empty if half else empty.assign(queries=empty["queries"].mask(own, 0))
 
@@ -44,36 +55,58 @@ def without_queries(*scopes: str, half: str = "") -> Frames:
 
 def of_experiments(results: Results, change: Callable[[Experiment], Experiment]) -> Results:
     """Results with every experiment changed."""
-    return replace(results, experiments={name: change(one) for name, one in results.experiments.items()})
+    return replace(
+        results, experiments={name: change(one) for name, one in results.experiments.items()}
+    )
 
 
 def one_seed(results: Results) -> Results:
     """Results with the first seed alone, except in the explorer."""
-    first = changed(results, lambda frame: frame[frame["seed"] == 0] if {"seed", "mrr_star"} <= set(frame) else frame)
-    return of_experiments(first, lambda one: replace(
-        one, **{name: frame[frame["seed"] == 0] for name in ("novel", "splits", "insert_triples", "ties")
-                if "seed" in (frame := getattr(one, name))}))  # fmt: skip
+    first = changed(
+        results,
+        lambda frame: frame[frame["seed"] == 0] if {"seed", "mrr_star"} <= set(frame) else frame,
+    )
+    return of_experiments(
+        first,
+        lambda one: replace(
+            one,
+            **{
+                name: frame[frame["seed"] == 0]
+                for name in ("novel", "splits", "insert_triples", "ties")
+                if "seed" in (frame := getattr(one, name))
+            },
+        ),
+    )
 
 
 def uncovered(experiment: Experiment) -> Experiment:
     """An experiment in which no entity has a word vector, insert triples or a fallback."""
     return replace(
-        experiment, coverage=experiment.coverage.assign(served_by=None),
-        insert_triples=experiment.insert_triples.head(0), inserted=experiment.inserted.assign(fallback=None),
-    )  # fmt: skip
+        experiment,
+        coverage=experiment.coverage.assign(served_by=None),
+        insert_triples=experiment.insert_triples.head(0),
+        inserted=experiment.inserted.assign(fallback=None),
+    )
 
 
 def without_rooms(results: Results) -> Results:
     """Results whose observations have no room."""
-    observed = {name: replace(one, observations=one.observations.assign(room=None))
-                for name, one in results.observed.items()}  # fmt: skip
+    observed = {
+        name: replace(one, observations=one.observations.assign(room=None))
+        for name, one in results.observed.items()
+    }
     return replace(results, observed=observed)
 
 
 def empty_analyses(experiment: Experiment) -> Experiment:
-    """An experiment whose query breakdown, cross-validation and comparison of models, if run, have no rows."""
-    empty = {name: experiment.analyses[name].head(0) for name in ("cross_validation", "compare_models")
-             if name in experiment.analyses}  # fmt: skip
+    """An experiment whose query breakdown, cross-validation and comparison of models, if run,
+    have no rows.
+    """
+    empty = {
+        name: experiment.analyses[name].head(0)
+        for name in ("cross_validation", "compare_models")
+        if name in experiment.analyses
+    }
     queries = None if experiment.queries is None else experiment.queries.head(0)
     return replace(experiment, queries=queries, analyses={**experiment.analyses, **empty})
 
@@ -85,7 +118,9 @@ def tied(experiment: Experiment) -> Experiment:
 
 def without(*scopes: str) -> Frames:
     """A change: no rows of these scopes."""
-    return lambda frame: frame[~frame["scope"].isin(scopes)] if {"scope", "mrr_star"} <= set(frame) else frame
+    return lambda frame: (
+        frame[~frame["scope"].isin(scopes)] if {"scope", "mrr_star"} <= set(frame) else frame
+    )
 
 
 def everywhere(value: float) -> Frames:
@@ -115,7 +150,10 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     "all scores are tied": lambda one: of_experiments(one, tied),
     "one seed": one_seed,
     "one relation": lambda one: of_experiments(
-        one, lambda experiment: replace(experiment, triples=experiment.triples.assign(relation="atLocation"))
+        one,
+        lambda experiment: replace(
+            experiment, triples=experiment.triples.assign(relation="atLocation")
+        ),
     ),
     "nothing to go by": lambda one: of_experiments(one, uncovered),
     "no rooms": without_rooms,

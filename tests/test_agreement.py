@@ -1,4 +1,6 @@
-"""Rules that the tables of one experiment must satisfy together, tested with small hand-written tables."""
+"""Rules that the tables of one experiment must satisfy together,
+tested with small hand-written tables.
+"""
 
 from pathlib import Path
 
@@ -15,7 +17,9 @@ from tests.small_graphs import graph_of
 FILE = Path("data/a.parquet")
 #: Triples 0: 0-1, 1: 1-2, 2: 2-3, 3: 3-0, 4: 0-2 of relation 0, and 5: 1-1 of relation 1.
 GRAPH: Graph = graph_of(
-    {(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 3): 1, (3, 0, 0): 1, (0, 0, 2): 1, (1, 1, 1): 1}, entities=4, relations=2
+    {(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 3): 1, (3, 0, 0): 1, (0, 0, 2): 1, (1, 1, 1): 1},
+    entities=4,
+    relations=2,
 )
 
 
@@ -24,7 +28,9 @@ def novel(*rows: tuple[int, int, int, int]) -> pd.DataFrame:
 
 
 def given(*rows: tuple[int, int, int, int, int]) -> pd.DataFrame:
-    return pd.DataFrame(rows, columns=["size", "seed", "entity", "triple", "session"], dtype=np.int64)
+    return pd.DataFrame(
+        rows, columns=["size", "seed", "entity", "triple", "session"], dtype=np.int64
+    )
 
 
 def split(*codes: int) -> dict[int, np.ndarray]:
@@ -57,7 +63,7 @@ def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -
             agreement.novel_sets_are_whole(FILE, novel(*rows), splits)
 
 
-def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_known_by_then() -> None:
+def test_an_insert_triple_has_an_inserted_entity_and_another_that_is_known_by_then() -> None:
     drawn = novel((1, 0, 0, 1), (1, 0, 2, 2))
     agreement.insert_triples_fit(
         FILE, given((1, 0, 0, 0, 1), (1, 0, 2, 4, 2)), drawn, split(*[TRAIN] * 6), GRAPH
@@ -68,7 +74,8 @@ def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_kno
         ((1, 0, 0, 0, 2), "expected an entity that the session inserts"),  # in another session
         ((1, 1, 0, 0, 1), "expected an entity that the session inserts"),  # of another seed
         ((1, 0, 0, 1, 1), "expected the entity at one end of the triple"),
-        ((1, 0, 0, 4, 1), "expected the other end to be known before the session"),  # 2 is inserted later
+        # 2 is inserted later
+        ((1, 0, 0, 4, 1), "expected the other end to be known before the session"),
     ):
         shown = f"size {row[0]}, seed {row[1]}, entity {row[2]}, triple {row[3]}"
         with refused(rf"row 0 \({shown}\): {says}"):
@@ -77,14 +84,18 @@ def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_kno
 
 def test_a_triple_with_the_same_entity_at_both_ends_is_no_insert_triple() -> None:
     with refused(r".*expected the entity at one end"):
-        agreement.insert_triples_fit(FILE, given((1, 0, 1, 5, 1)), novel((1, 0, 1, 1)), split(*[TRAIN] * 6), GRAPH)
+        agreement.insert_triples_fit(
+            FILE, given((1, 0, 1, 5, 1)), novel((1, 0, 1, 1)), split(*[TRAIN] * 6), GRAPH
+        )
 
 
 @pytest.mark.parametrize("code", [VALID, TEST, OUT])
 def test_insert_triples_are_training_triples(code: int) -> None:
     rows, drawn = given((1, 0, 0, 0, 1), (1, 0, 0, 3, 1)), novel((1, 0, 0, 1))
     agreement.insert_triples_fit(FILE, rows, drawn, split(TRAIN, 0, 0, TRAIN, 0, 0), GRAPH)
-    with refused(r"row 1 \(size 1, seed 0, entity 0, triple 3\): expected a triple of the seed's train split"):
+    with refused(
+        r"row 1 \(size 1, seed 0, entity 0, triple 3\): expected a triple of the seed's train split"
+    ):
         agreement.insert_triples_fit(FILE, rows, drawn, split(TRAIN, 0, 0, code, 0, 0), GRAPH)
     with refused("row 0"):
         agreement.insert_triples_fit(FILE, rows, drawn, {7: np.zeros(6)}, GRAPH)

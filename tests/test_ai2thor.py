@@ -1,4 +1,6 @@
-"""Observations of AI2-THOR's and RoboTHOR's scenes: hand-written scenes, the real recording, and a single scene."""
+"""Observations of AI2-THOR's and RoboTHOR's scenes:
+hand-written scenes, the real recording, and a single scene.
+"""
 
 import gzip
 import json
@@ -15,24 +17,51 @@ from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
 from isi.sources import CHUNK, ai2thor, settings_of
-from isi.sources.recordings import ROBOTHOR, Scene, SceneObject, locate, read_recording, scene_objects
+from isi.sources.recordings import (
+    ROBOTHOR,
+    Scene,
+    SceneObject,
+    locate,
+    read_recording,
+    scene_objects,
+)
 from isi.tables import paths
 from tests.observing import TRIPLE, observations_of, observe, source_of
 
 PROPERTIES = (
-    "openable", "pickupable", "toggleable", "canFillWithLiquid", "sliceable", "breakable", "dirtyable", "cookable",
-    "moveable", "isHeatSource", "isColdSource", "receptacle", "canBeUsedUp",
-)  # fmt: skip
+    "openable",
+    "pickupable",
+    "toggleable",
+    "canFillWithLiquid",
+    "sliceable",
+    "breakable",
+    "dirtyable",
+    "cookable",
+    "moveable",
+    "isHeatSource",
+    "isColdSource",
+    "receptacle",
+    "canBeUsedUp",
+)
 
 
 def thing(
-    kind: str, number: int = 1, parents: list[str] | None = None, made_of: list[str] | None = None, *properties: str
+    kind: str,
+    number: int = 1,
+    parents: list[str] | None = None,
+    made_of: list[str] | None = None,
+    *properties: str,
 ) -> SceneObject:
     """An object in the simulator's format."""
     reported = {
-        "objectType": kind, "objectId": f"{kind}|{number}", "name": f"{kind}_{number}", "parentReceptacles": parents,
-        "receptacleObjectIds": None, "salientMaterials": made_of, **{name: name in properties for name in PROPERTIES},
-    }  # fmt: skip
+        "objectType": kind,
+        "objectId": f"{kind}|{number}",
+        "name": f"{kind}_{number}",
+        "parentReceptacles": parents,
+        "receptacleObjectIds": None,
+        "salientMaterials": made_of,
+        **{name: name in properties for name in PROPERTIES},
+    }
     return scene_objects(Path("recording.json"), "a scene", [reported])[0]
 
 
@@ -42,7 +71,15 @@ KITCHEN = [
     thing("Floor", 1, None, ["Wood"], "receptacle", "dirtyable"),
     thing("CounterTop", 1, ["Floor|1"], ["Stone", "Wood"], "receptacle"),
     thing("Sink", 1, None, None, "receptacle"),
-    thing("Mug", 1, ["CounterTop|1", "Sink|1"], ["Ceramic"], "pickupable", "canFillWithLiquid", "breakable"),
+    thing(
+        "Mug",
+        1,
+        ["CounterTop|1", "Sink|1"],
+        ["Ceramic"],
+        "pickupable",
+        "canFillWithLiquid",
+        "breakable",
+    ),
     thing("Mug", 2, [], [], "pickupable"),
 ]
 #: FloorPlan302.
@@ -56,14 +93,22 @@ BY_HAND = {
     ("FloorPlan1", "kitchen", "CounterTop|1", "counter top"): (["kitchen"], ["stone", "wood"], []),
     ("FloorPlan1", "kitchen", "Sink|1", "sink"): (["kitchen"], [], []),
     ("FloorPlan1", "kitchen", "Mug|1", "mug"): (
-        ["kitchen", "counter top", "sink"], ["ceramic"], ["pick up", "put", "fill", "empty", "break"]
+        ["kitchen", "counter top", "sink"],
+        ["ceramic"],
+        ["pick up", "put", "fill", "empty", "break"],
     ),
     ("FloorPlan1", "kitchen", "Mug|2", "mug"): (["kitchen"], [], ["pick up", "put"]),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand"): (["bedroom"], ["wood"], ["open", "close"]),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock"): (
-        ["bedroom", "tv stand"], ["metal", "glass"], ["turn on", "turn off"]
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand"): (
+        ["bedroom"],
+        ["wood"],
+        ["open", "close"],
     ),
-}  # fmt: skip
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock"): (
+        ["bedroom", "tv stand"],
+        ["metal", "glass"],
+        ["turn on", "turn off"],
+    ),
+}
 EXPECTED = [
     (*instance, relation, tail)
     for instance, tails in BY_HAND.items()
@@ -77,7 +122,9 @@ def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def mined(
-    scenes: list[Scene], materials_of: ai2thor.MaterialsOf = ai2thor.reported_materials, **cleaning: Any
+    scenes: list[Scene],
+    materials_of: ai2thor.MaterialsOf = ai2thor.reported_materials,
+    **cleaning: Any,
 ) -> tuple[pd.DataFrame, Counter[str]]:
     """Observations of scenes, and the counts of dropped ones."""
     counts: Counter[str] = Counter()
@@ -94,49 +141,83 @@ def tails(observations: pd.DataFrame, relation: str) -> list[str]:
 
 
 def test_two_rooms_give_the_observations_written_out_by_hand() -> None:
-    scenes = [Scene("FloorPlan1", 1, "kitchen", KITCHEN), Scene("FloorPlan302", 302, "bedroom", BEDROOM)]
+    scenes = [
+        Scene("FloorPlan1", 1, "kitchen", KITCHEN),
+        Scene("FloorPlan302", 302, "bedroom", BEDROOM),
+    ]
     observations, _ = mined(scenes)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
 
 
 def test_each_property_gives_its_affordances() -> None:
-    tails_of = {has: tails(mine_one(thing("Gadget", 1, None, None, has))[0], "hasAffordance") for has in PROPERTIES}
+    tails_of = {
+        has: tails(mine_one(thing("Gadget", 1, None, None, has))[0], "hasAffordance")
+        for has in PROPERTIES
+    }
     assert tails_of == {
-        "openable": ["close", "open"], "pickupable": ["pick up", "put"], "toggleable": ["turn off", "turn on"],
-        "canFillWithLiquid": ["empty", "fill"], "sliceable": ["slice"], "breakable": ["break"],
-        "dirtyable": ["clean", "dirty"], "moveable": ["pull", "push"], "cookable": ["cook"], "isHeatSource": ["heat"],
-        "isColdSource": ["cool"], "receptacle": [], "canBeUsedUp": [],
-    }  # fmt: skip
+        "openable": ["close", "open"],
+        "pickupable": ["pick up", "put"],
+        "toggleable": ["turn off", "turn on"],
+        "canFillWithLiquid": ["empty", "fill"],
+        "sliceable": ["slice"],
+        "breakable": ["break"],
+        "dirtyable": ["clean", "dirty"],
+        "moveable": ["pull", "push"],
+        "cookable": ["cook"],
+        "isHeatSource": ["heat"],
+        "isColdSource": ["cool"],
+        "receptacle": [],
+        "canBeUsedUp": [],
+    }
 
 
-def test_the_floor_is_neither_object_nor_receptacle_while_other_receptacles_of_the_object_stay() -> None:
+def test_the_floor_is_neither_object_nor_receptacle_and_other_receptacles_stay() -> None:
     rug_on_both = thing("Cloth", 1, ["Floor|1", "Shelf|1"])
-    observations, _ = mine_one(thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both)
+    observations, _ = mine_one(
+        thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both
+    )
     assert "floor" not in set(observations["head"]) | set(observations["tail"])
-    assert tails(observations[observations["head"] == "cloth"], "atLocation") == ["kitchen", "shelf"]
+    assert tails(observations[observations["head"] == "cloth"], "atLocation") == [
+        "kitchen",
+        "shelf",
+    ]
 
 
 # Containment that cannot be
 
 #: A bowl in the cabinet that it holds, and a crate two further receptacles away from itself.
 CYCLES = [
-    thing("Bowl", 1, ["Cabinet|1"]), thing("Cabinet", 1, ["Bowl|1", "Shelf|1"]),
-    thing("Crate", 1, ["Shelf|2"]), thing("Shelf", 2, ["Desk|1"]), thing("Desk", 1, ["Crate|1", "Shelf|1"]),
-    thing("Shelf", 1), thing("Mug", 1, ["Bowl|1"]),
-]  # fmt: skip
+    thing("Bowl", 1, ["Cabinet|1"]),
+    thing("Cabinet", 1, ["Bowl|1", "Shelf|1"]),
+    thing("Crate", 1, ["Shelf|2"]),
+    thing("Shelf", 2, ["Desk|1"]),
+    thing("Desk", 1, ["Crate|1", "Shelf|1"]),
+    thing("Shelf", 1),
+    thing("Mug", 1, ["Bowl|1"]),
+]
 
 
 def locations(observations: pd.DataFrame) -> list[tuple[str, str]]:
     """Pairs (object, receptacle) of atLocation, without rooms."""
-    inside = observations[(observations["relation"] == "atLocation") & (observations["tail"] != "kitchen")]
+    inside = observations[
+        (observations["relation"] == "atLocation") & (observations["tail"] != "kitchen")
+    ]
     return sorted(inside[["head", "tail"]].itertuples(index=False, name=None))
 
 
 @pytest.mark.parametrize("objects", [CYCLES, CYCLES[::-1]], ids=["forwards", "backwards"])
-def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(objects: list[SceneObject]) -> None:
+def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(
+    objects: list[SceneObject],
+) -> None:
     outside = [("cabinet", "shelf"), ("desk", "shelf"), ("mug", "bowl")]
-    cycle = [("bowl", "cabinet"), ("cabinet", "bowl"), ("crate", "shelf"), ("desk", "crate"), ("shelf", "desk")]
+    cycle = [
+        ("bowl", "cabinet"),
+        ("cabinet", "bowl"),
+        ("crate", "shelf"),
+        ("desk", "crate"),
+        ("shelf", "desk"),
+    ]
     assert locations(mine_one(*objects)[0]) == sorted(cycle + outside)
     observations, counts = mine_one(*objects, circular="drop")
     assert locations(observations) == outside
@@ -144,24 +225,60 @@ def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(
 
 
 SHELF = thing("Shelf")._replace(contents=["Mug|1", "Mug|2", "Mug|3", "Mug|4"])
-ON_SHELF = [thing("Mug", 1, ["Shelf|1"]), thing("Mug", 2, ["Sink|1"]), thing("Mug", 3), thing("Sink")]
+ON_SHELF = [
+    thing("Mug", 1, ["Shelf|1"]),
+    thing("Mug", 2, ["Sink|1"]),
+    thing("Mug", 3),
+    thing("Sink"),
+]
 
 
 @pytest.mark.parametrize(
     ("objects", "cleaning", "problem", "counted", "left"),
     [
-        (CYCLES, {"circular": "error"}, r"Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it", None, None),
-        ([thing("Mug", 1, ["Shelf|1", "Desk|7", "Desk|8"]), thing("Shelf")], {},
-         r"Mug\|1: its parent receptacle 'Desk\|7'", {ai2thor.MISSING: 2}, [("mug", "shelf")]),
-        ([thing("Box", 1, ["Box|1", "Shelf|1"]), thing("Shelf")], {}, r"Box\|1: it is its own parent receptacle",
-         {ai2thor.ITSELF: 1}, [("box", "shelf")]),
-        ([SHELF, *ON_SHELF], {}, r"Shelf\|1: it holds 'Mug\|2', which does not list it as receptacle",
-         {ai2thor.ELSEWHERE: 2, ai2thor.NOT_THERE: 1}, [("mug", "shelf"), ("mug", "sink")]),
-        ([SHELF], {}, r"Shelf\|1: it holds 'Mug\|1', which is not in the scene", {ai2thor.NOT_THERE: 4}, []),
+        (
+            CYCLES,
+            {"circular": "error"},
+            r"Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it",
+            None,
+            None,
+        ),
+        (
+            [thing("Mug", 1, ["Shelf|1", "Desk|7", "Desk|8"]), thing("Shelf")],
+            {},
+            r"Mug\|1: its parent receptacle 'Desk\|7'",
+            {ai2thor.MISSING: 2},
+            [("mug", "shelf")],
+        ),
+        (
+            [thing("Box", 1, ["Box|1", "Shelf|1"]), thing("Shelf")],
+            {},
+            r"Box\|1: it is its own parent receptacle",
+            {ai2thor.ITSELF: 1},
+            [("box", "shelf")],
+        ),
+        (
+            [SHELF, *ON_SHELF],
+            {},
+            r"Shelf\|1: it holds 'Mug\|2', which does not list it as receptacle",
+            {ai2thor.ELSEWHERE: 2, ai2thor.NOT_THERE: 1},
+            [("mug", "shelf"), ("mug", "sink")],
+        ),
+        (
+            [SHELF],
+            {},
+            r"Shelf\|1: it holds 'Mug\|1', which is not in the scene",
+            {ai2thor.NOT_THERE: 4},
+            [],
+        ),
     ],
-)  # fmt: skip
+)
 def test_containment_that_cannot_be_is_refused_or_dropped_and_counted(
-    objects: list[SceneObject], cleaning: dict[str, Any], problem: str, counted: object, left: object
+    objects: list[SceneObject],
+    cleaning: dict[str, Any],
+    problem: str,
+    counted: object,
+    left: object,
 ) -> None:
     with pytest.raises(InputError, match=rf"recording\.json: FloorPlan1, object {problem}"):
         mine_one(*objects, **cleaning)
@@ -178,11 +295,22 @@ def shares() -> pd.DataFrame:
     return ai2thor.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
 
 
-def test_suncg_materials_of_many_instances_meet_the_published_shares_independently(shares: pd.DataFrame) -> None:
+def test_suncg_materials_of_many_instances_meet_the_published_shares_independently(
+    shares: pd.DataFrame,
+) -> None:
     number = 20_000
-    cabinets = ai2thor.suncg_materials(shares, 0)(1, [thing("Cabinet", place) for place in range(number)])
+    cabinets = ai2thor.suncg_materials(shares, 0)(
+        1, [thing("Cabinet", place) for place in range(number)]
+    )
     met = {name: sum(name in drawn for drawn in cabinets) / number for name in shares.columns}
-    published = {"wood": 0.914, "stone": 0.454, "metal": 0.366, "tile": 0.103, "glass": 0.004, "leather": 0.003}
+    published = {
+        "wood": 0.914,
+        "stone": 0.454,
+        "metal": 0.366,
+        "tile": 0.103,
+        "glass": 0.004,
+        "leather": 0.003,
+    }
     assert met == pytest.approx(published | {"fabric": 0.0}, abs=0.015)
     assert met["fabric"] == 0
     both = sum({"wood", "stone"} <= set(drawn) for drawn in cabinets) / number
@@ -190,17 +318,24 @@ def test_suncg_materials_of_many_instances_meet_the_published_shares_independent
 
 
 def test_objects_without_a_category_get_no_materials(shares: pd.DataFrame) -> None:
-    drawn = ai2thor.suncg_materials(shares, 0)(1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")])
+    drawn = ai2thor.suncg_materials(shares, 0)(
+        1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")]
+    )
     assert not any(drawn[:-1])
     assert "fabric" in drawn[-1]  # share 1 of beds
 
 
 def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.DataFrame) -> None:
-    scenes = [Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)]) for n in (1, 2, 3)]
+    scenes = [
+        Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)])
+        for n in (1, 2, 3)
+    ]
 
     def drawn(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
         observed, _ = mined(chosen, ai2thor.suncg_materials(shares, root))
-        return [[row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen]
+        return [
+            [row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen
+        ]
 
     first, second, third = drawn(scenes)
     assert drawn([scenes[2], scenes[1]]) == [third, second]
@@ -213,7 +348,9 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
         for number in count(1):
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
 
-    observations = ai2thor.mine(scenes(), ai2thor.reported_materials, Path("recording.json"), Counter())
+    observations = ai2thor.mine(
+        scenes(), ai2thor.reported_materials, Path("recording.json"), Counter()
+    )
     assert len(next(source_of(observations).frames())) == CHUNK
 
 
@@ -244,14 +381,22 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
     assert (counts, len(observations)) == ({ai2thor.IN_CYCLE: 14}, 23_729 - 14)
 
 
-def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
+def test_every_mapped_object_is_a_type_of_the_recording(
+    real: list[Scene], shares: pd.DataFrame
+) -> None:
     scenes = [*real, *read_recording(locate("recording"), None, ROBOTHOR)]
     assert set(shares.index) <= {thing.name for scene in scenes for thing in scene.objects}
     assert shares.index.is_unique
 
 
 def test_the_recorded_apartments_of_robothor_give_the_known_figures() -> None:
-    section = {"reader": "robothor", "from": "recording", "sha256": None, "materials": "simulator", "broken": "error"}
+    section = {
+        "reader": "robothor",
+        "from": "recording",
+        "sha256": None,
+        "materials": "simulator",
+        "broken": "error",
+    }
     observed = observations_of(section)
     made = build_tables(MinedSource("robothor", observed.table, observed.kinds))
     assert observed.table["scene"].nunique() == 75
@@ -269,13 +414,20 @@ def test_the_recorded_apartments_of_robothor_give_the_known_figures() -> None:
 # One scene
 
 SCENE = [
-    {"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["SideTable|1"], "breakable": True},
+    {
+        "objectType": "Mug",
+        "objectId": "Mug|1",
+        "parentReceptacles": ["SideTable|1"],
+        "breakable": True,
+    },
     {"objectType": "SideTable", "objectId": "SideTable|1"},
 ]
 OF_SCENE = [
-    ("mug", "atLocation", "kitchen"), ("mug", "atLocation", "side table"), ("mug", "hasAffordance", "break"),
+    ("mug", "atLocation", "kitchen"),
+    ("mug", "atLocation", "side table"),
+    ("mug", "hasAffordance", "break"),
     ("side table", "atLocation", "kitchen"),
-]  # fmt: skip
+]
 
 
 def written(path: Path, content: object) -> Path:
@@ -291,12 +443,17 @@ def written(path: Path, content: object) -> Path:
         ({"scene": "FloorPlan30", "spawn": None, "objects": SCENE}, {}),
         ({"scene": "FloorPlan1#7", "spawn": 7, "objects": SCENE}, {}),
         ({"sceneName": "FloorPlan2_physics", "objects": SCENE, "agent": {}}, {}),
-        ({"metadata": {"sceneName": "FloorPlan201_physics", "objects": SCENE}}, {"room": "kitchen"}),
+        (
+            {"metadata": {"sceneName": "FloorPlan201_physics", "objects": SCENE}},
+            {"room": "kitchen"},
+        ),
     ],
     ids=["list", "line of a recording", "spawned", "metadata", "event"],
 )
 @pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
-def test_all_forms_of_a_scene_give_the_same(tmp_path: Path, content: Any, settings: dict[str, str], name: str) -> None:
+def test_all_forms_of_a_scene_give_the_same(
+    tmp_path: Path, content: Any, settings: dict[str, str], name: str
+) -> None:
     observed = observe("ai2thor_scene", written(tmp_path / name, content), **settings)
     assert observed.rows(*TRIPLE) == OF_SCENE
     assert set(observed.table["room"]) == {"kitchen"}
@@ -307,18 +464,29 @@ def test_all_forms_of_a_scene_give_the_same(tmp_path: Path, content: Any, settin
 
 @pytest.mark.parametrize(
     ("content", "room"),
-    [(SCENE, None), ({"scene": "FloorPlan31", "objects": SCENE}, None),
-     ({"scene": "FloorPlan_Val3_5", "objects": SCENE}, "apartment")],
-)  # fmt: skip
-def test_the_name_of_a_scene_may_say_its_room(tmp_path: Path, content: Any, room: str | None) -> None:
+    [
+        (SCENE, None),
+        ({"scene": "FloorPlan31", "objects": SCENE}, None),
+        ({"scene": "FloorPlan_Val3_5", "objects": SCENE}, "apartment"),
+    ],
+)
+def test_the_name_of_a_scene_may_say_its_room(
+    tmp_path: Path, content: Any, room: str | None
+) -> None:
     observed = observe("ai2thor_scene", written(tmp_path / "scene.json", content))
     assert set(observed.rows("room")) == {(room,)}
-    assert [row for row in observed.rows(*TRIPLE) if row[2] != room] == [row for row in OF_SCENE if row[2] != "kitchen"]
-    counts = {what: number for what, number in observed.counts.items() if ai2thor.ABSENT not in what}
+    assert [row for row in observed.rows(*TRIPLE) if row[2] != room] == [
+        row for row in OF_SCENE if row[2] != "kitchen"
+    ]
+    counts = {
+        what: number for what, number in observed.counts.items() if ai2thor.ABSENT not in what
+    }
     assert counts == ({} if room else {ai2thor.ROOMLESS: 2})
 
 
-def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(tmp_path: Path, real: list[Scene]) -> None:
+def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(
+    tmp_path: Path, real: list[Scene]
+) -> None:
     recording = json.loads(locate("recording").read_bytes())
     content = {"scene": "FloorPlan407", "objects": recording["bathrooms"][6]}
     alone = observe("ai2thor_scene", written(tmp_path / "bath.json", content))

@@ -1,4 +1,6 @@
-"""The project in any folder: spaces and other letters in its path, no git, and the report of another processor."""
+"""The project in any folder: spaces and other letters in its path, no git,
+and the report of another processor.
+"""
 
 import re
 import shutil
@@ -33,7 +35,9 @@ def odd(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def with_programs(odd: Path) -> Path:
-    """A folder with the Makefile and an environment whose programs only note that they were called."""
+    """A folder with the Makefile and an environment whose programs only
+    note that they were called.
+    """
     (odd / ".venv" / "bin").mkdir(parents=True)
     for name in PROGRAMS:
         program = odd / ".venv" / "bin" / name
@@ -41,7 +45,13 @@ def with_programs(odd: Path) -> Path:
         program.chmod(0o755)
     for name in ("docs", "beyond", "quick"):
         (odd / name).mkdir()
-    for name in ("Makefile", "params.yaml", "beyond/params.yaml", "requirements.lock", "pyproject.toml"):
+    for name in (
+        "Makefile",
+        "params.yaml",
+        "beyond/params.yaml",
+        "requirements.lock",
+        "pyproject.toml",
+    ):
         shutil.copyfile(ROOT / name, odd / name)
     return odd
 
@@ -51,7 +61,9 @@ def with_programs(odd: Path) -> Path:
 def test_a_rule_calls_the_programs_of_its_own_environment(with_programs: Path, rule: str) -> None:
     called = with_programs / "called"
     environment = ENVIRONMENT | {"CALLED": str(called)}
-    made = subprocess.run([MAKE, rule], cwd=with_programs, env=environment, capture_output=True, text=True)
+    made = subprocess.run(
+        [MAKE, rule], cwd=with_programs, env=environment, capture_output=True, text=True
+    )
     assert made.returncode == 0, made.stderr
     assert called.exists() or rule == "help"
 
@@ -61,7 +73,9 @@ def test_a_rule_calls_the_programs_of_its_own_environment(with_programs: Path, r
 
 def pipeline(folder: Path) -> None:
     """A pipeline of one stage, and the configuration of this project."""
-    stages = {"echo": {"cmd": "echo done > out", "outs": [{"out": {"cache": False, "persist": True}}]}}
+    stages = {
+        "echo": {"cmd": "echo done > out", "outs": [{"out": {"cache": False, "persist": True}}]}
+    }
     (folder / "dvc.yaml").write_text(yaml.safe_dump({"stages": stages}), encoding="utf-8")
     (folder / ".dvc").mkdir()
     shutil.copyfile(ROOT / ".dvc" / "config", folder / ".dvc" / "config")
@@ -103,13 +117,19 @@ METRICS = {"graph": {"entities": 145}, "mrr": {"es": 72.05, "ers": 72.24, "never
         (METRICS, ["3 of 3 numbers are equal"]),
         (
             METRICS | {"mrr": {"es": 72.06, "ers": 72.2, "never": 1.0}},
-            ["1 of 3 numbers are equal", "0.04, in mrr.ers: 72.2 instead of 72.24", "1 are in one report only"],
+            [
+                "1 of 3 numbers are equal",
+                "0.04, in mrr.ers: 72.2 instead of 72.24",
+                "1 are in one report only",
+            ],
         ),
         ({"mrr": {}}, ["0 of 0 numbers are equal", "3 are in one report only"]),
     ],
     ids=["equal", "another processor", "other params"],
 )
-def test_a_line_says_how_a_report_differs_from_the_committed_one(metrics: dict[str, object], said: list[str]) -> None:
+def test_a_line_says_how_a_report_differs_from_the_committed_one(
+    metrics: dict[str, object], said: list[str]
+) -> None:
     line = committed.compared(metrics, METRICS)
     assert "\n" not in line
     assert not [part for part in said if part not in line], line
@@ -122,7 +142,11 @@ def test_the_committed_text_is_that_before_a_run(odd: Path) -> None:
     assert committed.text_of("metrics.json", odd) is None
     assert "no git" in committed.against_commit("metrics.json", odd)
     identity = ["-c", "user.name=ISI", "-c", "user.email=isi@localhost"]
-    for arguments in (["init", "-q"], ["add", "metrics.json"], [*identity, "commit", "-q", "-m", "Baseline"]):
+    for arguments in (
+        ["init", "-q"],
+        ["add", "metrics.json"],
+        [*identity, "commit", "-q", "-m", "Baseline"],
+    ):
         subprocess.run([GIT, *arguments], cwd=odd, check=True)
     (odd / "metrics.json").write_text('{"mrr": 72.5}', encoding="utf-8")
     assert committed.text_of("metrics.json", odd) == '{"mrr": 72.0}'

@@ -1,4 +1,6 @@
-"""Baselines beyond the paper: against values by hand, SciPy and NumPy, and at the limits of their options."""
+"""Baselines beyond the paper: against values by hand, SciPy and NumPy,
+and at the limits of their options.
+"""
 
 from dataclasses import replace
 
@@ -20,9 +22,11 @@ from tests.small_graphs import dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
 DISTANCES: list[tuple[str, dict[str, Option]]] = [
-    ("transe", {"margin": 2.0, "squared": True}), ("transe", {"margin": 2.0, "squared": False}),
-    ("rotate", {"margin": 4.0, "squared": True}), ("rotate", {"margin": 4.0, "squared": False}),
-]  # fmt: skip
+    ("transe", {"margin": 2.0, "squared": True}),
+    ("transe", {"margin": 2.0, "squared": False}),
+    ("rotate", {"margin": 4.0, "squared": True}),
+    ("rotate", {"margin": 4.0, "squared": False}),
+]
 MAP = {"strength": 0.5, "ratio": 3}
 
 
@@ -59,7 +63,8 @@ def test_kind_mean_is_the_centroid_of_the_known_of_the_kind(of: InitContext) -> 
 
 @pytest.mark.parametrize(
     ("name", "kinds"),
-    [("es_permuted_kinds", [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 4]), ("es_permuted", [0] * 11 + [4])],  # 11 has no word
+    # 11 has no word
+    [("es_permuted_kinds", [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 4]), ("es_permuted", [0] * 11 + [4])],
 )
 def test_es_permuted_is_es_with_words_dealt_evenly_within_kinds_or_all_entities(
     of: InitContext, name: str, kinds: list[int]
@@ -73,7 +78,9 @@ def test_es_permuted_is_es_with_words_dealt_evenly_within_kinds_or_all_entities(
     chances /= chances.sum(1)
     shares = (permuted[..., None] == torch.arange(ENTITIES)).float().mean(0)
     assert ((shares - chances).abs() <= 5 * (chances * (1 - chances) / 400) ** 0.5).all()
-    assert torch.equal(permuted_words(replace(many, keys=keys.flip(0)), name, together).flip(0), permuted)
+    assert torch.equal(
+        permuted_words(replace(many, keys=keys.flip(0)), name, together).flip(0), permuted
+    )
     assert (permuted_words(replace(many, root=1), name, together) != permuted).any(1).sum() > 300
     (dealt,) = permuted_words(of, name, together)
     for k in (1, 3):
@@ -88,7 +95,9 @@ def test_neighbour_mean_counts_an_end_as_often_as_it_is_named(of: InitContext) -
     expected = [mean_of(of, 1, 2, 3, 4), mean_of(of, 7), mean_of(of, *KNOWN), mean_of(of, 2, 6)]
     torch.testing.assert_close(result.vectors[0], torch.stack(expected))
     assert fallbacks(result) == [None, None, "centroid", None]
-    twice = insertion(of.theta0, [0], [[(1, 0, False), (1, 2, False), (4, 1, True)]], of.words, of.kinds.tolist())
+    twice = insertion(
+        of.theta0, [0], [[(1, 0, False), (1, 2, False), (4, 1, True)]], of.words, of.kinds.tolist()
+    )
     expected_mean = (2 * of.theta0.entity[0, 1] + of.theta0.entity[0, 4]) / 3
     torch.testing.assert_close(insert("neighbour_mean", twice).vectors[0, 0], expected_mean)
 
@@ -103,7 +112,16 @@ def test_er_avg_takes_known_ends_through_their_relations(of: InitContext) -> Non
     assert fallbacks(result) == [None, None, "centroid", None]
     step = four_novel(model_named("transe", margin=1.0, squared=True))
     entity, relation = step.theta0.entity[0], step.theta0.relation[0]
-    mean = (entity[1] - relation[0] + entity[2] - relation[0] + entity[3] - relation[2] + entity[4] + relation[1]) / 4
+    mean = (
+        entity[1]
+        - relation[0]
+        + entity[2]
+        - relation[0]
+        + entity[3]
+        - relation[2]
+        + entity[4]
+        + relation[1]
+    ) / 4
     torch.testing.assert_close(insert("er_avg", step).vectors[0, 0], mean)
 
 
@@ -114,7 +132,8 @@ def test_class_noise_is_the_kind_mean_and_its_deviation(of: InitContext) -> None
     deviation = of.theta0.entity[0, [1, 2, 3]].numpy().std(0)
     expected = centre.vectors[0, 0].numpy() + 0.5 * deviation * drawn[0, 0].numpy()
     np.testing.assert_allclose(result.vectors[0, 0], expected, atol=1e-5)
-    assert torch.equal(result.vectors[0, 2], centre.vectors[0, 2])  # of a kind with one known entity
+    # of a kind with one known entity
+    assert torch.equal(result.vectors[0, 2], centre.vectors[0, 2])
     other = insert("class_noise", replace(of, keys=of.keys + 1), fraction=0.5)
     assert (other.vectors[0, 0] != result.vectors[0, 0]).all()
 
@@ -125,7 +144,10 @@ def test_projection_is_ridge_regression_on_unit_word_vectors(of: InitContext) ->
     words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-12)
     entity, known = of.theta0.entity[0].double().numpy(), list(KNOWN)
     inputs, outputs = words[known] - words[known].mean(0), entity[known] - entity[known].mean(0)
-    rows = np.concatenate([inputs, np.sqrt(0.7) * np.eye(6)]), np.concatenate([outputs, np.zeros((6, DIMENSION))])
+    rows = (
+        np.concatenate([inputs, np.sqrt(0.7) * np.eye(6)]),
+        np.concatenate([outputs, np.zeros((6, DIMENSION))]),
+    )
     slopes = np.linalg.lstsq(*rows, rcond=None)[0]
     expected = entity[known].mean(0) + (words[[0, 5, 9]] - words[known].mean(0)) @ slopes
     np.testing.assert_allclose(result.vectors[0, :3], expected, atol=1e-5)
@@ -137,22 +159,34 @@ def test_projection_is_ridge_regression_on_unit_word_vectors(of: InitContext) ->
 
 def test_the_mean_relational_score_is_a_mean_over_the_relations_seen(of: InitContext) -> None:
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
-    there, back = entity[4] @ maps[1], [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])]
+    there, back = (
+        entity[4] @ maps[1],
+        [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])],
+    )
     alphas = [(back[0] + back[1]) / 2, there, entity[3] @ torch.linalg.inv(maps[2])]
     expected = torch.stack([cosine_similarity(alpha, entity) for alpha in alphas]).mean(0)
     result = similarity.mean_relational_score(of)[0]
     torch.testing.assert_close(result[0], expected, atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(result[1], cosine_similarity(entity[7] @ maps[1], entity), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(
+        result[1], cosine_similarity(entity[7] @ maps[1], entity), atol=1e-5, rtol=1e-4
+    )
     assert (result[2] == 0).all()
 
 
 def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone(of: InitContext) -> None:
     words = insert("soft_hybrid", of, word_weight=5.0, relation_weight=0.0)
-    torch.testing.assert_close(words.vectors[0, :3], insert("soft_es", of, temperature=0.2).vectors[0, :3])
+    torch.testing.assert_close(
+        words.vectors[0, :3], insert("soft_es", of, temperature=0.2).vectors[0, :3]
+    )
     relations = insert("soft_hybrid", of, word_weight=0.0, relation_weight=5.0)
-    torch.testing.assert_close(relations.vectors[0, :2], insert("soft_rs", of, temperature=0.2).vectors[0, :2])
+    torch.testing.assert_close(
+        relations.vectors[0, :2], insert("soft_rs", of, temperature=0.2).vectors[0, :2]
+    )
     both = insert("soft_hybrid", of, word_weight=5.0, relation_weight=3.0)
-    logits = 5 * cosine_similarity(of.words[0], of.words) + 3 * similarity.mean_relational_score(of)[0, 0]
+    logits = (
+        5 * cosine_similarity(of.words[0], of.words)
+        + 3 * similarity.mean_relational_score(of)[0, 0]
+    )
     weight = torch.softmax(logits[list(KNOWN)], 0)
     torch.testing.assert_close(both.vectors[0, 0], weight @ of.theta0.entity[0, list(KNOWN)])
 
@@ -173,16 +207,28 @@ SOFT: dict[str, Option] = {"word_weight": 3.0, "relation_weight": 3.0}
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("soft_es", {"temperature": 0.2}), ("soft_rs", {"temperature": 0.2}), ("neighbour_mean", {}), ("er_avg", {}),
-     ("soft_hybrid", SOFT), ("projection", {"penalty": 1.0}), ("ridge", MAP), ("map_mean", MAP),
-     ("map_ers", {"k": 2, "candidates": 4, **MAP}), ("map_own_facts", SOFT | MAP),
-     ("map", SOFT | MAP | {"known_negatives": 2.0}), ("rs_alive", {"k": 2})],
-)  # fmt: skip
+    [
+        ("soft_es", {"temperature": 0.2}),
+        ("soft_rs", {"temperature": 0.2}),
+        ("neighbour_mean", {}),
+        ("er_avg", {}),
+        ("soft_hybrid", SOFT),
+        ("projection", {"penalty": 1.0}),
+        ("ridge", MAP),
+        ("map_mean", MAP),
+        ("map_ers", {"k": 2, "candidates": 4, **MAP}),
+        ("map_own_facts", SOFT | MAP),
+        ("map", SOFT | MAP | {"known_negatives": 2.0}),
+        ("rs_alive", {"k": 2}),
+    ],
+)
 def test_without_words_triples_or_eligible_entities_it_is_the_centroid(
     of: InitContext, name: str, options: dict[str, Option]
 ) -> None:
     bare = replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
-    contexts = [bare] + [replace(of, eligible=torch.zeros_like(of.eligible))] * name.startswith("soft")
+    contexts = [bare] + [replace(of, eligible=torch.zeros_like(of.eligible))] * name.startswith(
+        "soft"
+    )
     for context in contexts:
         result = insert(name, context, **options)
         assert fallbacks(result) == ["centroid"] * 4
@@ -205,7 +251,7 @@ def test_dead_coordinates_take_no_part_in_rs() -> None:
     assert not torch.equal(insert("rs", only, k=1).vectors, insert("rs_alive", only, k=1).vectors)
 
 
-def test_dead_blocks_are_dead_in_both_coordinates_and_translations_and_rotations_never_die() -> None:
+def test_dead_blocks_are_dead_in_both_coordinates_and_translations_never_die() -> None:
     theta0 = random_embedding(1, 3, 2, DIMENSION)
     theta0.relation[0, 1, [4, 6]] = DEAD / 3  # a block's x and y: its places are 4 and 6
     assert (~alive(theta0)).nonzero().tolist() == [[0, 1, 4], [0, 1, 6]]
@@ -219,7 +265,11 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_translations_and_rotations
 
 
 @pytest.mark.parametrize("name", ["soft_es", "soft_rs"])
-def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(of: InitContext, name: str) -> None:
-    hot, cold = (insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4))
+def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(
+    of: InitContext, name: str
+) -> None:
+    hot, cold = (
+        insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4)
+    )
     torch.testing.assert_close(hot, mean_of(of, *KNOWN).expand(2, -1), atol=1e-5, rtol=0)
     torch.testing.assert_close(cold, insert(name.removeprefix("soft_"), of, k=1).vectors[0, :2])

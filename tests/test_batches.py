@@ -11,7 +11,9 @@ from isi.training import batches
 from tests.small_graphs import graph_of, points_of, random_graph
 
 
-def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> batches.TrainingData:
+def one_triple(
+    head_pool: str, count: int = 2, relations: int = 2, entities: int = 4
+) -> batches.TrainingData:
     """Training data with the triple (0, 0, 1) alone; entity 3 is not in the session."""
     graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
     members = torch.tensor([[number != 3 for number in range(entities)]])
@@ -29,7 +31,9 @@ def sampled(data: batches.TrainingData, ratio: int, root: int, epoch: int) -> Te
     return drawn_for(data, observations(data), ratio, root, epoch, 0)
 
 
-def drawn_for(data: batches.TrainingData, observed: list[np.ndarray], ratio: int, root: int, *number: int) -> Tensor:
+def drawn_for(
+    data: batches.TrainingData, observed: list[np.ndarray], ratio: int, root: int, *number: int
+) -> Tensor:
     """Counts of the corrupted triples of a batch; shape (M, R, E, E)."""
     corrupted = batches.corrupt(data, observed, ratio, root, "negatives", *number)
     return batches.count_negatives(data, batches.list_batch(data, corrupted))
@@ -38,8 +42,20 @@ def drawn_for(data: batches.TrainingData, observed: list[np.ndarray], ratio: int
 def batch_counts(data: batches.TrainingData, root: int, epoch: int, size: int) -> Tensor:
     """Number of observations of each triple in each batch; shape (M, B, T)."""
     batched = batches.shuffle_into_batches(data, root, epoch, size)
-    return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
-                        minlength=data.counts.shape[1]) for one in batch]) for batch in batched], 1)  # fmt: skip
+    return torch.stack(
+        [
+            torch.stack(
+                [
+                    torch.bincount(
+                        torch.as_tensor(one, dtype=torch.int64), minlength=data.counts.shape[1]
+                    )
+                    for one in batch
+                ]
+            )
+            for batch in batched
+        ],
+        1,
+    )
 
 
 @pytest.fixture
@@ -54,8 +70,11 @@ def data(points: GridPoints) -> batches.TrainingData:
 
 def test_expected_negatives_by_hand() -> None:
     data = one_triple("unseen")
-    negatives_of = batches.expected_negatives(data, batches.count_positives(data, observations(data)), 9)[0]
-    # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head (1, 2), 18 of relation 1
+    negatives_of = batches.expected_negatives(
+        data, batches.count_positives(data, observations(data)), 9
+    )[0]
+    # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head
+    # (1, 2), 18 of relation 1
     expected = torch.zeros(2, 4, 4)
     expected[0, 0, :3] = 6
     expected[0, 1:3, 1] = 9
@@ -70,7 +89,10 @@ def test_heads_come_from_everyone_by_choice_or_where_the_pool_is_empty() -> None
     assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
     data = batches.training_data(
-        session_of(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen"
+        session_of(graph, torch.zeros(1, 4, dtype=torch.int8)),
+        "t",
+        torch.tensor([[0, 0]]),
+        "unseen",
     )
     assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]  # relation 1 keeps its pool
 
@@ -79,7 +101,9 @@ def test_heads_come_from_everyone_by_choice_or_where_the_pool_is_empty() -> None
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
     points, draws, ratio = points_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
     data = batches.training_data(points.session(0), "test", points.keys(), head_pool)
-    expected = batches.expected_negatives(data, batches.count_positives(data, observations(data)), ratio)
+    expected = batches.expected_negatives(
+        data, batches.count_positives(data, observations(data)), ratio
+    )
     total = torch.zeros_like(expected)
     for epoch in range(draws):
         total += sampled(data, ratio, 0, epoch)
@@ -87,7 +111,9 @@ def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None
     assert ((total / draws - expected).abs() <= 5 * (expected / draws).sqrt() + 1e-4).all()
 
 
-def test_sampled_negatives_stay_in_the_session_and_with_their_batch(data: batches.TrainingData) -> None:
+def test_sampled_negatives_stay_in_the_session_and_with_their_batch(
+    data: batches.TrainingData,
+) -> None:
     for number, batched in enumerate(batches.shuffle_into_batches(data, 0, 1, 30)):
         drawn = drawn_for(data, batched, 3, 0, 1, number)
         assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in batched]
@@ -100,7 +126,9 @@ def test_each_epoch_and_batch_samples_its_own_negatives() -> None:
     data = one_triple("unseen", count=60, entities=20)  # all batches have the same positives
     sampling = batches.Negatives(mode="sampled", ratio=3, head_pool="unseen")
     epochs = [list(batches.batches(data, sampling, 20, 0, epoch)) for epoch in (1, 2, 1)]
-    (first, second, _), (of_next, *_), (again, *_) = ([batch.negatives for batch, _ in epoch] for epoch in epochs)
+    (first, second, _), (of_next, *_), (again, *_) = (
+        [batch.negatives for batch, _ in epoch] for epoch in epochs
+    )
     assert torch.equal(first, again)
     assert not torch.equal(first, second)
     assert not torch.equal(first, of_next)
@@ -114,7 +142,9 @@ def test_a_lone_relation_is_not_corrupted() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 10_000])
-def test_batches_hold_each_observation_once_and_are_even(data: batches.TrainingData, size: int) -> None:
+def test_batches_hold_each_observation_once_and_are_even(
+    data: batches.TrainingData, size: int
+) -> None:
     batched = batch_counts(data, 0, 1, size)
     assert torch.equal(batched.sum(1), data.counts)
     for model in range(4):
@@ -143,7 +173,9 @@ def test_a_batch_has_the_form_that_suits_the_graph(
             assert torch.equal(batch.positives.sum((1, 2, 3)), positives.float())
         else:
             assert isinstance(batch, batches.ListBatch)
-            assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives)
+            assert torch.equal(
+                torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives
+            )
     assert torch.equal(total, data.counts.sum(1))
 
 

@@ -1,4 +1,6 @@
-"""Answers of a bundle by hand: ranks, marks and probabilities, queries that fit, kinds, and spellings of names."""
+"""Answers of a bundle by hand: ranks, marks and probabilities, queries that fit, kinds,
+and spellings of names.
+"""
 
 from dataclasses import replace
 
@@ -25,23 +27,36 @@ NO_KINDS = [""] * 6
 def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> None:
     result = answer(opened(), Query(KETTLE, AT, TAIL), 5, None)  # rooms alone: 3 · 1 and 1 · 1
     assert result.query == ("kettle", "atLocation", "?")
-    assert [(one.entity, one.rank, one.score, one.known, one.probability) for one in result.answers] == [
-        ("kitchen", 1, 3.0, True, None), ("bedroom", 2, 1.0, False, None),
-    ]  # fmt: skip
+    assert [
+        (one.entity, one.rank, one.score, one.known, one.probability) for one in result.answers
+    ] == [
+        ("kitchen", 1, 3.0, True, None),
+        ("bedroom", 2, 1.0, False, None),
+    ]
 
 
 def test_heads_are_predicted_too_and_indicators_with_the_answer_are_named() -> None:
     heads = answer(opened(), Query(LIE_ON, HAS, HEAD), 5, None, indicators=[BED, KETTLE]).answers
-    assert [(one.entity, one.score, one.known) for one in heads] == [("bed", 2.0, True), ("kettle", 0.0, False)]
+    assert [(one.entity, one.score, one.known) for one in heads] == [
+        ("bed", 2.0, True),
+        ("kettle", 0.0, False),
+    ]
     tails = answer(opened(), Query(KETTLE, HAS, TAIL), 5, None, indicators=[BED, KETTLE]).answers
-    assert [(one.entity, one.shared_by) for one in tails] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
+    assert [(one.entity, one.shared_by) for one in tails] == [
+        ("turn on", ["kettle"]),
+        ("lie on", ["bed"]),
+    ]
 
 
 def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
     result = answer(opened(kinds=NO_KINDS, triples=NONE), Query(KETTLE, AT, TAIL), 9, None).answers
     assert [(one.entity, one.score) for one in result] == [
-        ("bed", 5.0), ("kitchen", 3.0), ("bedroom", 1.0), ("turn on", 0.0), ("lie on", 0.0),
-    ]  # fmt: skip
+        ("bed", 5.0),
+        ("kitchen", 3.0),
+        ("bedroom", 1.0),
+        ("turn on", 0.0),
+        ("lie on", 0.0),
+    ]
     looped = opened(kinds=NO_KINDS, triples=np.array([[KETTLE, AT, KETTLE]]))
     assert answer(looped, Query(KETTLE, AT, TAIL), 1, None).answers[0].entity == "kettle"
 
@@ -51,12 +66,18 @@ def test_one_odd_fact_is_an_answer_and_admits_no_other_of_its_kind() -> None:
     names, kinds = [f"e{row}" for row in range(40)], ["object"] * 30 + ["room"] * 10
     triples = np.array([[row, 0, 30 + row % 10] for row in range(29)])
     home = replace(
-        opened(), entities=rng.normal(size=(40, 4)).astype(np.float32), entity_names=names, kinds=kinds, phrases=names,
-        triples=triples, words=None,
-    )  # fmt: skip
+        opened(),
+        entities=rng.normal(size=(40, 4)).astype(np.float32),
+        entity_names=names,
+        kinds=kinds,
+        phrases=names,
+        triples=triples,
+        words=None,
+    )
     rooms = list(range(30, 40))
     assert home.candidates(0, TAIL).tolist() == rooms
-    odd = replace(home, triples=np.vstack([triples, [[29, 0, 3], [29, 0, 4]]]))  # two facts of one entity
+    # two facts of one entity
+    odd = replace(home, triples=np.vstack([triples, [[29, 0, 3], [29, 0, 4]]]))
     assert odd.candidates(0, TAIL).tolist() == rooms
     assert sorted(odd.ranked(Query(29, 0, TAIL))[0].tolist()) == [3, 4, *rooms]
     assert sorted(odd.ranked(Query(5, 0, TAIL))[0].tolist()) == rooms
@@ -65,12 +86,17 @@ def test_one_odd_fact_is_an_answer_and_admits_no_other_of_its_kind() -> None:
 
 
 def test_given_facts_stand_first_then_known_ones_and_keep_the_rank_of_their_score() -> None:
-    more = opened(kinds=NO_KINDS, triples=np.array([*TRIPLES, (KETTLE, AT, BEDROOM), (KETTLE, AT, TURN_ON)]))
+    more = opened(
+        kinds=NO_KINDS, triples=np.array([*TRIPLES, (KETTLE, AT, BEDROOM), (KETTLE, AT, TURN_ON)])
+    )
     facts = [("kettle", "atLocation", "turn on"), ("bed", "atLocation", "kitchen")]
     result = answer(more, Query(KETTLE, AT, TAIL), 4, None, facts).answers
     assert [(one.entity, one.rank, one.given, one.known) for one in result] == [
-        ("turn on", 4, True, True), ("kitchen", 2, False, True), ("bedroom", 3, False, True), ("bed", 1, False, False),
-    ]  # fmt: skip
+        ("turn on", 4, True, True),
+        ("kitchen", 2, False, True),
+        ("bedroom", 3, False, True),
+        ("bed", 1, False, False),
+    ]
 
 
 def test_relations_between_two_entities_are_given_then_known_then_the_most_probable() -> None:
@@ -79,41 +105,66 @@ def test_relations_between_two_entities_are_given_then_known_then_the_most_proba
     result = answer_relation(both, KETTLE, BED, 9, curves.__getitem__)
     assert result.query == ("kettle", "?", "bed")
     assert [(one.entity, one.rank, one.score, one.probability) for one in result.answers] == [
-        ("atLocation", 1, 5.0, 0.5), ("hasAffordance", 2, 0.0, 0.0),
-    ]  # fmt: skip
+        ("atLocation", 1, 5.0, 0.5),
+        ("hasAffordance", 2, 0.0, 0.0),
+    ]
     odd = replace(both, triples=np.array([*TRIPLES, (KETTLE, HAS, BED)]))
-    first = answer_relation(odd, KETTLE, BED, 1, curves.__getitem__, [("kettle", "hasAffordance", "bed")]).answers
-    assert [(one.entity, one.rank, one.given, one.known) for one in first] == [("hasAffordance", 2, True, True)]
+    first = answer_relation(
+        odd, KETTLE, BED, 1, curves.__getitem__, [("kettle", "hasAffordance", "bed")]
+    ).answers
+    assert [(one.entity, one.rank, one.given, one.known) for one in first] == [
+        ("hasAffordance", 2, True, True)
+    ]
     fitting = answer_relation(opened(), KETTLE, KITCHEN, 9, lambda _: torch.ones_like).answers
-    assert [(one.entity, one.probability) for one in fitting] == [("atLocation", 1.0), ("hasAffordance", 0.0)]
+    assert [(one.entity, one.probability) for one in fitting] == [
+        ("atLocation", 1.0),
+        ("hasAffordance", 0.0),
+    ]
 
 
-BED_AS_ANSWER = Answer("bed", 1, 2.0, LIKELY, given=False, known=False, inserted=False, shared_by=[])
+BED_AS_ANSWER = Answer(
+    "bed", 1, 2.0, LIKELY, given=False, known=False, inserted=False, shared_by=[]
+)
 
 
 def test_a_likely_answer_that_is_not_known_and_no_indicator_has_is_without_support() -> None:
     assert BED_AS_ANSWER.unsupported
-    assert replace(BED_AS_ANSWER, probability=None).unsupported  # the best, where there are no probabilities
+    # the best, where there are no probabilities
+    assert replace(BED_AS_ANSWER, probability=None).unsupported
     assert not replace(BED_AS_ANSWER, probability=None, rank=2).unsupported
-    for changed in ({"probability": LIKELY - 0.01}, {"known": True}, {"shared_by": ["sofa"]}, {"shared_by": None}):
+    for changed in (
+        {"probability": LIKELY - 0.01},
+        {"known": True},
+        {"shared_by": ["sofa"]},
+        {"shared_by": None},
+    ):
         assert not replace(BED_AS_ANSWER, **changed).unsupported  # type: ignore[arg-type]
 
 
 def test_answers_are_sure_if_one_is_known_or_likely_or_there_are_no_probabilities() -> None:
     unlikely = replace(BED_AS_ANSWER, probability=LIKELY - 0.01)
     for sure, *rows in (
-        (True, unlikely, BED_AS_ANSWER), (False, unlikely), (True, replace(unlikely, known=True)),
-        (True, replace(unlikely, probability=None)), (False,),
-    ):  # fmt: skip
+        (True, unlikely, BED_AS_ANSWER),
+        (False, unlikely),
+        (True, replace(unlikely, known=True)),
+        (True, replace(unlikely, probability=None)),
+        (False,),
+    ):
         assert Answers(("kettle", "atLocation", "?"), rows).sure is sure
 
 
 @pytest.mark.parametrize("likely", [PlattCurve(0.0, 5.0), None])
 @pytest.mark.parametrize(
     ("query", "sensible"),
-    [(Query(KETTLE, AT, TAIL), True), (Query(TURN_ON, AT, TAIL), False), (Query(TURN_ON, AT, HEAD), False),
-     (Query(KITCHEN, HAS, TAIL), False), (Query(KITCHEN, AT, HEAD), True), (Query(BED, HAS, HEAD), False)],
-)  # fmt: skip
+    [
+        (Query(KETTLE, AT, TAIL), True),
+        (Query(TURN_ON, AT, TAIL), False),
+        (Query(TURN_ON, AT, HEAD), False),
+        (Query(KITCHEN, HAS, TAIL), False),
+        (Query(KITCHEN, AT, HEAD), True),
+        (Query(BED, HAS, HEAD), False),
+    ],
+)
 def test_what_no_known_triple_asks_of_a_kind_has_no_sure_answer(
     query: Query, sensible: bool, likely: PlattCurve | None
 ) -> None:
@@ -122,9 +173,18 @@ def test_what_no_known_triple_asks_of_a_kind_has_no_sure_answer(
     assert answer(opened(triples=NONE), query, 5, likely).sure
 
 
-@pytest.mark.parametrize(("head", "tail", "sensible"), [(KETTLE, KITCHEN, True), (TURN_ON, KITCHEN, False),
-                                                        (KETTLE, BEDROOM, True), (BED, KETTLE, False)])  # fmt: skip
-def test_between_kinds_that_no_known_triple_joins_no_relation_is_sure(head: int, tail: int, sensible: bool) -> None:
+@pytest.mark.parametrize(
+    ("head", "tail", "sensible"),
+    [
+        (KETTLE, KITCHEN, True),
+        (TURN_ON, KITCHEN, False),
+        (KETTLE, BEDROOM, True),
+        (BED, KETTLE, False),
+    ],
+)
+def test_between_kinds_that_no_known_triple_joins_no_relation_is_sure(
+    head: int, tail: int, sensible: bool
+) -> None:
     assert answer_relation(opened(), head, tail, 5, lambda _: PlattCurve(0.0, 5.0)).sure is sensible
 
 
@@ -132,12 +192,19 @@ def test_a_fact_of_an_unusual_kind_is_an_answer_all_the_same() -> None:
     many = [f"e{row}" for row in range(50)]
     triples = np.array([*((row, AT, 30 + row % 20) for row in range(30)), (31, AT, 32)])
     home = opened(
-        entities=np.ones((50, 4), np.float32), entity_names=many, kinds=["object"] * 30 + ["room"] * 20, phrases=many,
-        triples=triples, words=None,
-    )  # fmt: skip
-    told = answer(home, Query(31, AT, TAIL), 5, PlattCurve(0.0, 5.0), given=[("e31", "atLocation", "e32")])
+        entities=np.ones((50, 4), np.float32),
+        entity_names=many,
+        kinds=["object"] * 30 + ["room"] * 20,
+        phrases=many,
+        triples=triples,
+        words=None,
+    )
+    told = answer(
+        home, Query(31, AT, TAIL), 5, PlattCurve(0.0, 5.0), given=[("e31", "atLocation", "e32")]
+    )
     assert (told.sure, told.answers[0].entity, told.answers[0].given) == (True, "e32", True)
-    assert not answer(home, Query(33, AT, TAIL), 5, PlattCurve(0.0, 5.0)).sure  # one odd triple is not usual
+    # one odd triple is not usual
+    assert not answer(home, Query(33, AT, TAIL), 5, PlattCurve(0.0, 5.0)).sure
 
 
 def test_only_fitting_queries_are_made() -> None:
@@ -146,8 +213,10 @@ def test_only_fitting_queries_are_made() -> None:
     no_kinds = opened(kinds=NO_KINDS)
     assert queries_of(no_kinds, KITCHEN, {BED: 0.05, BEDROOM: 0.95}) == [Query(KITCHEN, AT, HEAD)]
     assert queries_of(no_kinds, KITCHEN, {BED: 0.15, BEDROOM: 0.85}) == [
-        Query(KITCHEN, AT, TAIL), Query(KITCHEN, AT, HEAD), Query(KITCHEN, HAS, TAIL),
-    ]  # fmt: skip
+        Query(KITCHEN, AT, TAIL),
+        Query(KITCHEN, AT, HEAD),
+        Query(KITCHEN, HAS, TAIL),
+    ]
     assert len(queries_of(opened(triples=NONE), KETTLE, {BED: 1.0})) == 4
 
 
@@ -155,12 +224,19 @@ def test_only_fitting_queries_are_made() -> None:
 
 
 def test_the_kind_of_a_new_entity_is_the_one_with_the_largest_shares_of_its_facts_slots() -> None:
-    """Heads of atLocation are two objects and a room; of hasAffordance, a room: 2/3 against 1/3 + 1."""
+    """Heads of atLocation are two objects and a room; of hasAffordance, a room:
+    2/3 against 1/3 + 1.
+    """
     odd = opened(triples=np.array([*TRIPLES[:2], (KITCHEN, AT, BEDROOM), (BEDROOM, HAS, TURN_ON)]))
     at, has = ("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on")
-    assert [odd.kind_of("stove", facts, None)[0] for facts in ([at], [has], [at, has], [*[at] * 4, has])] == [
-        "object", "room", "room", "object",
-    ]  # fmt: skip
+    assert [
+        odd.kind_of("stove", facts, None)[0] for facts in ([at], [has], [at, has], [*[at] * 4, has])
+    ] == [
+        "object",
+        "room",
+        "room",
+        "object",
+    ]
     assert odd.kind_of("hall", [("bed", "atLocation", "hall")], None)[0] == "room"
 
 
@@ -197,15 +273,21 @@ def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted() -> None:
 
 
 def test_the_curve_of_a_relation_goes_through_all_candidate_answers_about_known_entities() -> None:
-    scores, known = torch.tensor([3.0, 1.0, 1.0, 2.0]).double(), torch.tensor([True, False, False, True])
-    expected, curve = fit_platt(scores, known), fit_curve(opened(), AT, TAIL)  # kettle, bed in kitchen, bedroom
+    scores, known = (
+        torch.tensor([3.0, 1.0, 1.0, 2.0]).double(),
+        torch.tensor([True, False, False, True]),
+    )
+    # kettle, bed in kitchen, bedroom
+    expected, curve = fit_platt(scores, known), fit_curve(opened(), AT, TAIL)
     assert curve is not None
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-6)
     assert fit_curve(opened(triples=NONE), AT, TAIL) is None
 
 
 def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
-    """For two distinct scores, the maximum-likelihood logistic curve passes through the mean target at each score."""
+    """For two distinct scores, the maximum-likelihood logistic curve passes through the
+    mean target at each score.
+    """
     scores = torch.tensor([0.0] * 4 + [1.0] * 4, dtype=torch.float64)
     known = torch.tensor([True, False, False, False, True, True, True, False])
     right, wrong = 5 / 6, 1 / 6  # Platt's targets, of four known and four others
@@ -215,22 +297,31 @@ def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
 
 
 @given(
-    scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30), data=st.data(), scale=st.floats(0.01, 100)
+    scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30),
+    data=st.data(),
+    scale=st.floats(0.01, 100),
 )
 def test_probabilities_rise_with_the_score_whatever_its_unit(
     scores: list[float], data: st.DataObject, scale: float
 ) -> None:
-    known = torch.tensor(data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores))))
+    known = torch.tensor(
+        data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores)))
+    )
     table = torch.tensor(scores, dtype=torch.float64)
     probabilities = fit_platt(table, known)(table)
     assert ((probabilities >= 0) & (probabilities <= 1)).all()
     ordered = probabilities[table.argsort()]
-    assert (ordered.diff() >= -1e-15).all()  # equal scores may differ in the last bit, by their place in the vector
-    torch.testing.assert_close(fit_platt(scale * table, known)(scale * table), probabilities, rtol=1e-3, atol=1e-4)
+    # equal scores may differ in the last bit, by their place in the vector
+    assert (ordered.diff() >= -1e-15).all()
+    torch.testing.assert_close(
+        fit_platt(scale * table, known)(scale * table), probabilities, rtol=1e-3, atol=1e-4
+    )
 
 
 def test_uninformative_scores_give_the_share_of_known_answers() -> None:
-    curve = fit_platt(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
+    curve = fit_platt(
+        torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True])
+    )
     assert curve.slope == 0.0
     assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)
 
@@ -238,29 +329,50 @@ def test_uninformative_scores_give_the_share_of_known_answers() -> None:
 # Names
 
 
-@pytest.mark.parametrize("text", ["turn on", "Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON"])
+@pytest.mark.parametrize(
+    "text", ["turn on", "Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON"]
+)
 def test_names_are_found_without_regard_to_case_and_gaps(text: str) -> None:
     assert find(text, ["turn off", "turn on"], "ENTITY", "an entity") == "turn on"
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
     assert find("apple", ["Apple", "apple"], "", "") == "apple"
-    for text, hint in (("APPLE", "'Apple' or 'apple'"), ("aple", "'apple'"), ("zz", "'Apple' or 'apple'")):
+    for text, hint in (
+        ("APPLE", "'Apple' or 'apple'"),
+        ("aple", "'apple'"),
+        ("zz", "'Apple' or 'apple'"),
+    ):
         with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
             find(text, ["Apple", "apple"], "ENTITY", "an entity")
 
 
-@pytest.mark.parametrize(("one", "several"), [
-    ("fork", "Forks"), ("side table", "sideTables"), ("box", "boxes"), ("glass", "glasses"), ("knife", "knives"),
-    ("berry", "berries"), ("dish", "dishes"), ("bench", "benches"), ("vase", "vases"), ("shelf", "shelves"),
-    ("potato", "potatoes"), ("axe", "axes"), ("tomato", "tomatoes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("one", "several"),
+    [
+        ("fork", "Forks"),
+        ("side table", "sideTables"),
+        ("box", "boxes"),
+        ("glass", "glasses"),
+        ("knife", "knives"),
+        ("berry", "berries"),
+        ("dish", "dishes"),
+        ("bench", "benches"),
+        ("vase", "vases"),
+        ("shelf", "shelves"),
+        ("potato", "potatoes"),
+        ("axe", "axes"),
+        ("tomato", "tomatoes"),
+    ],
+)
 def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
     assert plain(one) in singulars(several)
     assert plain(several) not in singulars(one)
 
 
-@pytest.mark.parametrize(("one", "other"), [("gas", "ga"), ("glass", "glas"), ("tube", "tub"), ("tubes", "tubs")])
+@pytest.mark.parametrize(
+    ("one", "other"), [("gas", "ga"), ("glass", "glas"), ("tube", "tub"), ("tubes", "tubs")]
+)
 def test_words_that_differ_otherwise_are_no_plurals_of_each_other(one: str, other: str) -> None:
     assert plain(other) not in singulars(one)
     assert plain(one) not in singulars(other)

@@ -1,4 +1,6 @@
-"""The folder of a bundle is read as it was written, or refused in one line; and the pipeline's final model."""
+"""The folder of a bundle is read as it was written, or refused in one line;
+and the pipeline's final model.
+"""
 
 import json
 from dataclasses import fields, replace
@@ -24,15 +26,25 @@ from tests.small_grid import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
 RECORD = InsertionRecord(
-    entity="lie on", insert_triples=[("bed", "hasAffordance", "lie on")], definition="to rest",
-    requested_initializer=None, options={"k": 2}, seed=3, initializer="rs", why="the best", fallback=None,
-)  # fmt: skip
+    entity="lie on",
+    insert_triples=[("bed", "hasAffordance", "lie on")],
+    definition="to rest",
+    requested_initializer=None,
+    options={"k": 2},
+    seed=3,
+    initializer="rs",
+    why="the best",
+    fallback=None,
+)
 
 
 def same(one: Bundle, other: Bundle) -> bool:
     return all(
-        np.array_equal(ours, theirs) and getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
-        for ours, theirs in ((getattr(one, field.name), getattr(other, field.name)) for field in fields(Bundle))
+        np.array_equal(ours, theirs)
+        and getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
+        for ours, theirs in (
+            (getattr(one, field.name), getattr(other, field.name)) for field in fields(Bundle)
+        )
     )
 
 
@@ -43,36 +55,61 @@ def same(one: Bundle, other: Bundle) -> bool:
     words=st.booleans(),
 )
 def test_what_is_written_is_read_again(
-    tmp_path_factory: pytest.TempPathFactory, names: list[str], cells: list[str], dtype: type, words: bool
+    tmp_path_factory: pytest.TempPathFactory,
+    names: list[str],
+    cells: list[str],
+    dtype: type,
+    words: bool,
 ) -> None:
     kinds, phrases = cells[: len(NAMES)], cells[len(NAMES) :]
-    bundle = small(entity_names=names, kinds=kinds, phrases=phrases, **({} if words else {"words": None}))
+    bundle = small(
+        entity_names=names, kinds=kinds, phrases=phrases, **({} if words else {"words": None})
+    )
     bundle = replace(bundle, entities=bundle.entities.astype(dtype))
     assert same(read(written(tmp_path_factory.mktemp("kept") / "one", bundle)), bundle)
 
 
 def test_other_tools_read_the_files_and_the_manifest_is_read_again(tmp_path: Path) -> None:
-    manifest = small().manifest.model_copy(update={"inserted": [RECORD], "made": {"by": {"whom": ["", None, 1.5]}}})
+    manifest = small().manifest.model_copy(
+        update={"inserted": [RECORD], "made": {"by": {"whom": ["", None, 1.5]}}}
+    )
     bundle = small(manifest=manifest)
     path = written(tmp_path / "one", bundle)
     assert read(path).manifest == manifest
     assert sorted(files(path)) == [
-        "embedding.json", "entities.tsv", "relations.tsv", "triples.tsv", "vectors.safetensors",
-    ]  # fmt: skip
+        "embedding.json",
+        "entities.tsv",
+        "relations.tsv",
+        "triples.tsv",
+        "vectors.safetensors",
+    ]
     assert pd.read_csv(path / "entities.tsv", sep="\t")["entity"].tolist() == bundle.entity_names
-    assert pd.read_csv(path / "triples.tsv", sep="\t").to_numpy().tolist()[0] == ["kettle", "atLocation", "kitchen"]
-    assert load_file(path / "vectors.safetensors")["relations"].tolist() == bundle.relations.tolist()
-    assert json.loads((path / "embedding.json").read_text(encoding="utf-8"))["triples"] == len(TRIPLES)
+    assert pd.read_csv(path / "triples.tsv", sep="\t").to_numpy().tolist()[0] == [
+        "kettle",
+        "atLocation",
+        "kitchen",
+    ]
+    assert (
+        load_file(path / "vectors.safetensors")["relations"].tolist() == bundle.relations.tolist()
+    )
+    assert json.loads((path / "embedding.json").read_text(encoding="utf-8"))["triples"] == len(
+        TRIPLES
+    )
 
 
 def test_equal_embeddings_are_equal_bytes_and_take_the_place_of_others(tmp_path: Path) -> None:
-    first, second = written(tmp_path / "one"), written(tmp_path / "two", small(kinds=[""] * len(NAMES)))
+    first, second = (
+        written(tmp_path / "one"),
+        written(tmp_path / "two", small(kinds=[""] * len(NAMES))),
+    )
     assert files(first) != files(second)
     assert files(first) == files(written(second))
     assert {path.name for path in tmp_path.iterdir()} == {"one", "two"}
 
 
-@pytest.mark.parametrize("name", ["a\tb", "a\nb", "a\rb", "\x1b[2J", "a\x85b", "a\u2028b", "a\x00", " ", ""])
+@pytest.mark.parametrize(
+    "name", ["a\tb", "a\nb", "a\rb", "\x1b[2J", "a\x85b", "a\u2028b", "a\x00", " ", ""]
+)
 @pytest.mark.parametrize("column", ["entity_names", "relation_names"])
 def test_names_that_break_a_table_are_refused_before_anything_is_written(
     tmp_path: Path, column: str, name: str
@@ -82,7 +119,9 @@ def test_names_that_break_a_table_are_refused_before_anything_is_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = written(tmp_path / "one")
     before, write_bytes = files(path), Path.write_bytes
 
@@ -92,14 +131,19 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: p
         return write_bytes(file, content)
 
     monkeypatch.setattr(Path, "write_bytes", fails)
-    with pytest.raises(InputError, match=r"one: cannot be written \(No space left on device; .* free there\)$"):
+    with pytest.raises(
+        InputError, match=r"one: cannot be written \(No space left on device; .* free there\)$"
+    ):
         written(path, small(kinds=[""] * len(NAMES)))
     assert files(path) == before
     assert [file.name for file in tmp_path.iterdir()] == ["one"]
 
 
 def test_what_a_killed_write_left_goes_and_nobody_elses(tmp_path: Path) -> None:
-    left, others = [".o[n]e.7.tmp", ".o[n]e.7.old.tmp"], [".o[n]e.two.7.tmp", ".o[n]e.mine.tmp", ".one.7.tmp"]
+    left, others = (
+        [".o[n]e.7.tmp", ".o[n]e.7.old.tmp"],
+        [".o[n]e.two.7.tmp", ".o[n]e.mine.tmp", ".one.7.tmp"],
+    )
     for name in left + others:
         (tmp_path / name).mkdir()
     written(tmp_path / "o[n]e")
@@ -110,10 +154,20 @@ def test_what_a_killed_write_left_goes_and_nobody_elses(tmp_path: Path) -> None:
 
 
 def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> None:
-    rows = [(0, 5, True), (0, 10, True), (0, 15, False), (1, 5, True), (2, 20, True), (2, 25, False), (3, 15, True)]
+    rows = [
+        (0, 5, True),
+        (0, 10, True),
+        (0, 15, False),
+        (1, 5, True),
+        (2, 20, True),
+        (2, 25, False),
+        (3, 15, True),
+    ]
     log = pd.DataFrame(rows, columns=["seed", "epoch", "kept"])
     assert usual_epochs(log) == 10  # of 5, 10, 15, 20
-    with pytest.raises(InputError, match="column 'kept': expected true in at least one row, a best epoch"):
+    with pytest.raises(
+        InputError, match="column 'kept': expected true in at least one row, a best epoch"
+    ):
         usual_epochs(log.assign(kept=False))
 
 
@@ -124,7 +178,17 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
     assert torch.equal(learned.entity, again.entity)
     session, keys = points.last_session, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
-    state = start(uniform(session.entities, 2, config.model, config.dimension, config.init_range, config.root, keys))
+    state = start(
+        uniform(
+            session.entities,
+            2,
+            config.model,
+            config.dimension,
+            config.init_range,
+            config.root,
+            keys,
+        )
+    )
     data = training_data(session, "training", keys, config.negatives.head_pool)
     assert data.counts.sum() == graph.counts.sum()
     for epoch in (1, 2, 3):

@@ -68,7 +68,10 @@ def test_what_the_stages_wrote_has_no_problem(capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.usefixtures("_in_copy")
 def test_each_problem_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixture[str]) -> None:
-    splits, vectors = SPLITS.path(experiment=NAME), INITIAL_VECTORS.path(experiment=NAME, initializer="rs")
+    splits, vectors = (
+        SPLITS.path(experiment=NAME),
+        INITIAL_VECTORS.path(experiment=NAME, initializer="rs"),
+    )
     runs, theta0 = RUNS.path(experiment=NAME, model="rs"), THETA0.path(experiment=NAME, size=2)
     change_table(SPLITS, splits, put("triple", -1))
     change_table(RUNS, runs, put("mrr_star", 2.0))
@@ -82,8 +85,12 @@ def test_each_problem_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixt
         assert any(line.startswith(f"{path}: ") for line in lines), path
 
 
-@pytest.mark.parametrize(("table", "change", "pattern"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
-def test_a_broken_table_is_named_with_what_was_expected(made: Path, table: Table, change: Change, pattern: str) -> None:
+@pytest.mark.parametrize(
+    ("table", "change", "pattern"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
+)
+def test_a_broken_table_is_named_with_what_was_expected(
+    made: Path, table: Table, change: Change, pattern: str
+) -> None:
     with chdir(made):
         path = table.path(experiment=NAME, source=NAME, model="joint")
         with for_a_while(path, lambda path: change_table(table, path, change)):
@@ -91,7 +98,9 @@ def test_a_broken_table_is_named_with_what_was_expected(made: Path, table: Table
 
 
 @pytest.mark.parametrize(
-    ("path", "change", "pattern"), [case[1:] for case in TENSOR_CASES], ids=[case[0] for case in TENSOR_CASES]
+    ("path", "change", "pattern"),
+    [case[1:] for case in TENSOR_CASES],
+    ids=[case[0] for case in TENSOR_CASES],
 )
 def test_broken_tensors_are_named_with_what_was_expected(
     made: Path, path: Path, change: Callable[[Tensors], None], pattern: str
@@ -126,6 +135,11 @@ def test_every_output_of_the_pipelines_is_declared_and_every_table_has_an_exampl
                 for out in entry["outs"]:
                     if isinstance(out, str) and not re.search(r"^data/final_models/|\.json$", out):
                         path = Path(re.sub(r"\$\{[^}]*\}", "x", out))
-                        assert any(file.names_in(path) or file.names_in(path / "size=01.safetensors") for file in files)
+                        assert any(
+                            file.names_in(path) or file.names_in(path / "size=01.safetensors")
+                            for file in files
+                        )
     columns = {tuple(table.columns) for table in ROWS}
-    assert {file for file in files if isinstance(file, Table) and tuple(file.columns) not in columns} == set()
+    assert {
+        file for file in files if isinstance(file, Table) and tuple(file.columns) not in columns
+    } == set()

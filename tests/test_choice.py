@@ -1,4 +1,6 @@
-"""The default of ``isi.insert``: the initializer that is best for hidden known entities and does no harm."""
+"""The default of ``isi.insert``: the initializer that is best for hidden known
+entities and does no harm.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +14,14 @@ from torch import Tensor
 
 import isi
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, Registered, initializer, without_weights
+from isi.initializers.api import (
+    INITIALIZERS,
+    InitContext,
+    InitResult,
+    Registered,
+    initializer,
+    without_weights,
+)
 from isi.insertion.arguments import stack_of_one
 from isi.insertion.choice import Choice, HiddenDraws, Queried, calibrated, choose_by_rule, hide
 from isi.models.bilinear import DistMult
@@ -22,7 +31,8 @@ RNG = np.random.default_rng(0)
 VECTORS = RNG.standard_normal((ENTITIES, DIMENSION)).astype(np.float32)
 MAPS = RNG.standard_normal((RELATIONS, DIMENSION)).astype(np.float32)
 THETA = stack_of_one(VECTORS, MAPS, DistMult())
-#: The triples of the highest scores, so that every filtered rank is 1: the model has learned them perfectly.
+#: The triples of the highest scores, so that every filtered rank is 1: the model has learned them
+#: perfectly.
 SCORES = np.einsum("hd,rd,td->hrt", VECTORS, MAPS, VECTORS)
 TRIPLES = np.argwhere(np.quantile(SCORES, 0.9) < SCORES)
 FEWER = TRIPLES[::2]  #: Now some that are right are taken for wrong.
@@ -32,7 +42,9 @@ GIVEN = [(ENTITIES, 0, 3), (5, 1, ENTITIES), (ENTITIES, 2, 8)]
 
 @pytest.fixture(autouse=True)
 def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()})
+    monkeypatch.setattr(
+        INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
+    )
 
 
 def own(name: str, vectors: Callable[[InitContext], Tensor], **about: Any) -> Registered:
@@ -61,17 +73,25 @@ def insert(**changed: Any) -> Any:
     return isi.insert(VECTORS, MAPS, GIVEN, **given)
 
 
-def of(*initializers: Registered, tolerance: float = 0.01, budget: float = 2, seed: int = 0) -> Choice:
+def of(
+    *initializers: Registered, tolerance: float = 0.01, budget: float = 2, seed: int = 0
+) -> Choice:
     choice = calibrated(initializers, THETA, TRIPLES, NUMBERS, None, None, seed, tolerance, budget)
     assert choice is not None
     return choice
 
 
-@pytest.mark.parametrize(("about", "loss", "tolerance", "expected"), [
-    ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.01, 1), ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.02, 2),
-    ([0.3, 0.5, 0.9], [0.03, 0.02, 0.5], 0.01, 1),  # all harm: the least loss
-    ([0.5, 0.5, 0.4], [0.0, 0.0, 0.0], 0.01, 0), ([0.1, 0.9], [0.2, 0.2], 0.1, 0), ([0.1, 0.2], [-0.1, 0.0], 0.0, 1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("about", "loss", "tolerance", "expected"),
+    [
+        ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.01, 1),
+        ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.02, 2),
+        ([0.3, 0.5, 0.9], [0.03, 0.02, 0.5], 0.01, 1),  # all harm: the least loss
+        ([0.5, 0.5, 0.4], [0.0, 0.0, 0.0], 0.01, 0),
+        ([0.1, 0.9], [0.2, 0.2], 0.1, 0),
+        ([0.1, 0.2], [-0.1, 0.0], 0.0, 1),
+    ],
+)
 def test_the_best_that_does_no_harm_is_chosen(
     about: list[float], loss: list[float], tolerance: float, expected: int
 ) -> None:
@@ -93,11 +113,21 @@ def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> No
     assert frame.loc[frame["chosen"], "initializer"].tolist() == ["oracle"]
 
 
-def test_means_of_a_few_known_vectors_and_controls_do_not_take_part_unless_they_are_a_default() -> None:
+def test_means_of_a_few_vectors_and_controls_take_no_part_unless_they_are_a_default() -> None:
     words = RNG.standard_normal((ENTITIES + 1, 5)).astype(np.float32)
     tried = {each.initializer for each in insert(words=words).choice.candidates}
     assert tried >= {"map", "map_own_facts", "ridge", "soft_es", "mean"}
-    assert not tried & {"xavier", "iu", "es", "rs", "ers", "kind_mean", "soft_rs", "soft_hybrid", "er_avg"}
+    assert not tried & {
+        "xavier",
+        "iu",
+        "es",
+        "rs",
+        "ers",
+        "kind_mean",
+        "soft_rs",
+        "soft_hybrid",
+        "er_avg",
+    }
 
 
 def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() -> None:
@@ -108,7 +138,7 @@ def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() ->
     assert (done.initializer, done.options) == ("scaled", {"times": 1.0})
 
 
-def test_a_loud_vector_is_chosen_only_if_there_is_nothing_else_and_then_there_is_a_warning() -> None:
+def test_a_loud_vector_is_chosen_with_a_warning_and_only_if_there_is_nothing_else() -> None:
     noisy, quiet = own("loud", loud), INITIALIZERS.get("mean")
     choice = of(noisy, quiet)
     by_name = {each.initializer: each for each in choice.candidates}
@@ -131,7 +161,9 @@ def test_a_model_that_has_not_learned_is_noticed() -> None:
 
 def test_initializers_without_finite_vectors_are_no_candidates() -> None:
     broken = own("broken", lambda context: torch.full((*context.novel.shape, DIMENSION), torch.nan))
-    assert [each.initializer for each in of(broken, INITIALIZERS.get("mean")).candidates] == ["mean"]
+    assert [each.initializer for each in of(broken, INITIALIZERS.get("mean")).candidates] == [
+        "mean"
+    ]
 
 
 def test_the_choice_depends_on_the_arguments_alone() -> None:
@@ -141,11 +173,20 @@ def test_the_choice_depends_on_the_arguments_alone() -> None:
     assert one.choice.candidates != other.choice.candidates
 
 
-@pytest.mark.parametrize("changed", [
-    {"calibrate": False}, {"known_triples": None}, {"known_triples": TRIPLES[:5]}, {"budget": 0},
-    {"initializer": "map_mean"}, {"options": {"strength": 0.3}},
-])  # fmt: skip
-def test_without_calibration_the_first_of_the_listed_initializers_is_used(changed: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"calibrate": False},
+        {"known_triples": None},
+        {"known_triples": TRIPLES[:5]},
+        {"budget": 0},
+        {"initializer": "map_mean"},
+        {"options": {"strength": 0.3}},
+    ],
+)
+def test_without_calibration_the_first_of_the_listed_initializers_is_used(
+    changed: dict[str, Any],
+) -> None:
     done = insert(**changed)
     assert done.choice is None
     assert done.initializer == changed.get("initializer", "map")
@@ -160,16 +201,19 @@ def test_a_lower_budget_hides_fewer_entities_and_then_leaves_costly_candidates_o
         calibrated(every, THETA, TRIPLES, NUMBERS, None, None, 0, 0.01, budget)
         for budget in [0, *np.geomspace(1e-5, 1, 50)]
     ]
-    sizes = [(0, 0) if choice is None else (len(choice.candidates), choice.hidden) for choice in choices]
+    sizes = [
+        (0, 0) if choice is None else (len(choice.candidates), choice.hidden) for choice in choices
+    ]
     assert [number for number, _ in sizes] == sorted(number for number, _ in sizes)
     assert sizes[0] == (0, 0)
     assert {number for number, _ in sizes} == {0, 1, 2, 3}
     with_all = [hidden for number, hidden in sizes if number == 3]
     assert with_all[0] < with_all[-1] <= ENTITIES
-    assert all(later > earlier - ENTITIES // 10 for earlier, later in pairwise(with_all))  # draws are of equal size
+    # draws are of equal size
+    assert all(later > earlier - ENTITIES // 10 for earlier, later in pairwise(with_all))
 
 
-def test_hidden_entities_are_inserted_from_as_many_of_their_triples_and_queried_on_the_others() -> None:
+def test_hidden_entities_are_inserted_from_as_many_triples_and_queried_on_the_others() -> None:
     draws = hide(THETA, TRIPLES, NUMBERS, None, None, 0, 12)
     assert draws is not None
     context = draws.context
@@ -191,7 +235,10 @@ def test_hidden_entities_are_inserted_from_as_many_of_their_triples_and_queried_
                 assert end not in hidden
             assert 1 <= rows.sum() <= 4
             assert not context.theta0.entity[model, entity].any()
-        queried = {tuple(triple) for triple in draws.about.triples[model][draws.about.counted[model]].tolist()}
+        queried = {
+            tuple(triple)
+            for triple in draws.about.triples[model][draws.about.counted[model]].tolist()
+        }
         assert given | queried <= known
         assert not given & queried
         assert all((head in hidden) != (tail in hidden) for head, _, tail in queried)
@@ -236,7 +283,8 @@ def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
 
 
 def test_hidden_entities_have_candidates_of_their_kind() -> None:
-    kinds = np.where(np.arange(ENTITIES) < ENTITIES - 1, np.arange(ENTITIES) % 3 - 1, 5)  # -1: none; 5: alone
+    # -1: none; 5: alone
+    kinds = np.where(np.arange(ENTITIES) < ENTITIES - 1, np.arange(ENTITIES) % 3 - 1, 5)
     context = hide(THETA, TRIPLES, NUMBERS, None, kinds, 0, ENTITIES).context  # type: ignore[union-attr]
     assert set(context.kinds[context.novel].flatten().tolist()) == {-1, 0, 1, 5}
     for draw, hidden in enumerate(context.novel.tolist()):
@@ -252,7 +300,10 @@ def test_hidden_entities_have_candidates_of_their_kind() -> None:
 def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
     draws = hide(THETA, FEWER, NUMBERS, None, None, 1, 12)
     assert draws is not None
-    draws, scaled = replace(draws, share=share), own("scaled", lambda context: 0.5 * oracle(context).flip(1))
+    draws, scaled = (
+        replace(draws, share=share),
+        own("scaled", lambda context: 0.5 * oracle(context).flip(1)),
+    )
     measured = draws.measure(scaled, {})
     assert measured is not None
     expected = by_loops(draws, 0.5 * VECTORS[draws.context.novel.flip(1).numpy()])

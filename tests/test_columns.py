@@ -1,4 +1,6 @@
-"""Columns of triples are found by their names, and refused by them, in every function that takes triples."""
+"""Columns of triples are found by their names, and refused by them,
+in every function that takes triples.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,13 +23,17 @@ ARRAYS: dict[str, Any] = {"model": "distmult", "relation_names": BETWEEN}
 @pytest.mark.parametrize(
     ("columns", "expected"),
     [
-        (["head", "relation", "tail"], [0, 1, 2]), (["tail", "head", "count", "relation"], [1, 3, 0]),
-        (["H", "R", "T"], [0, 1, 2]), (["Subject", "Object", "Predicate"], [0, 2, 1]),
-        (["from", "to", "rel"], [0, 2, 1]), (["source", "target", "label"], [0, 2, 1]),
-        (["source", "target", "relation", "label"], [0, 2, 1]), ([" Head ", "rel", "TAIL"], [0, 1, 2]),
+        (["head", "relation", "tail"], [0, 1, 2]),
+        (["tail", "head", "count", "relation"], [1, 3, 0]),
+        (["H", "R", "T"], [0, 1, 2]),
+        (["Subject", "Object", "Predicate"], [0, 2, 1]),
+        (["from", "to", "rel"], [0, 2, 1]),
+        (["source", "target", "label"], [0, 2, 1]),
+        (["source", "target", "relation", "label"], [0, 2, 1]),
+        ([" Head ", "rel", "TAIL"], [0, 1, 2]),
         (["head", "relation", "tail", "source", "target", "label"], [0, 1, 2]),
     ],
-)  # fmt: skip
+)
 def test_columns_are_found_by_name(columns: list[str], expected: list[int]) -> None:
     assert triple_columns(columns) == expected
 
@@ -35,10 +41,15 @@ def test_columns_are_found_by_name(columns: list[str], expected: list[int]) -> N
 @pytest.mark.parametrize(
     "columns",
     [
-        ["a", "b", "c"], ["head", "tail"], ["from", "to", "source", "target", "rel"],
-        ["head", "rel", "predicate", "tail"], ["Head", "head", "rel", "tail"], ["head", "relation", "object"], [],
+        ["a", "b", "c"],
+        ["head", "tail"],
+        ["from", "to", "source", "target", "rel"],
+        ["head", "rel", "predicate", "tail"],
+        ["Head", "head", "rel", "tail"],
+        ["head", "relation", "object"],
+        [],
     ],
-)  # fmt: skip
+)
 def test_columns_that_do_not_fit_are_refused(columns: list[str]) -> None:
     with pytest.raises(InputError, match="expected the columns head, relation, tail") as error:
         triple_columns(columns)
@@ -57,17 +68,28 @@ def insert(facts: Any) -> object:
 
 def insert_beside_known(facts: Any) -> object:
     known = (
-        facts.replace("jug", "kettle") if isinstance(facts, pd.DataFrame) else [("kettle", *row[1:]) for row in facts]
+        facts.replace("jug", "kettle")
+        if isinstance(facts, pd.DataFrame)
+        else [("kettle", *row[1:]) for row in facts]
     )
     return isi.insert(
-        ENTITIES, LABELS, FACTS, new=["jug"], entity_names=NAMES, known_triples=known, initializer="rs",
-        options={"k": 9}, **ARRAYS
-    ).entities.tolist()  # fmt: skip
+        ENTITIES,
+        LABELS,
+        FACTS,
+        new=["jug"],
+        entity_names=NAMES,
+        known_triples=known,
+        initializer="rs",
+        options={"k": 9},
+        **ARRAYS,
+    ).entities.tolist()
 
 
 def fit_new(facts: Any) -> object:
     larger = np.concatenate([ENTITIES, ENTITIES[:1]])
-    return isi.fit_new(larger, LABELS, facts, new=1, entity_names=[*NAMES, "jug"], epochs=1, **ARRAYS)[0].tolist()
+    return isi.fit_new(
+        larger, LABELS, facts, new=1, entity_names=[*NAMES, "jug"], epochs=1, **ARRAYS
+    )[0].tolist()
 
 
 def live_insert(facts: Any) -> object:
@@ -95,7 +117,8 @@ def pykeen_insert(facts: Any) -> object:
 
 
 @pytest.mark.parametrize(
-    "function", [train, insert, insert_beside_known, fit_new, live_insert, live_observe, pykeen_insert]
+    "function",
+    [train, insert, insert_beside_known, fit_new, live_insert, live_observe, pykeen_insert],
 )
 def test_every_function_reads_columns_by_name(function: Callable[[Any], object]) -> None:
     expected = function(FACTS)

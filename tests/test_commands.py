@@ -41,7 +41,9 @@ TO_HOB = ["observe", "--fact", "hob", "hasAffordance", "turn on"]
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the small bundle as ``home``, whose words are of a file that has none of new names."""
+    """A folder with the small bundle as ``home``,
+    whose words are of a file that has none of new names.
+    """
     monkeypatch.chdir(tmp_path)
     return written(tmp_path / "home", worded(tmp_path))
 
@@ -58,7 +60,9 @@ def parsed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
     return result
 
 
-def best(capsys: pytest.CaptureFixture[str], *question: str, embedding: str = "home") -> list[tuple[str, bool]]:
+def best(
+    capsys: pytest.CaptureFixture[str], *question: str, embedding: str = "home"
+) -> list[tuple[str, bool]]:
     """The answers to a query, and whether they are given facts."""
     result = parsed(capsys, "ask", *question, "--embedding", embedding)
     return [(answer["entity"], answer["given"]) for answer in result["answers"]]
@@ -81,23 +85,41 @@ def test_facts_of_training_are_retracted_and_moved(capsys: pytest.CaptureFixture
     related = parsed(capsys, "ask", "kettle", "--tail", "kitchen")["answers"]
     assert "atLocation" not in [answer["entity"] for answer in related]
     with pytest.raises(SystemExit, match="holds"):
-        main(["move", "kettle", "atLocation", "bed", "--instead-of", "kitchen", "--embedding", "home"])
+        main(
+            [
+                "move",
+                "kettle",
+                "atLocation",
+                "bed",
+                "--instead-of",
+                "kitchen",
+                "--embedding",
+                "home",
+            ]
+        )
     assert "nothing has changed" in printed(capsys, "move", *fact[:2], "bedroom")
     last = parsed(capsys, "history")["changes"][-1]
     assert (last["change"], last["source"], last["replaced"]) == ("move", "camera", [fact])
     assert last["time"]
 
 
-def test_what_is_known_is_observed_and_what_is_not_is_inserted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_known_is_observed_and_what_is_not_is_inserted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with pytest.raises(SystemExit, match="hob"):
         main([*TO_HOB, "--embedding", "home"])
-    assert parsed(capsys, *TO_HOB, "--fact", "kettle", "atLocation", "bedroom", "--new")["inserted"] == ["hob"]
+    assert parsed(capsys, *TO_HOB, "--fact", "kettle", "atLocation", "bedroom", "--new")[
+        "inserted"
+    ] == ["hob"]
     with pytest.raises(SystemExit, match="known"):
         main([*HOB, "--embedding", "home"])
     effect = parsed(capsys, *HOB, "--upsert")
     assert (effect["inserted"], effect["updated"], effect["facts"]) == ([], ["hob"], 1)
     assert effect["notes"]
-    assert parsed(capsys, "insert", "Kettle", "--fact", "atLocation", "bedroom", "--upsert")["known"] == 1
+    assert (
+        parsed(capsys, "insert", "Kettle", "--fact", "atLocation", "bedroom", "--upsert")["known"]
+        == 1
+    )
     assert parsed(capsys, *STOVE, "--upsert")["entity"] == "stove"
 
 
@@ -108,7 +130,10 @@ def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:
     printed(capsys, "remove", "--fact", "kettle", "atLocation", "kitchen")
     before = parsed(capsys, "ask", "hob", "atLocation")
     assert "2" in printed(capsys, "compact")
-    assert [change["change"] for change in parsed(capsys, "history")["changes"]] == ["insert", "remove"]
+    assert [change["change"] for change in parsed(capsys, "history")["changes"]] == [
+        "insert",
+        "remove",
+    ]
     assert parsed(capsys, "ask", "hob", "atLocation") == before
     with pytest.raises(SystemExit, match="pipeline"):
         main(["compact", "--embedding", str(written(paths.final_model("mine"), small()))])
@@ -133,25 +158,45 @@ def test_queries_of_a_file_are_answered_in_order(capsys: pytest.CaptureFixture[s
             main([*both, "--embedding", "home"])
 
 
-def test_an_insertion_is_reported_as_json_and_in_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_insertion_is_reported_as_json_and_in_sentences(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     result = parsed(capsys, *STOVE, "--top", "1", "--dry-run")
-    assert result["facts"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
-    assert (result["entity"], result["id"], result["kind"], result["initializer"]) == ("stove", 6, "object", "map")
+    assert result["facts"] == [
+        ["stove", "atLocation", "kitchen"],
+        ["stove", "hasAffordance", "turn on"],
+    ]
+    assert (result["entity"], result["id"], result["kind"], result["initializer"]) == (
+        "stove",
+        6,
+        "object",
+        "map",
+    )
     assert [(query["query"], query["answers"][0]["entity"]) for query in result["answers"]] == [
-        (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
-    ]  # fmt: skip
+        (["stove", "atLocation", "?"], "kitchen"),
+        (["stove", "hasAffordance", "?"], "turn on"),
+    ]
     answer = result["answers"][0]["answers"][0]  # so few entities do not calibrate its probability
-    assert {"known": True, "given": True, "inserted": False, "probability": None}.items() <= answer.items()
+    assert {
+        "known": True,
+        "given": True,
+        "inserted": False,
+        "probability": None,
+    }.items() <= answer.items()
     assert (len(result["nearest"]), result["interference"]["queries"]) == (1, 8)
     assert result["interference"] == result["interference_of_all"]
     text = printed(capsys, *STOVE, "--dry-run").splitlines()
     assert len(text) <= 15
     assert all(word in text[0] for word in ("stove", "object", "kettle"))
-    assert any(re.fullmatch(r" +stove atLocation \?: kitchen \(given\), bedroom .*", line) for line in text)
+    assert any(
+        re.fullmatch(r" +stove atLocation \?: kitchen \(given\), bedroom .*", line) for line in text
+    )
     assert len(printed(capsys, *STOVE, "--dry-run", "--verbose").splitlines()) > len(text)
 
 
-def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(capsys: pytest.CaptureFixture[str], home: Path) -> None:
+def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(
+    capsys: pytest.CaptureFixture[str], home: Path
+) -> None:
     before = files(home)
     for command in (STOVE, ["observe", "--fact", "kettle", "atLocation", "bedroom"]):
         assert "nothing is written" in printed(capsys, *command, "--dry-run")
@@ -175,7 +220,9 @@ def test_the_folder_of_the_pipeline_is_not_changed(capsys: pytest.CaptureFixture
     folder = written(paths.final_model("mine"), small())
     before = files(folder)
     for out in ([], ["--out", "copy"]):
-        assert ("nothing is written" in printed(capsys, *STOVE, "--embedding", str(folder), *out)) != bool(out)
+        assert (
+            "nothing is written" in printed(capsys, *STOVE, "--embedding", str(folder), *out)
+        ) != bool(out)
     for out in ([str(folder)], [str(folder.parent / "other")]):
         with pytest.raises(SystemExit, match="--out"):
             main([*STOVE, "--embedding", "home", "--out", *out])
@@ -183,7 +230,9 @@ def test_the_folder_of_the_pipeline_is_not_changed(capsys: pytest.CaptureFixture
     assert best(capsys, "stove", "atLocation", embedding="copy")[0] == ("kitchen", True)
 
 
-def test_facts_are_observed_and_taken_back_until_nothing_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+def test_facts_are_observed_and_taken_back_until_nothing_is_left(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     printed(capsys, *HOB)
     effect = parsed(capsys, *TO_HOB, "--fact", "bed", "atLocation", "bedroom")
     assert (effect["updated"], effect["facts"], effect["known"]) == (["hob"], 1, 1)
@@ -196,22 +245,39 @@ def test_facts_are_observed_and_taken_back_until_nothing_is_left(capsys: pytest.
     for _ in range(3):
         printed(capsys, "undo")
     changes = parsed(capsys, "history")["changes"]
-    assert [change["change"] for change in changes] == ["insert", "observe", "remove", "remove", *["undo"] * 4]
+    assert [change["change"] for change in changes] == [
+        "insert",
+        "observe",
+        "remove",
+        "remove",
+        *["undo"] * 4,
+    ]
     with pytest.raises(SystemExit, match="undo"):
         printed(capsys, "undo")
-    assert "nothing has changed" in printed(capsys, "observe", "--fact", "bed", "atLocation", "bedroom")
-    assert "nothing has changed" not in printed(capsys, "observe", "--fact", "bed", "atLocation", "kitchen")
+    assert "nothing has changed" in printed(
+        capsys, "observe", "--fact", "bed", "atLocation", "bedroom"
+    )
+    assert "nothing has changed" not in printed(
+        capsys, "observe", "--fact", "bed", "atLocation", "kitchen"
+    )
 
 
-def test_what_is_new_in_files_is_inserted_and_what_is_known_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_new_in_files_is_inserted_and_what_is_known_is_counted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     rows = (
-        "Stove,atLocation,kitchen\nKettle,atLocation,kitchen\nkettle,at_location,bedroom\nStove,hasAffordance,turnOn\n"
+        "Stove,atLocation,kitchen\nKettle,atLocation,kitchen\nkettle,at_location,bedroom\n"
+        "Stove,hasAffordance,turnOn\n"
     )
     Path("facts.csv").write_text(f"head,relation,tail\n{rows}", encoding="utf-8")
     Path("more.csv").write_text("head,relation,tail\nhob,atLocation,kitchen\n", encoding="utf-8")
     command = ["insert", "--from", "facts.csv", "--from", "more.csv"]
     effect = parsed(capsys, *command)
-    assert (sorted(effect["inserted"]), effect["facts"], effect["known"]) == (["Stove", "hob"], 4, 1)
+    assert (sorted(effect["inserted"]), effect["facts"], effect["known"]) == (
+        ["Stove", "hob"],
+        4,
+        1,
+    )
     assert best(capsys, "stove", "hasAffordance")[0] == ("turn on", True)
     assert best(capsys, "kettle", "atLocation") == [("bedroom", True), ("kitchen", False)]
     again = parsed(capsys, *command)
@@ -222,7 +288,9 @@ def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> Non
     for k in (1, 2):
         out = ["--out", f"larger {k}"]
         result = parsed(capsys, *STOVE, "--initializer", "rs", "--set", f"k={k}", *out)
-        assert [indicator["weight"] for indicator in result["indicators"] if indicator["weight"]] == [1 / k] * k
+        assert [
+            indicator["weight"] for indicator in result["indicators"] if indicator["weight"]
+        ] == [1 / k] * k
         assert read(Path(out[1])).insertions()["stove"].options == {"k": k}
 
 
@@ -231,20 +299,37 @@ def test_a_copy_does_not_replace_other_changes(capsys: pytest.CaptureFixture[str
     for text in (None, '"version": 2', "{", "[]"):
         manifest = Path("larger/embedding.json")
         if text:
-            manifest.write_text(manifest.read_text("utf-8").replace('"version": 1', text) if ":" in text else text)
+            manifest.write_text(
+                manifest.read_text("utf-8").replace('"version": 1', text) if ":" in text else text
+            )
         before = files(Path("larger"))
         with pytest.raises(SystemExit, match=r"larger\b.*: already holds a bundle"):
             printed(capsys, *HOB, "--out", "larger")
         assert files(Path("larger")) == before
 
 
-def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     path = word_file(Path("other.txt"), {"kettle": [1, 0], "bed": [0, 1], "gas stove": [0.8, 0.6]})
-    result = parsed(capsys, "insert", "gasStove", "--vectors", str(path), "--initializer", "es", "--out", "larger")
+    result = parsed(
+        capsys,
+        "insert",
+        "gasStove",
+        "--vectors",
+        str(path),
+        "--initializer",
+        "es",
+        "--out",
+        "larger",
+    )
     assert [indicator["entity"] for indicator in result["indicators"]] == ["kettle", "bed"]
     assert result["indicators"][0]["words"] == pytest.approx(0.8)
     assert str(path) in result["words"]
-    assert parsed(capsys, "explain", "gas stove", "--embedding", "larger")["indicators"] == result["indicators"]
+    assert (
+        parsed(capsys, "explain", "gas stove", "--embedding", "larger")["indicators"]
+        == result["indicators"]
+    )
     with pytest.raises(SystemExit, match="--vectors"):
         printed(capsys, *STOVE, "--vectors", str(path))
 
@@ -255,15 +340,21 @@ def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(capsys: pytest.Capt
 def test_each_part_of_a_triple_is_predicted(capsys: pytest.CaptureFixture[str]) -> None:
     heads = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
     assert heads["query"] == ["?", "atLocation", "bedroom"]
-    assert [(answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]] == [
-        ("bed", 2.0, True), ("kettle", 1.0, False),
-    ]  # fmt: skip
+    assert [
+        (answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]
+    ] == [
+        ("bed", 2.0, True),
+        ("kettle", 1.0, False),
+    ]
     by_option = parsed(capsys, "ask", "--head", "bed", "--relation", "atLocation")
     assert by_option == parsed(capsys, "ask", "bed", "atLocation")
     relations = parsed(capsys, "ask", "kettle", "--tail", "kitchen")
     assert [answer["entity"] for answer in relations["answers"]] == ["atLocation", "hasAffordance"]
     assert relations["sure"] is True
-    assert printed(capsys, "ask", "kettle", "atLocation").splitlines()[1].split() == ["kitchen", "(known)"]
+    assert printed(capsys, "ask", "kettle", "atLocation").splitlines()[1].split() == [
+        "kitchen",
+        "(known)",
+    ]
 
 
 def test_what_is_unlikely_is_said_not_to_be_known(capsys: pytest.CaptureFixture[str]) -> None:
@@ -271,9 +362,13 @@ def test_what_is_unlikely_is_said_not_to_be_known(capsys: pytest.CaptureFixture[
     names = [f"thing {number}" for number in range(10)]
     triples = np.array([(0, 0, 1), (2, 0, 3), (4, 1, 5)])
     dull = small(
-        entities=np.ones((10, 4), np.float32), entity_names=names, kinds=[""] * 10, phrases=names, triples=triples,
+        entities=np.ones((10, 4), np.float32),
+        entity_names=names,
+        kinds=[""] * 10,
+        phrases=names,
+        triples=triples,
         words=None,
-    )  # fmt: skip
+    )
     written(Path("dull"), dull)
     unlikely = parsed(capsys, "ask", "thing 7", "atLocation", "--embedding", "dull")
     assert unlikely["sure"] is False
@@ -285,26 +380,35 @@ def test_what_is_unlikely_is_said_not_to_be_known(capsys: pytest.CaptureFixture[
 def test_neighbours_are_those_of_largest_cosine(capsys: pytest.CaptureFixture[str]) -> None:
     neighbours = parsed(capsys, "nearest", "KETTLE", "--top", "2")["nearest"]
     assert [(entity["entity"], entity["kind"]) for entity in neighbours] == [
-        ("kitchen", "room"), ("turn on", "affordance"),
-    ]  # fmt: skip
+        ("kitchen", "room"),
+        ("turn on", "affordance"),
+    ]
     assert neighbours[0]["cosine"] == pytest.approx(3 / np.sqrt(14))
 
 
-def test_an_explanation_and_its_text_have_the_largest_change_first(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_explanation_and_its_text_have_the_largest_change_first(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     printed(capsys, *STOVE)
     explained = parsed(capsys, "explain", "Stove")
     moved = [piece["moved"] for piece in explained["without"]]
     assert moved == sorted(moved, reverse=True)
     assert {piece["what"] for piece in explained["without"] if piece["left_out"] == "fact"} == {
-        "stove atLocation kitchen", "stove hasAffordance turn on",
-    }  # fmt: skip
+        "stove atLocation kitchen",
+        "stove hasAffordance turn on",
+    }
     text = printed(capsys, "explain", "stove")
     assert "stove atLocation kitchen" in text
     assert len(text.splitlines()) <= 15
-    assert all(piece["what"] in printed(capsys, "explain", "stove", "--verbose") for piece in explained["without"])
+    assert all(
+        piece["what"] in printed(capsys, "explain", "stove", "--verbose")
+        for piece in explained["without"]
+    )
 
 
-def test_interference_is_of_all_insertions_or_of_those_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_interference_is_of_all_insertions_or_of_those_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     first = parsed(capsys, *STOVE)["interference"]
     result = parsed(capsys, *HOB, "--top", "2")
     both, one = result["interference_of_all"], result["interference"]
@@ -322,15 +426,36 @@ def test_interference_is_of_all_insertions_or_of_those_named(capsys: pytest.Capt
 
 def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None:
     answer = {
-        "the_query": ("a", "in", "?"), "share": 0.12345, "no_words": None, "is_known": True, "names": ["b", "c"],
-        "rows": [{"entity": "b", "weight": None, "cosine": 1.0}, {"entity": "long", "weight": None, "cosine": None}],
-        "parts": [{"of": ("a", "on", "?"), "rows": [{"x": 1}]}], "counts": {"c": 3},
-    }  # fmt: skip
+        "the_query": ("a", "in", "?"),
+        "share": 0.12345,
+        "no_words": None,
+        "is_known": True,
+        "names": ["b", "c"],
+        "rows": [
+            {"entity": "b", "weight": None, "cosine": 1.0},
+            {"entity": "long", "weight": None, "cosine": None},
+        ],
+        "parts": [{"of": ("a", "on", "?"), "rows": [{"x": 1}]}],
+        "counts": {"c": 3},
+    }
     assert list(lines(answer)) == [
-        "the query: a in ?", "share: 0.123", "no words: –", "is known: yes", "names: b, c",
-        "rows:", "  entity  cosine", "  b       1", "  long    –",
-        "parts:", "  of: a on ?", "  rows:", "    x", "    1", "counts:", "  c: 3",
-    ]  # fmt: skip
+        "the query: a in ?",
+        "share: 0.123",
+        "no words: –",
+        "is known: yes",
+        "names: b, c",
+        "rows:",
+        "  entity  cosine",
+        "  b       1",
+        "  long    –",
+        "parts:",
+        "  of: a on ?",
+        "  rows:",
+        "    x",
+        "    1",
+        "counts:",
+        "  c: 3",
+    ]
 
 
 def test_help_loads_nothing_that_is_slow() -> None:
@@ -339,7 +464,9 @@ def test_help_loads_nothing_that_is_slow() -> None:
         f"for command in {[[], *map(str.split, COMMANDS)]}: main([*command, '--help'])\n"
         "print(sorted({'torch', 'pandas', 'gensim', 'isi.bundle.live'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.endswith("[]\n")
     assert {f"{command}:" for command in COMMANDS} <= set(done.stdout.split())
 
@@ -347,7 +474,9 @@ def test_help_loads_nothing_that_is_slow() -> None:
 def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
     nearest = shlex.join([sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)])
     command = f"{nearest} | true"  # which reads nothing
-    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S602
+    done = subprocess.run(  # noqa: S602
+        command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.stderr == ""
 
 
@@ -355,13 +484,21 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
     home = written(tmp_path / "abroad", replace(small(), entity_names=[*NAMES[:-1], "naïve"]))
     command = ["nearest", "bed", "--embedding", str(home)]
     code = f"from isi.__main__ import main; main({command}); main({[*command, '--json']})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=os.environ | {"PYTHONIOENCODING": "ascii"},
-                          capture_output=True, text=True, check=True)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert r"na\xefve" in done.stdout
     assert r'"na\u00efve"' in done.stdout
 
 
-def test_an_interrupt_gives_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_gives_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("isi.cli.entity.open_folder", lambda _: signal.raise_signal(signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -377,6 +514,10 @@ def test_an_interrupt_gives_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pyt
 def test_another_python_than_that_of_the_environment_says_so_in_one_line() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, "-S", "-m", "isi", "check"]
-    ended = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 1
-    assert re.fullmatch(r"isi: .+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr)
+    assert re.fullmatch(
+        r"isi: .+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr
+    )

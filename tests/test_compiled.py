@@ -29,7 +29,9 @@ def small_points(seeds: list[int] | None = None, relations: int = 3) -> GridPoin
 
 def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
     relations, model = len(points.graph.relations), make_model(kind, {}, kind)
-    return start(uniform(points.session(0).entities, relations, model, 20, half_range, 0, points.keys()))
+    return start(
+        uniform(points.session(0).entities, relations, model, 20, half_range, 0, points.keys())
+    )
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
@@ -39,7 +41,11 @@ def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int
 
 
 def tensors(state: State) -> list[torch.Tensor]:
-    return [table for stack in (state.embedding, state.squares) for table in (stack.entity, stack.relation)]
+    return [
+        table
+        for stack in (state.embedding, state.squares)
+        for table in (stack.entity, stack.relation)
+    ]
 
 
 def same(one: State, other: State) -> bool:
@@ -48,10 +54,18 @@ def same(one: State, other: State) -> bool:
 
 @pytest.mark.parametrize(
     ("kind", "decay", "relations"),
-    [("analogy", 0.0, 3), ("analogy", 0.1, 3), ("distmult", 1e-3, 3), ("complex", 1e-3, 3), ("analogy", 1e-3, 1),
-     ("analogy", 1e-3, 2)],
-)  # fmt: skip
-def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, decay: float, relations: int) -> None:
+    [
+        ("analogy", 0.0, 3),
+        ("analogy", 0.1, 3),
+        ("distmult", 1e-3, 3),
+        ("complex", 1e-3, 3),
+        ("analogy", 1e-3, 1),
+        ("analogy", 1e-3, 2),
+    ],
+)
+def test_some_hundred_updates_give_the_numbers_of_batches_of_one(
+    kind: str, decay: float, relations: int
+) -> None:
     points = small_points(relations=relations)
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     settings = SINGLY.model_copy(update={"weight_decay": decay})
@@ -62,7 +76,9 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, deca
     assert 2 * int(data.counts.sum(1).min()) > 150
     for result, expected in zip(tensors(compiled), tensors(plain), strict=True):
         torch.testing.assert_close(result, expected, rtol=1e-4, atol=2e-5)
-    assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)
+    assert not torch.allclose(
+        compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1
+    )
 
 
 def test_no_observation_is_no_update() -> None:
@@ -91,7 +107,10 @@ class Far(ANALOGY):
 @pytest.mark.parametrize(
     ("model", "known"),
     [(make_model(kind, {}, kind), True) for kind in KINDS]
-    + [(make_model(kind, {"margin": 2.0, "squared": True}, kind), False) for kind in ("transe", "rotate")]
+    + [
+        (make_model(kind, {"margin": 2.0, "squared": True}, kind), False)
+        for kind in ("transe", "rotate")
+    ]
     + [(Far(), False)],
 )
 def test_what_has_other_mathematics_learns_by_batches(model: Model, known: bool) -> None:

@@ -24,22 +24,45 @@ from tests.pretend import DEVICE, Pretend
 TRAINED = grid.theta0(steps=2)
 (POINTS,) = grid.stacks(4, steps=2)
 TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
-    **{f"inserting by {name}": (insert_stack, grid.insert_tasks(4, name, TRAINED, steps=2)[0])
-       for name in grid.INITIALIZERS},
+    **{
+        f"inserting by {name}": (insert_stack, grid.insert_tasks(4, name, TRAINED, steps=2)[0])
+        for name in grid.INITIALIZERS
+    },
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
-    "tracing": (trace_trajectory, (*grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
-                                   grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1], 1)),
-    **{f"measuring readings{' with curves' * curves}":
-       (measure_stack, (POINTS, TRAINED, TRAINED, grid.WORDS, (grid.insert_tasks(4, "es", TRAINED)[0][-1], 0),
-                        ["test any relation halves learned all"], curves))
-       for curves in (False, True)},
-}  # fmt: skip
+    "tracing": (
+        trace_trajectory,
+        (
+            *grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
+            grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1],
+            1,
+        ),
+    ),
+    **{
+        f"measuring readings{' with curves' * curves}": (
+            measure_stack,
+            (
+                POINTS,
+                TRAINED,
+                TRAINED,
+                grid.WORDS,
+                (grid.insert_tasks(4, "es", TRAINED)[0][-1], 0),
+                ["test any relation halves learned all"],
+                curves,
+            ),
+        )
+        for curves in (False, True)
+    },
+}
 
 
 @pytest.fixture
 def on_both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., bool]]:
-    """A function that tells whether a task returns equal bytes on the CPU and on the pretended GPU (``DEVICE``)."""
-    monkeypatch.setattr(runner, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
+    """A function that tells whether a task returns equal bytes on the CPU and on the
+    pretended GPU (``DEVICE``).
+    """
+    monkeypatch.setattr(
+        runner, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu")
+    )
 
     def same(function: Callable[..., Any], task: tuple[Any, ...]) -> bool:
         there, here = (runner.run_task(function, task, device) for device in ("cuda", "cpu"))
@@ -70,10 +93,14 @@ def test_training_on_another_device_is_training(
 ) -> None:
     if mode == "lists":
         monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
-    negatives = grid.LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
+    negatives = grid.LEARNING.negatives.model_copy(
+        update={"mode": "expected" if mode == "expected" else "sampled"}
+    )
     model = make_model(name, grid.MODEL_OPTIONS.get(name, {}), f"models.{name}")
     for points in (grid.stacks(4)[0], grid.stacks(4)[0].all_known):
-        assert on_both(train_stack, (points, replace(grid.LEARNING, model=model, negatives=negatives)))
+        assert on_both(
+            train_stack, (points, replace(grid.LEARNING, model=model, negatives=negatives))
+        )
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -87,8 +114,14 @@ def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
     assert runner.stack_height(Compute(workers=1, stack=7, device="auto")) == 7
     with pytest.raises(InputError, match=r"compute\.device"):
         runner.stack_height(Compute(workers=1, stack=7, device="cuda"))
-    with pytest.raises(InputError, match=r"compute\.device"):  # by a worker, which may be another machine
-        runner.run(train_stack, grid.training_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
+    # by a worker, which may be another machine
+    with pytest.raises(InputError, match=r"compute\.device"):
+        runner.run(
+            train_stack,
+            grid.training_tasks(2),
+            Compute(workers=1, stack=2, device="cuda"),
+            "refused",
+        )
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")

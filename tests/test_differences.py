@@ -22,8 +22,13 @@ POINTS = st.lists(st.integers(-50, 50).map(lambda number: number / 4), min_size=
 
 def runs_of(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
     """Runs of the models at epoch 0."""
-    return runs([(model, scope, size, seed, 0, value) for model, cells in models.items()
-                 for (size, seed), value in cells.items()])  # fmt: skip
+    return runs(
+        [
+            (model, scope, size, seed, 0, value)
+            for model, cells in models.items()
+            for (size, seed), value in cells.items()
+        ]
+    )
 
 
 def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
@@ -54,10 +59,14 @@ def constant(value: float, seeds: int = 3) -> Cells:
 
 def test_holm_by_hand() -> None:
     # in order 0.005 · 4, 0.01 · 3, 0.03 · 2, and 0.04 · 1, which may not fall below the one before
-    assert stats.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert stats.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx(
+        [0.03, 0.06, 0.06, 0.02]
+    )
     assert stats.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
     # a pair that does not differ counts among the tests
-    assert stats.holm(np.array([np.nan, 0.01, np.nan])) == pytest.approx([np.nan, 0.03, np.nan], nan_ok=True)
+    assert stats.holm(np.array([np.nan, 0.01, np.nan])) == pytest.approx(
+        [np.nan, 0.03, np.nan], nan_ok=True
+    )
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
@@ -77,7 +86,8 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     first = {(1, 0): 0.6, (2, 0): 0.9, (1, 1): 0.5, (2, 1): 0.3, (1, 2): nan, (2, 2): 0.7}
     second = {(1, 0): 0.5, (2, 0): nan, (1, 1): 0.1, (2, 1): 0.5, (1, 2): 0.2, (2, 2): nan}
     (found,) = by_measure(pairs_of({"es": first, "rs": second}), NOVEL)
-    assert found.difference.mean == pytest.approx((10 + (40 - 20) / 2) / 2)  # seed 2 has no cell of both
+    # seed 2 has no cell of both
+    assert found.difference.mean == pytest.approx((10 + (40 - 20) / 2) / 2)
     assert found.difference.seeds == 2
 
 
@@ -89,8 +99,17 @@ def test_p_is_scipys_over_all_permutations(values: list[float]) -> None:
         return summed
 
     difference = stats.difference(np.array(values))
-    exact = scipy.stats.permutation_test((np.array(values),), total, permutation_type="samples", n_resamples=np.inf,
-                                   vectorized=True).pvalue if any(values) else np.nan  # fmt: skip
+    exact = (
+        scipy.stats.permutation_test(
+            (np.array(values),),
+            total,
+            permutation_type="samples",
+            n_resamples=np.inf,
+            vectorized=True,
+        ).pvalue
+        if any(values)
+        else np.nan
+    )
     assert difference.p == pytest.approx(exact, nan_ok=True)
     assert difference.mean == pytest.approx(np.mean(values))
     assert (difference.seeds, difference.differing) == (len(values), np.count_nonzero(values))
@@ -127,7 +146,9 @@ def test_a_swapped_pair_is_the_same_with_other_signs(values: list[float]) -> Non
 
 
 def test_rounding_is_no_difference() -> None:
-    first = pd.Series([0.1 + 0.2, 0.5], pd.MultiIndex.from_tuples([(1, 0), (1, 1)], names=["size", "seed"]))
+    first = pd.Series(
+        [0.1 + 0.2, 0.5], pd.MultiIndex.from_tuples([(1, 0), (1, 1)], names=["size", "seed"])
+    )
     second = pd.Series([0.3, 0.5], first.index)
     assert (first != second).any()
     assert not stats.by_seed(first, second).any()
@@ -147,7 +168,11 @@ def test_identical_runs_give_none() -> None:
 def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
     joint = runs([("joint", "all", 1, seed, 0, 0.7) for seed in range(2)])
     rows = runs(
-        [("xavier", "all", 1, seed, epoch, mrr) for seed in range(2) for epoch, mrr in enumerate((0.1, 0.5, 0.65))]
+        [
+            ("xavier", "all", 1, seed, epoch, mrr)
+            for seed in range(2)
+            for epoch, mrr in enumerate((0.1, 0.5, 0.65))
+        ]
         + [("es", "all", 1, 0, 0, 0.66), ("es", "all", 1, 1, 0, 0.6), ("es", "all", 1, 1, 1, 0.7)]
     )
     convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
@@ -157,26 +182,40 @@ def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
     (pair,) = by_measure(pairs, "epochs to convergence, all queries")
     assert (pair.first, pair.second) == ("es", "xavier")
     assert pair.difference.mean == pytest.approx((0 + 1) / 2 - 2)
-    assert by_measure(pairs, "epochs to convergence, novel entities, held-out triples")[0].difference.seeds == 0
+    assert (
+        by_measure(pairs, "epochs to convergence, novel entities, held-out triples")[
+            0
+        ].difference.seeds
+        == 0
+    )
 
 
 def test_another_initializer_changes_nothing_but_the_correction() -> None:
     draw = np.random.default_rng(0)
-    models = {name: {(size, seed): float(draw.random()) for size in (1, 2) for seed in range(8)}
-              for name in ("xavier", "es", "mean")}  # fmt: skip
+    models = {
+        name: {(size, seed): float(draw.random()) for size in (1, 2) for seed in range(8)}
+        for name in ("xavier", "es", "mean")
+    }
     few, more = (
-        next(pair for pair in pairs_of({name: models[name] for name in names})
-             if (pair.measure, pair.second) == (NOVEL, "mean"))
+        next(
+            pair
+            for pair in pairs_of({name: models[name] for name in names})
+            if (pair.measure, pair.second) == (NOVEL, "mean")
+        )
         for names in (("es", "mean"), ("es", "mean", "xavier"))
-    )  # fmt: skip
+    )
     assert replace(few, holm=0) == replace(more, holm=0)
     assert few.holm < more.holm
 
 
 def test_the_short_table_sets_isi_against_all_others() -> None:
     seeds = 8
-    models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.7, seeds),
-              "mean": {(1, seed): 0.6 + 0.01 * (-1) ** seed for seed in range(seeds)}}  # fmt: skip
+    models = {
+        "xavier": constant(0.4, seeds),
+        "es": constant(0.6, seeds),
+        "rs": constant(0.7, seeds),
+        "mean": {(1, seed): 0.6 + 0.01 * (-1) ** seed for seed in range(seeds)},
+    }
     frame = short_table(models).set_index(["ISI", "against"])
     assert list(frame.index) == [("ES", "Xavier"), ("ES", "Mean"), ("RS", "Xavier"), ("RS", "Mean")]
     novel = frame[NOVEL]
@@ -188,11 +227,21 @@ def test_the_short_table_sets_isi_against_all_others() -> None:
 
 def test_pairs_that_do_not_differ_significantly_are_counted_and_named() -> None:
     seeds = 8
-    models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
+    models = {
+        "xavier": constant(0.4, seeds),
+        "es": constant(0.6, seeds),
+        "rs": constant(0.6, seeds),
+    }
     (novel,) = immediate.counts(pairs_of(models))
-    assert (novel["measure"], novel["significant"], novel["number"], novel["too_few_seeds"]) == (NOVEL, 2, 3, None)
+    assert (novel["measure"], novel["significant"], novel["number"], novel["too_few_seeds"]) == (
+        NOVEL,
+        2,
+        3,
+        None,
+    )
     assert [(pair.first, pair.second) for pair in novel["same"]] == [("es", "rs")]
-    few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
+    # 3 pairs · 2 / 2⁶ is above 0.05
+    few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}
     (novel,) = immediate.counts(pairs_of(few))
     assert (novel["significant"], novel["too_few_seeds"], novel["same"]) == (0, 6, [])
     del models["rs"]

@@ -1,4 +1,6 @@
-"""A run with NaN or infinity stops; the message names experiment, size, seed, epoch and the option to lower."""
+"""A run with NaN or infinity stops; the message names experiment, size, seed,
+epoch and the option to lower.
+"""
 
 import pickle
 from dataclasses import replace
@@ -45,7 +47,8 @@ def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> No
     data = training_data(points.last_session, "training", points.keys(), "unseen")
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
-        return torch.tensor([place != 1 for place in models.tolist()])  # model 1 stops at the first call
+        # model 1 stops at the first call
+        return torch.tensor([place != 1 for place in models.tolist()])
 
     with pytest.raises(NotFinite) as ended:
         train(embedding, data, SAMPLED, settings, 0, onward)
@@ -64,7 +67,9 @@ def test_what_training_starts_from_is_looked_at_before_it() -> None:
     embedding.entity[2, 5, 1] = torch.nan
     error = diverging(embedding, STEEP.model_copy(update={"learning_rate": 0.1}), [0, 1, 2])
     assert error.models == [2]
-    assert str(error) == "diverged in epoch 0 (NaN or huge numbers in vectors or scores): check the initial vectors"
+    assert str(error) == (
+        "diverged in epoch 0 (NaN or huge numbers in vectors or scores): check the initial vectors"
+    )
 
 
 def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,20 +88,36 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     tasks = training_tasks(2, steep)
     with pytest.raises(InputError) as ended:
         run(train_stack, tasks, Compute(workers=workers, stack=2), "learning")
-    assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), str(ended.value)
+    assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), (
+        str(ended.value)
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "options", "value", "says"),
-    [("xavier", {}, torch.nan, r"seeds \d+: diverged in epoch 0 \(NaN or huge numbers in vectors or scores\)"),
-     ("map_mean", {"strength": 0.5, "ratio": 3}, 0.0, r"seeds 1: the known vectors are all equal .*: lower")],
-)  # fmt: skip
+    [
+        (
+            "xavier",
+            {},
+            torch.nan,
+            r"seeds \d+: diverged in epoch 0 \(NaN or huge numbers in vectors or scores\)",
+        ),
+        (
+            "map_mean",
+            {"strength": 0.5, "ratio": 3},
+            0.0,
+            r"seeds 1: the known vectors are all equal .*: lower",
+        ),
+    ],
+)
 def test_insertion_among_vectors_that_are_none_or_all_equal_names_its_cells(
     name: str, options: dict[str, Option], value: float, says: str
 ) -> None:
     trained = theta0()
     trained.entity[1] = value
-    tasks = [(*rest, replace(config, initializer=name, options=options))
-             for *rest, config in insert_tasks(2, "mean", trained)]  # fmt: skip
+    tasks = [
+        (*rest, replace(config, initializer=name, options=options))
+        for *rest, config in insert_tasks(2, "mean", trained)
+    ]
     with pytest.raises(InputError, match=rf"^params\.yaml: .*{says}"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")

@@ -1,4 +1,6 @@
-"""The README and docs/: tables and numbers are current, links lead to existing targets, and the code runs."""
+"""The README and docs/: tables and numbers are current, links lead to existing targets,
+and the code runs.
+"""
 
 import contextlib
 import io
@@ -26,7 +28,9 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 @each_page
 def test_what_pages_show_is_what_was_made(page: Path, request: pytest.FixtureRequest) -> None:
-    """Pages show the report of the last run or, if `make readme` has not run since, that of the last commit."""
+    """Pages show the report of the last run or, if `make readme` has not run since,
+    that of the last commit.
+    """
     text = page.read_text(encoding="utf-8")
     if docs.filled(text) != text:
         assert docs.filled(text, request.getfixturevalue("as_committed")) == text, "make readme"
@@ -52,7 +56,9 @@ def test_links_lead_somewhere(page: Path) -> None:
         target = page.parent / path if path else page
         assert target.exists(), path
         if anchor:
-            assert anchor in {slug(heading) for heading in HEADING.findall(target.read_text(encoding="utf-8"))}, anchor
+            assert anchor in {
+                slug(heading) for heading in HEADING.findall(target.read_text(encoding="utf-8"))
+            }, anchor
 
 
 def slug(heading: str) -> str:
@@ -63,7 +69,9 @@ def slug(heading: str) -> str:
 @pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
 def test_code_runs_as_it_stands(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     left: dict[str, Any] = {}
-    for place, block in enumerate(block for block in blocks(page, "python") if "pykeen" not in block):
+    for place, block in enumerate(
+        block for block in blocks(page, "python") if "pykeen" not in block
+    ):
         exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
     assert left["done"].entities[:5].tobytes() == left["entities"].tobytes()
     assert capsys.readouterr().out
@@ -72,7 +80,9 @@ def test_code_runs_as_it_stands(page: str, capsys: pytest.CaptureFixture[str]) -
 def test_code_for_pykeen_runs_as_it_stands() -> None:
     pytest.importorskip("pykeen")
     left: dict[str, Any] = {}
-    for place, block in enumerate(block for block in blocks("insert_reference.md", "python") if "pykeen" in block):
+    for place, block in enumerate(
+        block for block in blocks("insert_reference.md", "python") if "pykeen" in block
+    ):
         exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
     assert left["model"].num_entities == left["factory"].num_entities > 132
 
@@ -86,7 +96,9 @@ def printed(arguments: list[str], folder: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if docs.needs(page.read_text("utf-8")) is not None], ids=lambda page: page.name
+    "page",
+    [page for page in PAGES if docs.needs(page.read_text("utf-8")) is not None],
+    ids=lambda page: page.name,
 )
 def test_pages_show_what_commands_print(page: Path, tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
@@ -101,10 +113,18 @@ def test_pages_show_what_commands_print(page: Path, tmp_path: Path) -> None:
 
 
 def test_places_are_filled_from_markdown_and_from_csv(tmp_path: Path) -> None:
-    (tmp_path / "speed.csv").write_text('what,ms,by\n"one, two","1,200",a\nthree,7.5 s,\n', encoding="utf-8")
-    (tmp_path / "mrr.md").write_text("| model | MRR |\n| --- | ---: |\n| ES | 72.1 [71, 73] |\n", encoding="utf-8")
-    table = "| what | ms | by |\n| --- | ---: | --- |\n| one, two | 1,200 | a |\n| three | 7.5 s |  |\n"
-    page = "<!-- table: speed -->{}<!-- end --> <!-- value: speed::one, two::ms -->{}<!-- end --> {}"
+    (tmp_path / "speed.csv").write_text(
+        'what,ms,by\n"one, two","1,200",a\nthree,7.5 s,\n', encoding="utf-8"
+    )
+    (tmp_path / "mrr.md").write_text(
+        "| model | MRR |\n| --- | ---: |\n| ES | 72.1 [71, 73] |\n", encoding="utf-8"
+    )
+    table = (
+        "| what | ms | by |\n| --- | ---: | --- |\n| one, two | 1,200 | a |\n| three | 7.5 s |  |\n"
+    )
+    page = (
+        "<!-- table: speed -->{}<!-- end --> <!-- value: speed::one, two::ms -->{}<!-- end --> {}"
+    )
     number = "<!-- value: mrr | ES | MRR -->72.1<!-- end -->"
     stale = page.format("", "1", number.replace("72.1", "70"))
     assert docs.filled(stale, tmp_path) == page.format("\n" + table, "1,200", number)
@@ -158,9 +178,16 @@ def test_lines_that_are_left_out_of_output_stay_out() -> None:
 
 @pytest.mark.parametrize(
     ("other", "same"),
-    [("a  0.512 -3e-05\n", True), ("a 0.521 0\n", True), ("a 0.53 0\n", False), ("b 0.512 0\n", False),
-     ("a 0.512\n", False), ("a 0.512 0 1\n", False), ("a nan 0\n", False)],
-)  # fmt: skip
+    [
+        ("a  0.512 -3e-05\n", True),
+        ("a 0.521 0\n", True),
+        ("a 0.53 0\n", False),
+        ("b 0.512 0\n", False),
+        ("a 0.512\n", False),
+        ("a 0.512 0 1\n", False),
+        ("a nan 0\n", False),
+    ],
+)
 def test_only_the_last_digits_of_numbers_may_differ(other: str, same: bool) -> None:
     assert docs.alike("a 0.512 0\n", other) is same
 
@@ -169,25 +196,43 @@ def test_commands_about_entities_run_as_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names, relations = ["kitchen", "counter top", *NAMES[2:]], [*BETWEEN, "hasMaterial"]
-    known = small(entity_names=names, phrases=names, relation_names=relations, relations=np.eye(3, 4, dtype=np.float32))
+    known = small(
+        entity_names=names,
+        phrases=names,
+        relation_names=relations,
+        relations=np.eye(3, 4, dtype=np.float32),
+    )
     written(tmp_path / "data" / "final_models" / "ai2thor", known)
     monkeypatch.chdir(tmp_path)
     shown = [line for line in commands("insert.md") if line.startswith("isi ")]
-    assert {line.split()[1] for line in shown} >= {"insert", "observe", "ask", "undo", "nearest", "explain"}
+    assert {line.split()[1] for line in shown} >= {
+        "insert",
+        "observe",
+        "ask",
+        "undo",
+        "nearest",
+        "explain",
+    }
     for line in shown:
         main(shlex.split(line)[1:])
         assert capsys.readouterr().out
 
 
-def test_commands_of_the_reference_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_the_reference_run_as_they_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for path in (docs.ROOT / "examples").glob("home*.csv"):
         shutil.copy(path, tmp_path)
     Path("mine").mkdir()
     for name, listed in (("entities", NAMES), ("relations", BETWEEN)):
         Path("mine", f"{name}.txt").write_text("\n".join(listed) + "\n", encoding="utf-8")
-    np.savez("mine/tables.npz", entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float))
-    lines = re.findall(r"^\$ isi (.+)$", (docs.ROOT / "docs/command.md").read_text("utf-8"), re.MULTILINE)
+    np.savez(
+        "mine/tables.npz", entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float)
+    )
+    lines = re.findall(
+        r"^\$ isi (.+)$", (docs.ROOT / "docs/command.md").read_text("utf-8"), re.MULTILINE
+    )
     assert lines
     for line in lines:
         main(shlex.split(line))

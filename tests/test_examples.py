@@ -1,4 +1,6 @@
-"""The scripts of examples/ run as they stand; live_client.py and ros2_node.py in test_live_examples.py."""
+"""The scripts of examples/ run as they stand;
+live_client.py and ros2_node.py in test_live_examples.py.
+"""
 
 import contextlib
 import io
@@ -41,12 +43,18 @@ def test_runs_are_read_and_compared_in_pairs(folder: Path) -> None:
     text, named = SCRIPT.read_text(encoding="utf-8"), '"ai2thor", "es", "xavier"'
     assert named in text
     printed = shown(folder, text.replace(named, f'"{small.NAME}", "rs", "iu"'))
-    tables = {name: pd.read_parquet(folder / f"data/runs/{small.NAME}/{name}.parquet") for name in ("rs", "iu")}
+    tables = {
+        name: pd.read_parquet(folder / f"data/runs/{small.NAME}/{name}.parquet")
+        for name in ("rs", "iu")
+    }
     by_run = [
-        {(row.size_, row.seed): row.mrr_star for row in table.rename(columns={"size": "size_"}).itertuples()
-         if row.epoch == 0 and row.scope == "novel"}
+        {
+            (row.size_, row.seed): row.mrr_star
+            for row in table.rename(columns={"size": "size_"}).itertuples()
+            if row.epoch == 0 and row.scope == "novel"
+        }
         for table in tables.values()
-    ]  # fmt: skip
+    ]
     apart = np.array([100 * (by_run[0][run] - by_run[1][run]) for run in by_run[0]])
     half = 1.96 * apart.std(ddof=1) / np.sqrt(len(apart))
     assert f"rs - iu: {apart.mean():+.2f} ± {half:.2f} points over {len(apart)} runs" in printed
@@ -113,4 +121,7 @@ def test_a_map_becomes_an_embedding_and_the_next_map_adds_to_it(run: Run) -> Non
 def test_the_list_of_examples_is_complete() -> None:
     listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
     for path in EXAMPLES.iterdir():
-        assert f"[{path.name}]({path.name})" in listed or path.name in ("README.md", "__pycache__"), path.name
+        assert f"[{path.name}]({path.name})" in listed or path.name in (
+            "README.md",
+            "__pycache__",
+        ), path.name

@@ -1,4 +1,6 @@
-"""The grid gives equal bits for all stack heights and workers, and all initializers get equal random samples."""
+"""The grid gives equal bits for all stack heights and workers,
+and all initializers get equal random samples.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,13 +12,26 @@ import pytest
 import torch
 
 from isi.analyses.finetuning import finetune_only
-from isi.analyses.joint_models import CrossValidation, Setting, best_validations, changed_config, compare, fold_points
+from isi.analyses.joint_models import (
+    CrossValidation,
+    Setting,
+    best_validations,
+    changed_config,
+    compare,
+    fold_points,
+)
 from isi.analyses.trajectory import place_of_traced, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING, novel_query_set
 from isi.evaluation.ranking import evaluate, measure_rows
 from isi.experiment import runner
-from isi.experiment.insert import InsertTask, init_context, insert_sessions, insert_stack, with_vectors
+from isi.experiment.insert import (
+    InsertTask,
+    init_context,
+    insert_sessions,
+    insert_stack,
+    with_vectors,
+)
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
@@ -28,8 +43,12 @@ from tests.small_graphs import points_of
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
 
 
-def cut(tasks: Callable[[int], list[Any]], function: Callable[..., Any], workers: int) -> dict[int, list[Any]]:
-    """Results of the grid by stack height (1, 2 and 4 seeds); one call of ``run`` computes all of them."""
+def cut(
+    tasks: Callable[[int], list[Any]], function: Callable[..., Any], workers: int
+) -> dict[int, list[Any]]:
+    """Results of the grid by stack height (1, 2 and 4 seeds);
+    one call of ``run`` computes all of them.
+    """
     grids = {height: tasks(height) for height in (1, 2, 4)}
     every = [task for grid in grids.values() for task in grid]
     done = iter(runner.run(function, every, Compute(workers=workers, stack=4), "test"))
@@ -42,15 +61,20 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
     for height, learned in [*serial.items(), *parallel.items()]:
         assert grid.trained_bytes(learned) == expected
         seeds = [result.log["seed"].unique().tolist() for result in learned]
-        assert seeds == [points.seeds for points in grid.stacks(height)]  # in the order of the tasks
+        # in the order of the tasks
+        assert seeds == [points.seeds for points in grid.stacks(height)]
 
 
 @pytest.mark.parametrize(("name", "steps"), [("xavier", 1), ("ers", 2), ("es_permuted", 2)])
-def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks(name: str, steps: int) -> None:
+def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks(
+    name: str, steps: int
+) -> None:
     def tasks(height: int) -> list[InsertTask]:
         return grid.insert_tasks(height, name, grid.theta0(steps), steps=steps)
 
-    results = [inserted for workers in (1, 2) for inserted in cut(tasks, insert_stack, workers).values()]
+    results = [
+        inserted for workers in (1, 2) for inserted in cut(tasks, insert_stack, workers).values()
+    ]
     first, *others = map(grid.inserted_bytes, results)
     assert all(other == first for other in others)
 
@@ -58,18 +82,30 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
     trained = grid.theta0()
     results = [insert_stack(*grid.insert_tasks(4, name, trained)[0]) for name in grid.INITIALIZERS]
-    key, entity_key = ["size", "seed", "session", "scope", "queries"], ["size", "seed", "session", "entity", "queries"]
-    immediate = [result.runs[result.runs["epoch"] == 0][key].reset_index(drop=True) for result in results]
+    key, entity_key = (
+        ["size", "seed", "session", "scope", "queries"],
+        ["size", "seed", "session", "entity", "queries"],
+    )
+    immediate = [
+        result.runs[result.runs["epoch"] == 0][key].reset_index(drop=True) for result in results
+    ]
     assert all(rows.equals(immediate[0]) for rows in immediate)
-    assert all(result.entities[entity_key].equals(results[0].entities[entity_key]) for result in results)
+    assert all(
+        result.entities[entity_key].equals(results[0].entities[entity_key]) for result in results
+    )
     assert len({result.vectors.tobytes() for result in results}) == len(results)
 
 
 def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
     trained, wordless = grid.theta0(), np.zeros_like(grid.WORDS)
-    (by_words,), (by_relations,) = (grid.insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
+    (by_words,), (by_relations,) = (
+        grid.insert_tasks(4, name, trained, wordless) for name in ("es", "rs")
+    )
     assert by_words[-1].options != by_relations[-1].options
-    es, rs = (insert_stack(*rest, replace(config, options={"k": 4})) for *rest, config in (by_words, by_relations))
+    es, rs = (
+        insert_stack(*rest, replace(config, options={"k": 4}))
+        for *rest, config in (by_words, by_relations)
+    )
     assert es.vectors.tobytes() == rs.vectors.tobytes()  # ES falls back to RS
     assert es.runs.equals(rs.runs)
     assert set(es.entities["fallback"]) == {"rs"} != set(rs.entities["fallback"])
@@ -77,7 +113,9 @@ def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
 
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
     (task,) = grid.insert_tasks(4, "es", grid.theta0())
-    immediate = insert_stack(*task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
+    immediate = (
+        insert_stack(*task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
+    )
     for (_, scope), joint in task[3].items():
         joint[1] = immediate[scope] + 0.8 * grid.MARGIN
     runs = insert_stack(*task).runs.sort_values("epoch")
@@ -86,7 +124,9 @@ def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
         reached = []
         for (_, scope), joint in task[3].items():
             mrr_star = runs[(runs["seed"] == seed) & (runs["scope"] == scope)]["mrr_star"]
-            reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - grid.MARGIN))
+            reached.append(
+                np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - grid.MARGIN)
+            )
         both = np.stack(reached).all(0)
         assert not both[:-1].any()
         assert both[-1] or len(both) == grid.OPTIMIZER.max_epochs + 1
@@ -102,11 +142,17 @@ def test_the_joint_model_of_each_session_is_measured_in_all_scopes_of_that_sessi
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {grid.SIZE}
     cells = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
-    assert cells == sorted((session, seed, scope) for session in (1, 2) for seed in grid.SEEDS for scope in grid.SCOPES)
+    assert cells == sorted(
+        (session, seed, scope) for session in (1, 2) for seed in grid.SEEDS for scope in grid.SCOPES
+    )
     novel = runs[runs["scope"] == "novel"].set_index(["session", "seed"])["queries"]
     for model, seed in enumerate(grid.SEEDS):
-        touching, later = (np.isin(grid.GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model])
-        first, second = ((insert_triples[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
+        touching, later = (
+            np.isin(grid.GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model]
+        )
+        first, second = (
+            (insert_triples[:, :2] == (session, model)).all(1).sum() for session in (1, 2)
+        )
         assert novel[1, seed] == (touching & ~later).sum() - first
         assert novel[2, seed] == later.sum() - second
     queried = runs[runs["queries"] > 0]
@@ -135,15 +181,27 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
 
 
 def two_sessions(name: str, first: float, second: float) -> InsertTask:
-    """A task with the joint model's MRR* in sessions 1 and 2; NaN: the session is not fine-tuned; 2: never reached."""
-    ((points, trained, words, _, config),) = grid.insert_tasks(4, name, grid.theta0(steps=2), steps=2)
-    joint = {(s, scope): np.full(len(grid.SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
+    """A task with the joint model's MRR* in sessions 1 and 2; NaN: the session is not fine-tuned;
+    2: never reached.
+    """
+    ((points, trained, words, _, config),) = grid.insert_tasks(
+        4, name, grid.theta0(steps=2), steps=2
+    )
+    joint = {
+        (s, scope): np.full(len(grid.SEEDS), mrr)
+        for s, mrr in ((1, first), (2, second))
+        for scope in CONVERGING
+    }
     return points, trained, words, joint, config
 
 
 def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:
     task = two_sessions("mean", 2.0, np.nan)  # the first session is fine-tuned, the second is not
-    ((theta1, first), (theta2, second)), points, before = insert_sessions(*task), task[0], task[1].entity
+    ((theta1, first), (theta2, second)), points, before = (
+        insert_sessions(*task),
+        task[0],
+        task[1].entity,
+    )
     for model, (novel1, novel2) in enumerate(points.novel):
         learned, after = theta1.entity[model], theta2.entity[model]
         d0, d1 = (points.session(number).entities[model] for number in (0, 1))
@@ -182,8 +240,15 @@ def test_a_later_session_is_measured_and_fine_tuned_with_its_own_triples() -> No
     inserted = with_vectors(theta1, novel, torch.as_tensor(second.vectors))
     immediate = measure_rows(evaluate(inserted, novel_query_set(points.session(2), novel, mask)))
     expected = immediate[immediate["scope"] == "novel"]["mrr_star"].tolist()
-    assert second.runs.query("scope == 'novel' and epoch == 0").sort_values("seed")["mrr_star"].tolist() == expected
-    assert (theta2.entity != inserted.entity).any(-1)[torch.arange(len(novel))[:, None], novel].all()
+    assert (
+        second.runs.query("scope == 'novel' and epoch == 0")
+        .sort_values("seed")["mrr_star"]
+        .tolist()
+        == expected
+    )
+    assert (
+        (theta2.entity != inserted.entity).any(-1)[torch.arange(len(novel))[:, None], novel].all()
+    )
 
 
 def test_insertion_gives_rows_of_every_session() -> None:
@@ -199,7 +264,9 @@ def test_insertion_gives_rows_of_every_session() -> None:
                 assert epochs[seed, session, scope] == list(range(grid.OPTIMIZER.max_epochs + 1))
             entities = rows[(rows["seed"] == seed) & (rows["session"] == session)]["entity"]
             assert entities.tolist() == task[0].novel[model, session - 1].tolist()
-    known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])["queries"]
+    known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])[
+        "queries"
+    ]
     for seed in grid.SEEDS:
         assert known[2, seed] > known[1, seed]
 
@@ -215,13 +282,16 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
         grid.insert_tasks(1, name, trained)[2],
     )
     (short, indicators), (long, _) = (
-        trace_trajectory(points, vectors, words, config.training(max_epochs=epochs), 1) for epochs in (2, 4)
+        trace_trajectory(points, vectors, words, config.training(max_epochs=epochs), 1)
+        for epochs in (2, 4)
     )
     assert (len(short), len(long)) == (3, 5)
     assert short[0].tobytes() == insert_stack(*stack).vectors[2, 1].tobytes()
     assert short.tobytes() == long[:3].tobytes()
     assert not np.array_equal(long[3], long[4])
-    assert indicators.sum() == grid.INITIALIZERS[name].get("k", grid.ENTITIES - grid.SIZE if name == "mean" else 0)
+    assert indicators.sum() == grid.INITIALIZERS[name].get(
+        "k", grid.ENTITIES - grid.SIZE if name == "mean" else 0
+    )
     if indicators.any():
         assert np.allclose(trained.entity[2][indicators].mean(0), short[0], atol=1e-6)
 
@@ -231,11 +301,21 @@ def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     first, second = points.novel[0, 0]
     kinds = pd.Series("object", index=range(grid.ENTITIES))
     assert place_of_traced(points, trained, grid.WORDS, kinds, "object") == 0
-    assert place_of_traced(points, trained, grid.WORDS, kinds.replace({"object": "room"}), "object") is None
-    assert place_of_traced(points, trained, grid.WORDS, kinds.where(kinds.index != first, "room"), "object") == 1
+    assert (
+        place_of_traced(points, trained, grid.WORDS, kinds.replace({"object": "room"}), "object")
+        is None
+    )
+    assert (
+        place_of_traced(
+            points, trained, grid.WORDS, kinds.where(kinds.index != first, "room"), "object"
+        )
+        == 1
+    )
     wordless = grid.WORDS * (np.arange(grid.ENTITIES) != first)[:, None]
     assert place_of_traced(points, trained, wordless, kinds, "object") == 1
-    of_second = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] == 1])
+    of_second = replace(
+        points, insert_triples=points.insert_triples[points.insert_triples[:, 2] == 1]
+    )
     assert place_of_traced(of_second, trained, grid.WORDS, kinds, "object") == 1
     assert second > first
 
@@ -245,7 +325,9 @@ def test_models_are_measured_over_all_test_triples_with_what_training_took() -> 
     trained = train_stack(points.all_known, grid.LEARNING)
     table = compare(points.all_known, grid.LEARNING).set_index("seed")
     runs = evaluate_stack(points, [trained.theta])
-    pd.testing.assert_frame_equal(table[MEASURES], runs[runs["scope"] == "all"].set_index("seed")[MEASURES])
+    pd.testing.assert_frame_equal(
+        table[MEASURES], runs[runs["scope"] == "all"].set_index("seed")[MEASURES]
+    )
     for seed in grid.SEEDS:
         log = trained.log[trained.log["seed"] == seed]
         assert table["epochs"][seed] == log["epoch"].max()
@@ -254,7 +336,7 @@ def test_models_are_measured_over_all_test_triples_with_what_training_took() -> 
 
 FEW = CrossValidation(
     experiments=["home"], folds=5, dimension=[8], ratio=[], learning_rate=[], weight_decay=[]
-).settings(Setting(dimension=12, ratio=3, learning_rate=0.1, weight_decay=1e-3))  # fmt: skip
+).settings(Setting(dimension=12, ratio=3, learning_rate=0.1, weight_decay=1e-3))
 
 
 def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None:
@@ -262,19 +344,30 @@ def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None
     for height in (1, 2, 5):
         folds = fold_points("home", grid.GRAPH, grid.LEARNING.root, 5, height)
         assert max(len(points.seeds) for points in folds) == height
-        tables.append(pd.concat(
-            best_validations(train_stack(points, changed_config(grid.LEARNING, setting)), setting)
-            for setting in FEW for points in folds
-        ))  # fmt: skip
+        tables.append(
+            pd.concat(
+                best_validations(
+                    train_stack(points, changed_config(grid.LEARNING, setting)), setting
+                )
+                for setting in FEW
+                for points in folds
+            )
+        )
     assert grid.csv(tables[0]) == grid.csv(tables[1]) == grid.csv(tables[2])
-    assert tables[0][["dimension", "fold"]].to_numpy().tolist() == [[d, fold] for d in (12, 8) for fold in range(5)]
+    assert tables[0][["dimension", "fold"]].to_numpy().tolist() == [
+        [d, fold] for d in (12, 8) for fold in range(5)
+    ]
 
 
 def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
     log = pd.DataFrame(
-        {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
-         "kept": [True, True, False, True, False, False]}
-    )  # fmt: skip
+        {
+            "seed": [0, 0, 0, 1, 1, 1],
+            "epoch": [2, 4, 6] * 2,
+            "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
+            "kept": [True, True, False, True, False, False],
+        }
+    )
     best = best_validations(TrainResult(grid.theta0(), np.zeros(0), log), FEW[0])
     assert best.set_index("fold")["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
     assert best.set_index("fold")["epoch"].to_dict() == {0: 4, 1: 2}
@@ -282,14 +375,22 @@ def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
 
 def test_fine_tuning_alone_starts_where_every_insertion_starts() -> None:
     trained = grid.theta0()
-    runs = finetune_only(points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), trained, 0, grid.SAMPLED, grid.OPTIMIZER)
+    runs = finetune_only(
+        points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), trained, 0, grid.SAMPLED, grid.OPTIMIZER
+    )
     runs = runs.query("epoch == 0").set_index("seed")
     (inserting,) = grid.insert_tasks(len(grid.SEEDS), "es", trained)
-    inserted = insert_stack(*inserting).runs.query("epoch == 0 and scope == 'known_closed'").set_index("seed")
+    inserted = (
+        insert_stack(*inserting)
+        .runs.query("epoch == 0 and scope == 'known_closed'")
+        .set_index("seed")
+    )
     pd.testing.assert_frame_equal(runs[MEASURES], inserted[MEASURES], check_exact=True)
 
 
-def test_fine_tuning_alone_moves_known_entities_and_no_novel_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fine_tuning_alone_moves_known_entities_and_no_novel_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ended: list[Embedding] = []
 
     def recorded(*arguments: object) -> Embedding:

@@ -1,4 +1,6 @@
-"""The explorer of the page, in a real browser, against Python: vectors, indicators, scores and MRR*."""
+"""The explorer of the page, in a real browser, against Python:
+vectors, indicators, scores and MRR*.
+"""
 
 from __future__ import annotations
 
@@ -41,17 +43,19 @@ if TYPE_CHECKING:
 
 #: A folder with the outputs of the pipeline: the explorer of its run is tested, too.
 RUN = Path(os.environ.get("ISI_RUN", ROOT))
-#: Of a run's known entities, each so-manyth is compared, and of small graphs all; 1: each one, in about 80 seconds.
+#: Of a run's known entities, each so-manyth is compared, and of small graphs all; 1: each one, in
+#: about 80 seconds.
 EVERY = int(os.environ.get("ISI_EVERY", 12))
-NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup", "cup board", "mug", "pan",
-         "pot", "sofa", "shelf"]  # fmt: skip
+NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup",
+         "cup board", "mug", "pan", "pot", "sofa", "shelf"]  # fmt: skip
 CASES = """cases => cases.map(({entity, given, name, dial}) => {
   const {world, subjectOf, insertion} = window.explorer, subject = subjectOf(world, entity);
   const places = subject.facts.flatMap(({triple}, place) => given.includes(triple) ? [place] : []);
   const one = insertion(world, subject, places, name && {name, dial});
   const scores = world.relations.map((_, relation) =>
     [false, true].map((isTail) => [...one.scoreOf(relation, isTail)]));
-  return {vector: [...one.vector], weights: one.weights && [...one.weights], mrrStar: one.mrrStar, scores};
+  return {vector: [...one.vector], weights: one.weights && [...one.weights], mrrStar: one.mrrStar, \
+scores};
 })"""
 
 
@@ -98,7 +102,9 @@ def shown(request: pytest.FixtureRequest) -> tuple[Explored, pd.Series, Params]:
 def written(folder: Path, explored: Explored, kinds: pd.Series, params: Params) -> Path:
     """A page whose only section is the explorer."""
     entities = pd.DataFrame({"entity": explored.points.graph.entities, "kind": kinds})
-    results = of_experiment(small_results(["home"]), "home", entities=entities, analyses={"explorer": explored})
+    results = of_experiment(
+        small_results(["home"]), "home", entities=entities, analyses={"explorer": explored}
+    )
     results = replace(results, params=params.model_copy(update={"plots": results.params.plots}))
     page.Page("report", [ReportSection.of("insertions.explorer")]).write(folder, results)
     return folder / "index.html"
@@ -125,7 +131,9 @@ def alone(points: GridPoints, entity: int) -> tuple[Session, Session]:
 
     def session(entities: torch.Tensor) -> Session:
         inside = entities[:, points.graph.triples[:, 0]] & entities[:, points.graph.triples[:, 2]]
-        return Session(points.graph, entities, torch.as_tensor(points.splits).masked_fill(~inside, OUT))
+        return Session(
+            points.graph, entities, torch.as_tensor(points.splits).masked_fill(~inside, OUT)
+        )
 
     return session(before), session(after)
 
@@ -136,21 +144,39 @@ def other_end(points: GridPoints, entity: int, triple: int) -> int:
 
 
 def inserted(
-    explored: Explored, params: Params, entity: int, given: list[int], name: str, k: int | None = None
+    explored: Explored,
+    params: Params,
+    entity: int,
+    given: list[int],
+    name: str,
+    k: int | None = None,
 ) -> InitResult:
     """An initializer's result, from the facts ``given``."""
     points, (before, _) = explored.points, alone(explored.points, entity)
     without = explored.theta0.entity.clone()
     without[0, entity] = 0
-    rows = torch.tensor([[0, 0, triple] for triple in sorted(given)], dtype=torch.int64).reshape(-1, 3)
-    context = context_of(replace(explored.theta0, entity=without), before, torch.tensor([[entity]]), rows,
-                         torch.as_tensor(explored.words), params.seed, points.keys())  # fmt: skip
+    rows = torch.tensor([[0, 0, triple] for triple in sorted(given)], dtype=torch.int64).reshape(
+        -1, 3
+    )
+    context = context_of(
+        replace(explored.theta0, entity=without),
+        before,
+        torch.tensor([[entity]]),
+        rows,
+        torch.as_tensor(explored.words),
+        params.seed,
+        points.keys(),
+    )
     options = dict(params.initializers[name]) | ({} if k is None else {"k": k})
     return INITIALIZERS.get(name, name).initialize(context, options)
 
 
-def mrr_star(explored: Explored, embedding: Embedding, entity: int, given: list[int]) -> float | None:
-    """MRR* over the true triples that are not given, with the entity given and the other end hidden."""
+def mrr_star(
+    explored: Explored, embedding: Embedding, entity: int, given: list[int]
+) -> float | None:
+    """MRR* over the true triples that are not given,
+    with the entity given and the other end hidden.
+    """
     points, (before, after) = explored.points, alone(explored.points, entity)
     told = torch.zeros(1, len(points.graph.triples), dtype=torch.bool)
     told[0, given] = True
@@ -177,16 +203,22 @@ def scores(embedding: Embedding, entity: int) -> np.ndarray:
     return torch.stack(both, 1).numpy()
 
 
-def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened, Explored, Params]) -> None:
+def test_vectors_indicators_scores_and_mrr_star_are_pythons(
+    found: tuple[Opened, Explored, Params],
+) -> None:
     opened_page, explored, params = found
     points, rng = explored.points, np.random.default_rng(0)
     everyone = np.flatnonzero(points.session(1).entities[0])
     cases: list[dict[str, Any]] = []
     step = EVERY if len(everyone) > len(NAMES) else 1
-    for entity in (entity for entity in everyone.tolist() if entity in points.novel or entity % step == 0):
+    for entity in (
+        entity for entity in everyone.tolist() if entity in points.novel or entity % step == 0
+    ):
         _, after = alone(points, entity)
         ends = points.graph.triples[:, [0, 2]] == entity
-        facts = np.flatnonzero((after.members(TRAIN)[0] & (ends[:, 0] ^ ends[:, 1])).numpy()).tolist()
+        facts = np.flatnonzero(
+            (after.members(TRAIN)[0] & (ends[:, 0] ^ ends[:, 1])).numpy()
+        ).tolist()
         some = sorted(rng.choice(facts, rng.integers(len(facts) + 1), replace=False).tolist())
         for number, name in enumerate(COMPUTED):
             usual = params.initializers[name].get("k", 1)
@@ -197,8 +229,12 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened,
                 cases.append({"entity": entity, "given": some, "name": None, "dial": 0})
     answers = opened_page.page.evaluate(CASES, cases)
     data = json.loads(opened_page.page.locator("#explorer-data").text_content() or "")
-    rounded = np.frombuffer(base64.b64decode(data["joint"]), "<i2").reshape(explored.joint.entity.shape)
-    joint = replace(explored.joint, entity=torch.as_tensor(rounded * data["jointScale"], dtype=torch.float32))
+    rounded = np.frombuffer(base64.b64decode(data["joint"]), "<i2").reshape(
+        explored.joint.entity.shape
+    )
+    joint = replace(
+        explored.joint, entity=torch.as_tensor(rounded * data["jointScale"], dtype=torch.float32)
+    )
     for case, answer in zip(cases, answers, strict=True):
         entity, given, name = case["entity"], case["given"], case["name"]
         embedding = joint
@@ -213,10 +249,14 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(found: tuple[Opened,
             table[0, entity] = result.vectors[0, 0]
             embedding = replace(explored.theta0, entity=table)
         assert np.allclose(answer["scores"], scores(embedding, entity), rtol=1e-4, atol=1e-4), case
-        assert answer["mrrStar"] == pytest.approx(mrr_star(explored, embedding, entity, given), abs=1e-4), case
+        assert answer["mrrStar"] == pytest.approx(
+            mrr_star(explored, embedding, entity, given), abs=1e-4
+        ), case
 
 
-def test_what_is_given_at_first_is_what_the_run_gives(found: tuple[Opened, Explored, Params]) -> None:
+def test_what_is_given_at_first_is_what_the_run_gives(
+    found: tuple[Opened, Explored, Params],
+) -> None:
     opened_page, explored, _ = found
     points = explored.points
     first = opened_page.page.evaluate("""() => explorer.world.novel.map((id) => {
@@ -225,7 +265,8 @@ def test_what_is_given_at_first_is_what_the_run_gives(found: tuple[Opened, Explo
     })""")
     rows = points.insert_triples_in(1)
     assert dict(first) == {
-        int(entity): rows[rows[:, 1] == place, 2].tolist() for place, entity in enumerate(points.novel[0, 0])
+        int(entity): rows[rows[:, 1] == place, 2].tolist()
+        for place, entity in enumerate(points.novel[0, 0])
     }
 
 
@@ -242,11 +283,15 @@ def numbers(found: Opened) -> list[str]:
 
 
 def state(found: Opened) -> Any:
-    return found.page.evaluate("(({subject, given, choices}) => [subject.name, subject.facts.length, given, choices])"
-                               "(explorer.state())")  # fmt: skip
+    return found.page.evaluate(
+        "(({subject, given, choices}) => [subject.name, subject.facts.length, given, choices])"
+        "(explorer.state())"
+    )
 
 
-def test_choices_stand_in_the_address_and_come_back_from_it(chromium: Browser, report: Path) -> None:
+def test_choices_stand_in_the_address_and_come_back_from_it(
+    chromium: Browser, report: Path
+) -> None:
     with opened(chromium, report, fragment="explorer") as found:
         control, started = found.page.get_by_label, numbers(found)
         control("New entity").select_option("50% / half")
@@ -256,8 +301,13 @@ def test_choices_stand_in_the_address_and_come_back_from_it(chromium: Browser, r
         control("Second initializer").select_option("Kind mean")
         found.page.locator("#explorer-facts input").first.click()
         before = state(found)
-        assert (before[0], before[3]) == ("50% / half", [{"name": "rs", "dial": 3}, {"name": "kind_mean", "dial": 0}])
-        with opened(chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")) as again:
+        assert (before[0], before[3]) == (
+            "50% / half",
+            [{"name": "rs", "dial": 3}, {"name": "kind_mean", "dial": 0}],
+        )
+        with opened(
+            chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")
+        ) as again:
             assert state(again) == before
             assert numbers(again) == numbers(found) != started
             assert again.errors == []
@@ -285,12 +335,16 @@ def test_a_reader_inserts_an_entity_of_their_own(chromium: Browser, report: Path
         assert len(numbers(found)) == 2  # it is not in the joint model
         assert numbers(found) != ["–", "–"]
         before = state(found)
-        with opened(chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")) as again:
+        with opened(
+            chromium, report, fragment=found.page.evaluate("location.hash").removeprefix("#")
+        ) as again:
             assert state(again) == before
         assert found.errors == []
 
 
-def test_answers_are_ranked_marked_and_never_the_entity_itself(chromium: Browser, report: Path) -> None:
+def test_answers_are_ranked_marked_and_never_the_entity_itself(
+    chromium: Browser, report: Path
+) -> None:
     with opened(chromium, report, fragment="explorer/pan/ers/xavier") as found:
         facts = found.page.evaluate("explorer.state().subject.facts")
         given = found.page.evaluate("explorer.state().given")
@@ -299,15 +353,19 @@ def test_answers_are_ranked_marked_and_never_the_entity_itself(chromium: Browser
         texts = found.page.locator(".ex-query li").all_inner_texts()
         assert not any(text.removeprefix("✓ ").startswith("pan") for text in texts)
         marks = found.page.locator(".ex-query .ex-first .ex-mark").all_inner_texts()
-        expected = ["given" if place in given else "held out" if fact["split"] else "trained"
-                    for place, fact in enumerate(facts)]  # fmt: skip
+        expected = [
+            "given" if place in given else "held out" if fact["split"] else "trained"
+            for place, fact in enumerate(facts)
+        ]
         assert sorted(marks) == sorted(expected)
         for text in found.page.locator(".ex-query ol").all():
             ranks = [int(item.get_attribute("value") or 0) for item in text.locator("li").all()]
             assert ranks == sorted(set(ranks))
 
 
-def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(chromium: Browser, report: Path) -> None:
+def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
+    chromium: Browser, report: Path
+) -> None:
     with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
         button = found.page.locator("#explorer-indicators button").first
         name = button.inner_text()
@@ -326,7 +384,9 @@ def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(chromium: 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_sticks_out_and_nothing_is_requested(chromium: Browser, report: Path, width: int, scheme: str) -> None:
+def test_nothing_sticks_out_and_nothing_is_requested(
+    chromium: Browser, report: Path, width: int, scheme: str
+) -> None:
     with opened(chromium, report, width=width, scheme=scheme, fragment="explorer") as found:
         assert found.overflow == 0
         assert found.page.locator("#explorer-box").is_visible()
@@ -368,7 +428,22 @@ def test_types_of_the_modules_agree() -> None:
         pytest.skip("no TypeScript: tsc is not on the path, and TSC names none")
     folder = TEMPLATES / "explorer"
     assert {path.stem for path in folder.glob("*.js")} == set(MODULES)
-    options = ("--allowJs", "--checkJs", "--strict", "--noUnusedLocals", "--noEmit", "--target", "es2022", "--module",
-               "es2022", "--moduleResolution", "bundler", "--lib", "es2022,dom,dom.iterable")  # fmt: skip
-    checked = subprocess.run([compiler, *options, *sorted(folder.glob("*.js"))], capture_output=True, text=True)
+    options = (
+        "--allowJs",
+        "--checkJs",
+        "--strict",
+        "--noUnusedLocals",
+        "--noEmit",
+        "--target",
+        "es2022",
+        "--module",
+        "es2022",
+        "--moduleResolution",
+        "bundler",
+        "--lib",
+        "es2022,dom,dom.iterable",
+    )
+    checked = subprocess.run(
+        [compiler, *options, *sorted(folder.glob("*.js"))], capture_output=True, text=True
+    )
     assert checked.returncode == 0, checked.stdout

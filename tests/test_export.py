@@ -21,15 +21,22 @@ from tests.small_experiment import ENTITIES, TRIPLES, write_experiment
 
 ROOT = Path(__file__).parent.parent
 ROWS = set(TRIPLES[TRIPLE].itertuples(index=False, name=None))
-#: Best missing triples by hand, best first: with DistMult, (?, atLocation, ?) compares second coordinates.
+#: Best missing triples by hand, best first: with DistMult, (?, atLocation, ?) compares second
+#: coordinates.
 BEST = [
-    ("mug", "atLocation", 'Öfen 5"', 3.0, 1), ("mug", "atLocation", "mug", 1.0, 2),
-    ("tea/pot", "atLocation", 'Öfen 5"', 3.0, 1), ("tea/pot", "atLocation", "mug", 1.0, 2),
-    ('Öfen 5"', "atLocation", 'Öfen 5"', 9.0, 1), ('Öfen 5"', "atLocation", "kitchen", 3.0, 2),
-    ("mug", "hasAffordance", "tea/pot", 2.0, 1), ("mug", "hasAffordance", "mug", 1.0, 2),
-    ("tea/pot", "hasAffordance", "tea/pot", 4.0, 1), ("tea/pot", "hasAffordance", "fill", 2.0, 2),
-    ('Öfen 5"', "hasAffordance", "fill", 0.0, 1), ('Öfen 5"', "hasAffordance", "kitchen", 0.0, 2),
-]  # fmt: skip
+    ("mug", "atLocation", 'Öfen 5"', 3.0, 1),
+    ("mug", "atLocation", "mug", 1.0, 2),
+    ("tea/pot", "atLocation", 'Öfen 5"', 3.0, 1),
+    ("tea/pot", "atLocation", "mug", 1.0, 2),
+    ('Öfen 5"', "atLocation", 'Öfen 5"', 9.0, 1),
+    ('Öfen 5"', "atLocation", "kitchen", 3.0, 2),
+    ("mug", "hasAffordance", "tea/pot", 2.0, 1),
+    ("mug", "hasAffordance", "mug", 1.0, 2),
+    ("tea/pot", "hasAffordance", "tea/pot", 4.0, 1),
+    ("tea/pot", "hasAffordance", "fill", 2.0, 2),
+    ('Öfen 5"', "hasAffordance", "fill", 0.0, 1),
+    ('Öfen 5"', "hasAffordance", "kitchen", 0.0, 2),
+]
 
 
 @pytest.fixture
@@ -49,7 +56,9 @@ def export(form: str, out: str, *more: str) -> None:
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("form", "parser"), [("turtle", "turtle"), ("jsonld", "json-ld")])
-def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(form: str, parser: str) -> None:
+def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(
+    form: str, parser: str
+) -> None:
     export(form, "home", "--labels", "--predictions", "1")
     read = Graph().parse("home", format=parser)
     mug, first = URIRef("urn:isi:home:entity:mug"), URIRef("urn:isi:home:prediction:1")
@@ -73,10 +82,16 @@ def test_graphml_opens_in_networkx() -> None:
     export("graphml", "home.graphml", "--predictions", "2")
     read = nx.read_graphml("home.graphml", force_multigraph=True)
     edges = sorted(read.edges(data=True), key=lambda edge: "rank" in edge[2])
-    counted = {(head, data["relation"], tail): data["count"] for head, tail, data in edges if "count" in data}
+    counted = {
+        (head, data["relation"], tail): data["count"]
+        for head, tail, data in edges
+        if "count" in data
+    }
     assert counted == {tuple(row[:3]): row[3] for row in TRIPLES.itertuples(index=False)}
     expected = {
-        (head, data["relation"], tail, data["score"], data["rank"]) for head, tail, data in edges if "rank" in data
+        (head, data["relation"], tail, data["score"], data["rank"])
+        for head, tail, data in edges
+        if "rank" in data
     }
     assert expected == set(BEST)
     assert read.nodes["mug"] == {"kind": "object", "phrase": "mug"}
@@ -87,7 +102,9 @@ def test_csv_of_a_property_graph_has_nodes_edges_and_predictions(folder: Path) -
     export("property-csv", "home")
     assert {path.name for path in (folder / "home").iterdir()} == {"nodes.csv", "edges.csv"}
     export("property-csv", "home", "--predictions", "2")
-    nodes, edges, predicted = (pd.read_csv(f"home/{name}.csv") for name in ("nodes", "edges", "predictions"))
+    nodes, edges, predicted = (
+        pd.read_csv(f"home/{name}.csv") for name in ("nodes", "edges", "predictions")
+    )
     assert list(nodes.columns) == [":ID", "phrase", ":LABEL"]
     assert list(nodes[":ID"]) == list(ENTITIES["entity"])
     assert list(edges.columns) == [":START_ID", ":END_ID", ":TYPE", "count:int"]
@@ -114,11 +131,19 @@ def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Pat
     forms, options = list(FORMATS), ["--labels", "--predictions", "2"]
     for form in forms:
         export(form, f"here/{form}", *options)
-    calls = [["export", "home", "--format", form, "--out", f"there/{form}", *options] for form in forms]
+    calls = [
+        ["export", "home", "--format", form, "--out", f"there/{form}", *options] for form in forms
+    ]
     code = f"from isi.__main__ import main\nfor call in {calls}: main(call)"
-    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONHASHSEED": "1"})
+    subprocess.run(
+        [sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONHASHSEED": "1"}
+    )
     here, there = (
-        {path.relative_to(place): path.read_bytes() for path in Path(place).rglob("*") if path.is_file()}
+        {
+            path.relative_to(place): path.read_bytes()
+            for path in Path(place).rglob("*")
+            if path.is_file()
+        }
         for place in ("here", "there")
     )
     assert len(here) == 8
@@ -131,10 +156,13 @@ def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Pat
 @pytest.mark.usefixtures("folder")
 def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
     export("pykeen-tsv", "home.tsv", "--predictions", "9", "--seed", "7")
-    read = pd.read_csv("home.predictions.tsv", sep="\t", header=None, names=[*TRIPLE, "score", "rank"])
+    read = pd.read_csv(
+        "home.predictions.tsv", sep="\t", header=None, names=[*TRIPLE, "score", "rank"]
+    )
     assert 'Öfen 5"' not in {*read["head"], *read["tail"]}
     best = read[(read["head"] == "mug") & (read["relation"] == "atLocation")]
-    # seed 7 has the coordinates of each entity swapped: mug (1, 1), so scores are tails' second: first of VECTORS
+    # seed 7 has the coordinates of each entity swapped: mug (1, 1), so scores are tails' second:
+    # first of VECTORS
     assert list(best["tail"]) == ["tea/pot", "fill", "mug"]
     assert list(best["score"]) == [2.0, 1.0, 1.0]
     assert list(best["rank"]) == [1, 2, 3]
@@ -142,18 +170,37 @@ def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
-    """By hand: a kettle in the bedroom and a bed in the kitchen have score 1; known triples are left out."""
+    """By hand: a kettle in the bedroom and a bed in the kitchen have score 1;
+    known triples are left out.
+    """
     written(Path("small"))
-    main(["export", "--embedding", "small", "--format", "pykeen-tsv", "--out", "small.tsv", "--predictions", "1"])
+    main(
+        [
+            "export",
+            "--embedding",
+            "small",
+            "--format",
+            "pykeen-tsv",
+            "--out",
+            "small.tsv",
+            "--predictions",
+            "1",
+        ]
+    )
     bundle = small()
     entities, relations = bundle.entity_names, bundle.relation_names
     named = {(entities[h], relations[r], entities[t]) for h, r, t in bundle.triples.tolist()}
-    assert set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None)) == named
+    assert (
+        set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None))
+        == named
+    )
     read = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
     assert list(read.itertuples(index=False, name=None)) == [
-        ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
-        ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
-    ]  # fmt: skip
+        ("kettle", "atLocation", "kettle", 10.0, 1),
+        ("bed", "atLocation", "kettle", 5.0, 1),
+        ("kettle", "hasAffordance", "kettle", 4.0, 1),
+        ("bed", "hasAffordance", "bed", 4.0, 1),
+    ]
 
 
 @pytest.mark.usefixtures("folder")
@@ -162,7 +209,15 @@ def test_a_retracted_fact_is_neither_a_triple_nor_predicted() -> None:
     fact = small().named_triples()[0]
     with isi.open(home, journal=True) as live:
         live.remove(facts=[fact])
-    command = ["export", "--embedding", "embedding", "--format", "property-csv", "--predictions", "9"]
+    command = [
+        "export",
+        "--embedding",
+        "embedding",
+        "--format",
+        "property-csv",
+        "--predictions",
+        "9",
+    ]
     main([*command, "--out", "out"])
     tables = [pd.read_csv(path, dtype=str) for path in sorted(Path("out").glob("*.csv"))]
     edges = pd.concat([table for table in tables if ":START_ID" in table])
@@ -177,11 +232,20 @@ def test_a_retracted_fact_is_neither_a_triple_nor_predicted() -> None:
 @pytest.mark.parametrize("predictions", ["0", "2"])
 @pytest.mark.parametrize(
     ("form", "out"),
-    [("turtle", "home.ttl"), ("jsonld", "home.jsonld"), ("jsonld", "home.json"), ("graphml", "home.graphml"),
-     ("property-csv", "home"), ("property-csv", "home/edges.csv"), ("pykeen-tsv", "home.tsv"),
-     ("pykeen-tsv", "home.txt")],
-)  # fmt: skip
-def test_isi_graph_reads_what_isi_export_writes(folder: Path, form: str, out: str, predictions: str) -> None:
+    [
+        ("turtle", "home.ttl"),
+        ("jsonld", "home.jsonld"),
+        ("jsonld", "home.json"),
+        ("graphml", "home.graphml"),
+        ("property-csv", "home"),
+        ("property-csv", "home/edges.csv"),
+        ("pykeen-tsv", "home.tsv"),
+        ("pykeen-tsv", "home.txt"),
+    ],
+)
+def test_isi_graph_reads_what_isi_export_writes(
+    folder: Path, form: str, out: str, predictions: str
+) -> None:
     export(form, out.removesuffix("/edges.csv"), "--labels", "--predictions", predictions)
     graph, read = read_graph([folder / out])
     assert set(graph.triples[TRIPLE].astype(str).itertuples(index=False, name=None)) == ROWS
@@ -190,14 +254,26 @@ def test_isi_graph_reads_what_isi_export_writes(folder: Path, form: str, out: st
         assert graph.triples["count"].sum() == TRIPLES["count"].sum()
     if form != "pykeen-tsv" and not out.endswith("edges.csv"):
         kinds = dict(zip(ENTITIES["entity"], ENTITIES["kind"], strict=True))
-        assert dict(zip(graph.entities["entity"], graph.entities["kind"].astype(str), strict=True)) == kinds
+        assert (
+            dict(zip(graph.entities["entity"], graph.entities["kind"].astype(str), strict=True))
+            == kinds
+        )
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("<graphml", "GraphML"), ("", "GraphML"),
-     ('<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed"><node id="a"/>'
-      '<node id="b"/><edge source="a" target="b"/></graph></graphml>', "edge 1, relation")],
-)  # fmt: skip
+    [
+        ("<graphml", "GraphML"),
+        ("", "GraphML"),
+        (
+            (
+                '<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph '
+                'edgedefault="directed"><node id="a"/><node id="b"/><edge source="a" '
+                'target="b"/></graph></graphml>'
+            ),
+            "edge 1, relation",
+        ),
+    ],
+)
 def test_graphml_without_relations_is_refused(tmp_path: Path, text: str, expected: str) -> None:
     refused("graphml", make_file(tmp_path / "a.graphml", text), ["a.graphml", expected])

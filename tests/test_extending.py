@@ -41,27 +41,55 @@ def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Modu
 @pytest.mark.usefixtures("own")
 def test_an_initializer() -> None:
     given, (shown,) = insertion(), params("own initializer params").values()
-    result = INITIALIZERS.get("nearest", "").function(given, **options_of("nearest", shown, "initializers.nearest"))
+    result = INITIALIZERS.get("nearest", "").function(
+        given, **options_of("nearest", shown, "initializers.nearest")
+    )
     units = normalize(given.words, dim=-1)
     for model, entity in enumerate(given.novel[:, 0].tolist()):
         able = given.eligible[model] & (given.words != 0).any(-1)
         nearest = int((units @ units[entity]).masked_fill(~able, -2).argmax())
-        torch.testing.assert_close(result.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
+        torch.testing.assert_close(
+            result.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest]
+        )
 
 
 @pytest.mark.parametrize("own", ["own initializer"], indirect=True)
 @pytest.mark.usefixtures("own")
-def test_an_initializer_serves_commands_and_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    home, larger, vectors = written(tmp_path / "home"), tmp_path / "larger", tmp_path / "vectors.txt"
+def test_an_initializer_serves_commands_and_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home, larger, vectors = (
+        written(tmp_path / "home"),
+        tmp_path / "larger",
+        tmp_path / "vectors.txt",
+    )
     vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.8 0.6\n", encoding="utf-8")
-    main(["insert", "teapot", "--initializer", "nearest", "--vectors", str(vectors),
-          "--fact", "atLocation", "bedroom", "--embedding", str(home), "--out", str(larger), "--json"])  # fmt: skip
+    main(
+        [
+            "insert",
+            "teapot",
+            "--initializer",
+            "nearest",
+            "--vectors",
+            str(vectors),
+            "--fact",
+            "atLocation",
+            "bedroom",
+            "--embedding",
+            str(home),
+            "--out",
+            str(larger),
+            "--json",
+        ]
+    )
     inserted = json.loads(capsys.readouterr().out)
     main(["explain", "teapot", "--embedding", str(larger), "--json"])
     explained = json.loads(capsys.readouterr().out)
     for answer in (inserted, explained):
         assert answer["initializer"] == "nearest"
-        assert [(each["entity"], each["weight"]) for each in answer["indicators"]] == [("kettle", 1.0)]
+        assert [(each["entity"], each["weight"]) for each in answer["indicators"]] == [
+            ("kettle", 1.0)
+        ]
 
 
 @pytest.mark.parametrize("own", ["own initializer"], indirect=True)
@@ -69,7 +97,14 @@ def test_an_initializer_serves_commands_and_is_explained(tmp_path: Path, capsys:
 def test_a_command_takes_the_options_of_an_initializer_from_the_params_of_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["insert", "teapot", "--initializer", "nearest", "--embedding", str(written(tmp_path / "home"))]
+    command = [
+        "insert",
+        "teapot",
+        "--initializer",
+        "nearest",
+        "--embedding",
+        str(written(tmp_path / "home")),
+    ]
     monkeypatch.chdir(tmp_path)
 
     def scale(*more: str) -> float:
@@ -77,7 +112,11 @@ def test_a_command_takes_the_options_of_an_initializer_from_the_params_of_its_fo
         return float(json.loads(capsys.readouterr().out)["options"]["scale"])
 
     assert scale() == 1.0  # its default
-    for listed, expected in (("nearest: {scale: 0.5}", 0.5), ("es: {k: 3}", 1.0), ("nearest: null", 1.0)):
+    for listed, expected in (
+        ("nearest: {scale: 0.5}", 0.5),
+        ("es: {k: 3}", 1.0),
+        ("nearest: null", 1.0),
+    ):
         Path("params.yaml").write_text(f"initializers: {{{listed}}}\n", encoding="utf-8")
         assert scale() == expected
     assert scale("--set", "scale=2.0") == 2.0
@@ -95,7 +134,8 @@ WRONG: list[tuple[Any, list[str]]] = [
     ({"vectors": torch.zeros(1, 2, 3)}, ["vectors of shape (2, 3, 8)", "got (1, 2, 3)"]),
     ({"vectors": np.zeros((2, 3, 8))}, ["vectors of shape (2, 3, 8)", "got ndarray"]),
     ({"vectors": torch.full((2, 3, 8), torch.nan)}, ["vectors", "NaN"]),
-    ({"vectors": torch.full((2, 3, 8), 1e300, dtype=torch.float64)}, ["vectors", "huge"]),  # of single precision
+    # of single precision
+    ({"vectors": torch.full((2, 3, 8), 1e300, dtype=torch.float64)}, ["vectors", "huge"]),
     ({"fallback": torch.zeros(2)}, ["fallback of shape (2, 3)", "got (2,)"]),
     ({"fallback": None}, ["fallback of shape (2, 3)", "got NoneType"]),
     ({"weights": torch.zeros(2, 16)}, ["weights of shape (2, 3, 16)", "got (2, 16)"]),
@@ -105,7 +145,9 @@ WRONG: list[tuple[Any, list[str]]] = [
 
 
 @pytest.mark.parametrize(("wrong", "words"), WRONG, ids=[" ".join(words) for _, words in WRONG])
-def test_a_wrong_result_of_an_initializer_is_refused_in_one_line(wrong: Any, words: list[str]) -> None:
+def test_a_wrong_result_of_an_initializer_is_refused_in_one_line(
+    wrong: Any, words: list[str]
+) -> None:
     result = replace(SOUND, **wrong) if isinstance(wrong, dict) else wrong
     with pytest.raises(InputError) as refused:
         Registered("broken1", lambda _: result, "Broken").initialize(insertion(), {})
@@ -138,9 +180,19 @@ def test_a_model() -> None:
 @pytest.mark.usefixtures("own")
 def test_a_source(tmp_path: Path) -> None:
     path, (settings,) = tmp_path / "notebook.csv", params("own source params").values()
-    path.write_text("head,relation,tail,count\nspoon,liesIn,drawer,3\ndrawer,isPartOf,table,1\n", encoding="utf-8")
+    path.write_text(
+        "head,relation,tail,count\nspoon,liesIn,drawer,3\ndrawer,isPartOf,table,1\n",
+        encoding="utf-8",
+    )
     source = Source(settings | {"path": str(path)}, "sources.notebook", 0)
     (table,) = source.frames()
-    rows = Counter({(row["head"], row["relation"], row["tail"]): row["count"] for row in table.to_dict("records")})
+    rows = Counter(
+        {
+            (row["head"], row["relation"], row["tail"]): row["count"]
+            for row in table.to_dict("records")
+        }
+    )
     assert rows == {("spoon", "liesIn", "drawer"): 3, ("drawer", "isPartOf", "table"): 1}
-    assert source.kinds.to_numpy().tolist() == [[name, "thing", name] for name in ("drawer", "spoon", "table")]
+    assert source.kinds.to_numpy().tolist() == [
+        [name, "thing", name] for name in ("drawer", "spoon", "table")
+    ]

@@ -21,14 +21,17 @@ from tests.small_embedding import (
     call,
     fit,
     on_a_line,
-)  # fmt: skip
+)
 from tests.small_graphs import random_embedding
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:
     """Scores of the insert triples minus the mean score with other heads and tails."""
     stack, names = stack_of_one(entities, relations, done.model), [*KNOWN, *NEW]
-    triples = [(names.index(head), BETWEEN.index(relation), names.index(tail)) for head, relation, tail in TRIPLES]
+    triples = [
+        (names.index(head), BETWEEN.index(relation), names.index(tail))
+        for head, relation, tail in TRIPLES
+    ]
     head, relation, tail = torch.tensor(triples).T[:, None]
     others = stack.score_tails(head, relation).mean(-1) + stack.score_heads(relation, tail).mean(-1)
     return (stack.score(head, relation, tail) - others / 2)[0].numpy()
@@ -40,7 +43,9 @@ def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, know
     done = call(initializer="mean")
     given = done.entities.astype(dtype), done.relations.astype(dtype)
     before = [part.copy() for part in given]
-    entities, relations = isi.fit_new(*given, TRIPLES, new=2, model=done.model, epochs=20, known_triples=known, **NAMES)
+    entities, relations = isi.fit_new(
+        *given, TRIPLES, new=2, model=done.model, epochs=20, known_triples=known, **NAMES
+    )
     assert (entities.dtype, relations.dtype) == (dtype, dtype)
     assert entities[:ENTITIES].tobytes() == before[0][:ENTITIES].tobytes()
     assert relations.tobytes() == before[1].tobytes()
@@ -50,8 +55,13 @@ def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, know
 
 def test_trained_triples_stand_out_between_new_entities_too() -> None:
     wide = random_embedding(1, ENTITIES, len(BETWEEN), 32)
-    done = call(initializer="mean", entities=wide.entity[0].numpy(), relations=wide.relation[0].numpy())
-    before, after = margins(done.entities, done.relations, done), margins(*fit(done, epochs=200), done)
+    done = call(
+        initializer="mean", entities=wide.entity[0].numpy(), relations=wide.relation[0].numpy()
+    )
+    before, after = (
+        margins(done.entities, done.relations, done),
+        margins(*fit(done, epochs=200), done),
+    )
     assert after.mean() > before.mean() + 1
     alone = fit(done, TRIPLES[:3], epochs=50)
     assert not np.array_equal(alone[0], fit(done, epochs=50)[0])
@@ -92,13 +102,31 @@ def test_a_result_shows_itself_in_five_lines_and_its_report_as_a_frame() -> None
     shown = repr(call(initializer="mean")).splitlines()
     assert len(shown) <= 5
     assert all(len(line) <= 120 for line in shown)
-    for text in ("2 new", "12 known", "3 triples", "cup, mug", "mean, as named", "nearest to cup: "):
+    for text in (
+        "2 new",
+        "12 known",
+        "3 triples",
+        "cup, mug",
+        "mean, as named",
+        "nearest to cup: ",
+    ):
         assert text in "\n".join(shown)
     done = on_a_line()
     (own,), frame = done.report(nearest=2), done.to_frame(nearest=2)
     assert frame.to_dict("records") == [vars(own)]
     assert (
-        len(repr(isi.insert(np.ones((30, 2)), np.ones((1, 2)), [], new=100, model="distmult", initializer="mean")))
+        len(
+            repr(
+                isi.insert(
+                    np.ones((30, 2)),
+                    np.ones((1, 2)),
+                    [],
+                    new=100,
+                    model="distmult",
+                    initializer="mean",
+                )
+            )
+        )
         < 500
     )
 
@@ -106,11 +134,18 @@ def test_a_result_shows_itself_in_five_lines_and_its_report_as_a_frame() -> None
 @pytest.mark.parametrize("apart", [0.0, 2e-6])  # a few steps of single precision
 def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
     known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])
-    given: dict[str, Any] = {"model": "distmult", "triples": [(4, 0, 1)], "new": 1, "initializer": "xavier"}
+    given: dict[str, Any] = {
+        "model": "distmult",
+        "triples": [(4, 0, 1)],
+        "new": 1,
+        "initializer": "xavier",
+    }
     done = isi.insert(known, np.ones((1, 2)), **given)
     own = done.report()[0].distance
     assert own == pytest.approx(abs(done.entities[4, 0] - 0.5) / np.std([1, 2, 3, -4]), rel=1e-5)
-    (same,) = isi.insert(np.ones((3, 2)), np.ones((1, 2)), **(given | {"triples": [(3, 0, 1)]})).report()
+    (same,) = isi.insert(
+        np.ones((3, 2)), np.ones((1, 2)), **(given | {"triples": [(3, 0, 1)]})
+    ).report()
     assert same.distance == 0
 
 
@@ -121,7 +156,9 @@ def test_transe_with_the_norm_of_city_blocks() -> None:
     done = isi.insert(entities, relations, triples, initializer="er_avg", **options)
     np.testing.assert_array_equal(done.entities[3], [2.0, 1.0])  # where both put it
     stack = done.embedding
-    assert stack.score(torch.tensor([[0, 2]]), torch.tensor([[0, 1]]), torch.tensor([[3, 3]])).tolist() == [[4.0, 0.0]]
+    assert stack.score(
+        torch.tensor([[0, 2]]), torch.tensor([[0, 1]]), torch.tensor([[3, 3]])
+    ).tolist() == [[4.0, 0.0]]
     learned, _ = isi.fit_new(done.entities, relations, triples, epochs=5, **options)
     assert learned[:3].tobytes() == entities.tobytes()
     assert (learned[3] != done.entities[3]).any()

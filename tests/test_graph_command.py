@@ -55,40 +55,59 @@ def test_it_describes_the_graph_of_a_table(folder: Path) -> None:
     graph, read = read_graph([folder / "log.csv"], settings={"household": True})
     assert read == {str(folder / "log.csv"): {"reader": "table"}}
     assert describe(graph, read_params(paths.PARAMS)) == {
-        "entities": 7, "unique_triples": 6, "observations": 10,
+        "entities": 7,
+        "unique_triples": 6,
+        "observations": 10,
         "entities_by_kind": {"object": 3, "room": 2, "affordance": 1, "material": 1},
         "relations": [
             {"relation": "atLocation", "unique_triples": 3, "observations": 6},
             {"relation": "hasAffordance", "unique_triples": 2, "observations": 2},
             {"relation": "hasMaterial", "unique_triples": 1, "observations": 2},
         ],
-        "without_a_word_vector": "1 (xqzzy)", "with_one_triple,_which_stays_in_train": "3 (bedroom, ceramic, xqzzy)",
-        "triples_observed_once": 4, "triples_for_validation_and_test": 2, "triples_that_can_leave_train": 1,
-    }  # fmt: skip
+        "without_a_word_vector": "1 (xqzzy)",
+        "with_one_triple,_which_stays_in_train": "3 (bedroom, ceramic, xqzzy)",
+        "triples_observed_once": 4,
+        "triples_for_validation_and_test": 2,
+        "triples_that_can_leave_train": 1,
+    }
 
 
 def test_it_writes_a_folder_that_it_reads(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     described = said(capsys, "log.csv", "--set", "household=true", "--out", "made/graph")
     assert (folder / "made/graph/triples.csv").read_text(encoding="utf-8").splitlines()[:3] == [
-        "head,relation,tail,count", "cup,atLocation,kitchen,1", "cup,hasAffordance,fill,1",
-    ]  # fmt: skip
-    assert {path.name for path in (folder / "made/graph").iterdir()} == {"entities.csv", "triples.csv"}
+        "head,relation,tail,count",
+        "cup,atLocation,kitchen,1",
+        "cup,hasAffordance,fill,1",
+    ]
+    assert {path.name for path in (folder / "made/graph").iterdir()} == {
+        "entities.csv",
+        "triples.csv",
+    }
     assert said(capsys, "made/graph").replace("made/graph:", "log.csv:") == described
 
 
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S", "Zs"])
-NAMES = st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
+NAMES = (
+    st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
+)
 
 
 @given(st.dictionaries(st.tuples(NAMES, NAMES, NAMES), st.integers(1, 9), min_size=1), st.data())
 def test_a_graph_that_is_written_reads_as_itself(
-    tmp_path_factory: pytest.TempPathFactory, counts: dict[tuple[str, str, str], int], data: st.DataObject
+    tmp_path_factory: pytest.TempPathFactory,
+    counts: dict[tuple[str, str, str], int],
+    data: st.DataObject,
 ) -> None:
     names = sorted({name for head, _, tail in counts for name in (head, tail)})
     kinds, phrases = ({name: data.draw(NAMES) for name in names} for _ in range(2))
     described = pd.DataFrame({"entity": names, "kind": kinds.values(), "phrase": phrases.values()})
-    rows = pd.DataFrame([(*triple, count) for triple, count in counts.items()], columns=[*TRIPLE, "count"])
-    tables, folder = build_tables(MinedSource("files", rows, described)), tmp_path_factory.getbasetemp() / "home"
+    rows = pd.DataFrame(
+        [(*triple, count) for triple, count in counts.items()], columns=[*TRIPLE, "count"]
+    )
+    tables, folder = (
+        build_tables(MinedSource("files", rows, described)),
+        tmp_path_factory.getbasetemp() / "home",
+    )
     write_graph(folder, tables)
     again, _ = read_graph([folder])
     pd.testing.assert_frame_equal(again.triples, tables.triples)
@@ -97,9 +116,21 @@ def test_a_graph_that_is_written_reads_as_itself(
 
 def test_files_are_read_anywhere_with_the_packages_of_the_core_alone(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(LOG, encoding="utf-8")
-    scene = [SCENE[0] | {"parentReceptacles": None, "salientMaterials": ["Ceramic"], "sliceable": True}]
+    scene = [
+        SCENE[0] | {"parentReceptacles": None, "salientMaterials": ["Ceramic"], "sliceable": True}
+    ]
     (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
-    lacking = ("ai2thor", "dvc", "gensim", "matplotlib", "numba", "procthor", "pyarrow", "rdflib", "scipy")
+    lacking = (
+        "ai2thor",
+        "dvc",
+        "gensim",
+        "matplotlib",
+        "numba",
+        "procthor",
+        "pyarrow",
+        "rdflib",
+        "scipy",
+    )
     code = f"""
 import sys
 sys.modules |= dict.fromkeys({lacking})
@@ -107,9 +138,12 @@ from isi.__main__ import main
 main(["graph", "log.csv", "kitchen=scene.json", "--out", "out"])
 main(["graph", "out"])
 """
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.stderr == ""
-    assert done.stdout.count("observations: 13\n") == 2  # 10, and a mug's room, material and affordance
+    # 10, and a mug's room, material and affordance
+    assert done.stdout.count("observations: 13\n") == 2
     kinds = pd.read_csv(tmp_path / "out" / "entities.csv", index_col="entity")["kind"].to_dict()
     assert (kinds["mug"], kinds["bedroom"]) == ("object", "entity")
 
@@ -117,17 +151,26 @@ main(["graph", "out"])
 def test_several_files_make_one_graph_whose_rare_triples_can_be_left_out(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / "more.nt").write_text("<urn:x:mug> <urn:x:atLocation> <urn:x:kitchen> .\n", encoding="utf-8")
+    (folder / "more.nt").write_text(
+        "<urn:x:mug> <urn:x:atLocation> <urn:x:kitchen> .\n", encoding="utf-8"
+    )
     text = said(capsys, "log.csv", "more.nt")
-    assert text.startswith("log.csv:\n  reader: table\nmore.nt:\n  reader: rdf\nentities: 7\nunique triples: 6\n")
-    assert "entities: 3\nunique triples: 2\nobservations: 6\n" in said(capsys, "log.csv", "--min-count", "2")
+    assert text.startswith(
+        "log.csv:\n  reader: table\nmore.nt:\n  reader: rdf\nentities: 7\nunique triples: 6\n"
+    )
+    assert "entities: 3\nunique triples: 2\nobservations: 6\n" in said(
+        capsys, "log.csv", "--min-count", "2"
+    )
 
 
 def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
     described = describe(read_graph([folder / "dense.csv"])[0], read_params(paths.PARAMS))
-    assert (described["triples_for_validation_and_test"], described["triples_that_can_leave_train"] >= 16) == (16, True)
+    assert (
+        described["triples_for_validation_and_test"],
+        described["triples_that_can_leave_train"] >= 16,
+    ) == (16, True)
     assert described["with_one_triple,_which_stays_in_train"] == "0"
     listed = "9 (thing0, thing1, thing2, thing3, thing4, thing5, thing6, thing7, and 1 more)"
     assert described["without_a_word_vector"] == listed
@@ -143,18 +186,27 @@ HOUSE = {"rooms": [], "objects": []}
 @pytest.mark.parametrize(
     ("name", "content", "reader"),
     [
-        ("a.csv", "", "table"), ("a.tsv.gz", "", "table"), ("a.parquet", "", "table"),
-        ("a.nt", "", "rdf"), ("a.ttl.gz", "", "rdf"),
-        ("a.json", SCENE, "ai2thor_scene"), ("a.json", {"metadata": {"objects": SCENE}}, "ai2thor_scene"),
+        ("a.csv", "", "table"),
+        ("a.tsv.gz", "", "table"),
+        ("a.parquet", "", "table"),
+        ("a.nt", "", "rdf"),
+        ("a.ttl.gz", "", "rdf"),
+        ("a.json", SCENE, "ai2thor_scene"),
+        ("a.json", {"metadata": {"objects": SCENE}}, "ai2thor_scene"),
         ("a.jsonl", {"scene": "FloorPlan1", "spawn": None, "objects": SCENE}, "ai2thor_scene"),
-        ("a.json", HOUSE, "procthor_houses"), ("a.jsonl.gz", HOUSE, "procthor_houses"),
-        ("a.jsonl.gz", {"format": "isi recording", "version": 1}, "ai2thor"), ("a.json", {"kitchens": []}, "ai2thor"),
+        ("a.json", HOUSE, "procthor_houses"),
+        ("a.jsonl.gz", HOUSE, "procthor_houses"),
+        ("a.jsonl.gz", {"format": "isi recording", "version": 1}, "ai2thor"),
+        ("a.json", {"kitchens": []}, "ai2thor"),
     ],
-)  # fmt: skip
+)
 def test_the_reader_is_guessed_from_the_name_or_the_keys(
     tmp_path: Path, name: str, content: object, reader: str
 ) -> None:
-    path, text = tmp_path / name, json.dumps(content, indent=1 if name == "a.json" else None).encode()
+    path, text = (
+        tmp_path / name,
+        json.dumps(content, indent=1 if name == "a.json" else None).encode(),
+    )
     path.write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
     assert guess(path) == reader
 
@@ -181,7 +233,9 @@ def test_bytes_that_are_no_text_are_printed_and_named_in_errors(folder: Path) ->
     (folder / os.fsdecode(b"e\xff.csv")).write_text("x\n", encoding="utf-8")
     code = "import sys; from isi.__main__ import main; main(['graph', *sys.argv[1:]])"
     for name, rc in ((path, 0), (os.fsdecode(b"e\xff.csv"), 1), (os.fsdecode(b"f\xff.csv"), 1)):
-        done = subprocess.run([sys.executable, "-c", code, name], capture_output=True, check=False, cwd=folder)
+        done = subprocess.run(
+            [sys.executable, "-c", code, name], capture_output=True, check=False, cwd=folder
+        )
         assert done.returncode == rc
         assert b"Traceback" not in done.stderr
         assert b"udcff" in done.stdout + done.stderr

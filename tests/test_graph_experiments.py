@@ -1,4 +1,6 @@
-"""An experiment on a graph of the second pipeline gives the results of the first pipeline's stages on that graph."""
+"""An experiment on a graph of the second pipeline gives the results of the first
+pipeline's stages on that graph.
+"""
 
 from pathlib import Path
 
@@ -13,19 +15,29 @@ from tests import small
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 
 FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
-    "title": "first", "group": "causes", "experiments": ["published"], "size": 3, "seeds": 2, "trained": True,
-}  # fmt: skip
+    "title": "first",
+    "group": "causes",
+    "experiments": ["published"],
+    "size": 3,
+    "seeds": 2,
+    "trained": True,
+}
 
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with both pipelines; the second one has the graph ``published`` of the first one under another name."""
+    """A folder with both pipelines; the second one has the graph ``published`` of the
+    first one under another name.
+    """
     monkeypatch.chdir(tmp_path)
     copy_pipelines(tmp_path)
     paths.DATA.mkdir()
     paths.RAW.symlink_to(ROOT / paths.RAW)
     params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    params["experiments"]["published"] |= {"graph": {"source": "published", "min_count": 2}, "sessions": SESSIONS}
+    params["experiments"]["published"] |= {
+        "graph": {"source": "published", "min_count": 2},
+        "sessions": SESSIONS,
+    }
     params["words"] = WORDS
     params["compute"] |= {"workers": 1, "stack": 2}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
@@ -34,8 +46,14 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("workspace")
 def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() -> None:
-    for command in ("mine published", "build_graph published", "embed_words published", "make_sessions published",
-                    "vary first", "explore again"):  # fmt: skip
+    for command in (
+        "mine published",
+        "build_graph published",
+        "embed_words published",
+        "make_sessions published",
+        "vary first",
+        "explore again",
+    ):
         small.run(command)
     for table, theirs in (
         (GRAPH_ENTITIES, ENTITIES.read(experiment="published")),
@@ -48,7 +66,10 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() ->
         for column in ("source", "experiment"):
             if column in table_of_graph:
                 assert set(table_of_graph[column]) == {"again"}
-                table_of_graph, theirs = table_of_graph.drop(columns=column), theirs.drop(columns=column)
+                table_of_graph, theirs = (
+                    table_of_graph.drop(columns=column),
+                    theirs.drop(columns=column),
+                )
         pd.testing.assert_frame_equal(table_of_graph, theirs, check_exact=True)
     assert (GRAPH_TRIPLES.read(graph="again")["count"] >= 2).all()
 
@@ -56,7 +77,9 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() ->
 @pytest.mark.usefixtures("workspace")
 def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written() -> None:
     list_entries(graphs={"again": GRAPH | {"sessions": SESSIONS | {"sizes": [500]}}})
-    expected = r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a lower size"
+    expected = (
+        r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a lower size"
+    )
     with pytest.raises(SystemExit, match=expected):
         small.run("explore again")
     list_entries(graphs={"again": GRAPH | {"min_count": 10_000}})

@@ -16,9 +16,13 @@ from isi.tables.table import Table
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
-    ("mug", "hasMaterial", "wood", 1), ("mug", "atLocation", "kitchen", 2), ("cabinet", "atLocation", "kitchen", 1),
-    ("mug", "hasAffordance", "fill", 1), ("mug", "atLocation", "cabinet", 1), ("mug", "atLocation", "kitchen", 3),
-]  # fmt: skip
+    ("mug", "hasMaterial", "wood", 1),
+    ("mug", "atLocation", "kitchen", 2),
+    ("cabinet", "atLocation", "kitchen", 1),
+    ("mug", "hasAffordance", "fill", 1),
+    ("mug", "atLocation", "cabinet", 1),
+    ("mug", "atLocation", "kitchen", 3),
+]
 
 
 def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
@@ -28,7 +32,9 @@ def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
 def kinds_of(**kinds: str) -> pd.DataFrame:
     """A table of kinds."""
     names = list(kinds)
-    return pd.DataFrame({"entity": names, "kind": list(kinds.values()), "phrase": [f"a {name}" for name in names]})
+    return pd.DataFrame(
+        {"entity": names, "kind": list(kinds.values()), "phrase": [f"a {name}" for name in names]}
+    )
 
 
 #: In an order that is not alphabetical.
@@ -45,21 +51,27 @@ def triples_of(seen: pd.DataFrame) -> pd.DataFrame:
 
 def test_observations_of_a_triple_add_up() -> None:
     assert rows(triples_of(observations()), graphs.TRIPLES) == [
-        ("cabinet", "atLocation", "kitchen", 1, "home"), ("mug", "atLocation", "cabinet", 1, "home"),
-        ("mug", "atLocation", "kitchen", 5, "home"), ("mug", "hasAffordance", "fill", 1, "home"),
+        ("cabinet", "atLocation", "kitchen", 1, "home"),
+        ("mug", "atLocation", "cabinet", 1, "home"),
+        ("mug", "atLocation", "kitchen", 5, "home"),
+        ("mug", "hasAffordance", "fill", 1, "home"),
         ("mug", "hasMaterial", "wood", 1, "home"),
-    ]  # fmt: skip
+    ]
 
 
 def test_columns_with_categories_count_like_plain_ones() -> None:
-    encoded = observations().astype({"head": "category", "relation": "category", "tail": "category"})
+    encoded = observations().astype(
+        {"head": "category", "relation": "category", "tail": "category"}
+    )
     encoded = encoded[encoded["head"] == "mug"]  # leaves a category without rows
     triples = triples_of(encoded)
     assert len(triples) == 4
     assert triples["count"].sum() == 8
 
 
-@pytest.mark.parametrize(("min_count", "number", "entities"), [(1, 5, 5), (2, 1, 2), (5, 1, 2), (6, 0, 0)])
+@pytest.mark.parametrize(
+    ("min_count", "number", "entities"), [(1, 5, 5), (2, 1, 2), (5, 1, 2), (6, 0, 0)]
+)
 def test_triples_below_the_minimum_count_are_dropped_with_the_entities_of_no_other(
     min_count: int, number: int, entities: int
 ) -> None:
@@ -71,15 +83,20 @@ def test_triples_below_the_minimum_count_are_dropped_with_the_entities_of_no_oth
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = build_tables(MinedSource("home", observations(), KINDS))
     assert rows(graph.entities, graphs.ENTITIES) == [
-        ("cabinet", "object", "home", "a cabinet"), ("fill", "affordance", "home", "a fill"),
-        ("kitchen", "room", "home", "a kitchen"), ("mug", "object", "home", "a mug"),
+        ("cabinet", "object", "home", "a cabinet"),
+        ("fill", "affordance", "home", "a fill"),
+        ("kitchen", "room", "home", "a kitchen"),
+        ("mug", "object", "home", "a mug"),
         ("wood", "material", "home", "a wood"),
-    ]  # fmt: skip
+    ]
 
 
 def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
-    seen = MinedSource("zoo", observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
-                kinds_of(cat="animal", bird="animal"))  # fmt: skip
+    seen = MinedSource(
+        "zoo",
+        observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
+        kinds_of(cat="animal", bird="animal"),
+    )
     graph = build_tables(seen)
     assert list(graph.entities["kind"]) == ["animal", "animal"]
     assert list(graph.triples["relation"]) == ["fears", "eats"]
@@ -97,18 +114,28 @@ def test_entity_ids_are_rows_and_relation_and_kind_ids_follow_the_alphabet() -> 
     graph = graphs.build_graph(KINDS, triples_of(observations()))
     assert graph.entities == ["mug", "wood", "kitchen", "fill", "cabinet"]
     assert graph.relations == ["atLocation", "hasAffordance", "hasMaterial"]
-    assert graph.triples.tolist() == [[4, 0, 2], [0, 0, 4], [0, 0, 2], [0, 1, 3], [0, 2, 1]]  # triple ids are rows, too
+    # triple ids are rows, too
+    assert graph.triples.tolist() == [[4, 0, 2], [0, 0, 4], [0, 0, 2], [0, 1, 3], [0, 2, 1]]
     assert graph.counts.tolist() == [1, 1, 5, 1, 1]
     assert graph.kinds.tolist() == [2, 1, 3, 0, 2]
 
 
 @pytest.mark.parametrize(
     ("slot", "same"),
-    [(graphs.HEAD, [{0, 2}, {1}, {0, 2}, {3}, {4}]), (graphs.TAIL, [{0}, {1, 2}, {1, 2}, {3}, {4}]),
-     (graphs.RELATION, [{0}, {1}, {2}, {3}, {4}])],
-)  # fmt: skip
-def test_triples_that_are_the_same_but_for_one_slot_are_found(slot: int, same: list[set[int]]) -> None:
-    lists = graphs.build_graph(KINDS, triples_of(observations())).same_but(slot, torch.arange(5)).tolist()
+    [
+        (graphs.HEAD, [{0, 2}, {1}, {0, 2}, {3}, {4}]),
+        (graphs.TAIL, [{0}, {1, 2}, {1, 2}, {3}, {4}]),
+        (graphs.RELATION, [{0}, {1}, {2}, {3}, {4}]),
+    ],
+)
+def test_triples_that_are_the_same_but_for_one_slot_are_found(
+    slot: int, same: list[set[int]]
+) -> None:
+    lists = (
+        graphs.build_graph(KINDS, triples_of(observations()))
+        .same_but(slot, torch.arange(5))
+        .tolist()
+    )
     assert [{triple for triple in triples if triple >= 0} for triples in lists] == same
 
 
@@ -120,9 +147,16 @@ def test_a_triple_of_an_unknown_entity_is_refused() -> None:
 # Extended
 
 ENTITIES = pd.DataFrame(
-    [("bedroom", "room"), ("fabric", "material"), ("kitchen", "room"), ("lamp", "object"), ("open", "affordance"),
-     ("wood", "material")], columns=["entity", "kind"],
-).assign(source="home", phrase=lambda table: table["entity"])  # fmt: skip
+    [
+        ("bedroom", "room"),
+        ("fabric", "material"),
+        ("kitchen", "room"),
+        ("lamp", "object"),
+        ("open", "affordance"),
+        ("wood", "material"),
+    ],
+    columns=["entity", "kind"],
+).assign(source="home", phrase=lambda table: table["entity"])
 TRIPLES = pd.DataFrame(
     [("lamp", "atLocation", "kitchen", 2), ("lamp", "hasMaterial", "wood", 3)],
     columns=["head", "relation", "tail", "count"],
@@ -138,9 +172,13 @@ def seen_elsewhere(*seen: tuple[str, str, int]) -> MinedSource:
 
 
 SHOP = seen_elsewhere(
-    ("stove", "kitchen", 5), ("lamp", "kitchen", 9), ("fan", "kitchen", 2), ("fan", "bedroom", 4),
-    ("stove", "kitchen", 1), ("purse", "bedroom", 5),
-)  # fmt: skip
+    ("stove", "kitchen", 5),
+    ("lamp", "kitchen", 9),
+    ("fan", "kitchen", 2),
+    ("fan", "bedroom", 4),
+    ("stove", "kitchen", 1),
+    ("purse", "bedroom", 5),
+)
 
 
 def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
@@ -150,7 +188,9 @@ def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
     assert list(graphs.frequent(new, SHOP, ENTITIES, 5).index) == ["fan", "purse", "stove"]
 
 
-@pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")]
+)
 def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
     seen = seen_elsewhere((name, "kitchen", 6))
     new = graphs.new_entities(seen, ENTITIES)
@@ -166,12 +206,17 @@ def test_a_room_that_the_graph_lacks_is_refused(room: str) -> None:
 
 
 def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
-    encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
+    encoded = TRIPLES.astype(
+        {"head": "category", "relation": "category", "tail": "category", "source": "category"}
+    )
     extended = graphs.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
-    pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False
+    )
     assert rows(extended.entities.iloc[len(ENTITIES) :], graphs.ENTITIES) == [
-        ("fan", "object", "shop", "a fan"), ("stove", "object", "shop", "a stove"),
-    ]  # fmt: skip
+        ("fan", "object", "shop", "a fan"),
+        ("stove", "object", "shop", "a stove"),
+    ]
     assert rows(extended.triples, graphs.TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
@@ -182,12 +227,19 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
 
 
 def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
-    between = [("fan", "standsOn", "stove", 6), ("stove", "standsOn", "fan", 6), ("fan", "atLocation", "kitchen", 1)]
-    seen = MinedSource("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
+    between = [
+        ("fan", "standsOn", "stove", 6),
+        ("stove", "standsOn", "fan", 6),
+        ("fan", "atLocation", "kitchen", 1),
+    ]
+    seen = MinedSource(
+        "shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room")
+    )
     assert list(graphs.new_entities(seen, ENTITIES).index) == ["fan", "stove"]
     home = GraphTables(ENTITIES, TRIPLES)
     alone, both = (
-        graphs.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
+        graphs.extend(home, seen, added).triples.iloc[len(TRIPLES) :]
+        for added in (["fan"], ["fan", "stove"])
     )
     assert list(alone["tail"]) == ["kitchen"]
     assert list(both["tail"]) == ["kitchen", "stove", "fan"]
@@ -197,8 +249,12 @@ def extension(candidates: int, *always: str) -> Extension:
     return Extension(source="shop", min_observations=6, candidates=candidates, always=list(always))
 
 
-@given(st.lists(st.text("abcxyz ", min_size=1), min_size=1, max_size=30, unique=True), st.integers(1, 40),
-       st.integers(0, 5), st.data())  # fmt: skip
+@given(
+    st.lists(st.text("abcxyz ", min_size=1), min_size=1, max_size=30, unique=True),
+    st.integers(1, 40),
+    st.integers(0, 5),
+    st.data(),
+)
 def test_as_many_as_there_are_or_as_params_say_are_drawn_and_some_always(
     names: list[str], number: int, root: int, data: st.DataObject
 ) -> None:
@@ -214,7 +270,9 @@ def test_as_many_as_there_are_or_as_params_say_are_drawn_and_some_always(
 def test_every_entity_is_as_likely_to_be_drawn() -> None:
     enough = pd.Series(6, index=sorted(LETTERS))
     times = Counter(
-        name for root in range(400) for name in graphs.sample_candidates(enough, extension(3, "fan"), "key", root)
+        name
+        for root in range(400)
+        for name in graphs.sample_candidates(enough, extension(3, "fan"), "key", root)
     )
     assert times.pop("fan") == 400
     assert set(times) == set(LETTERS) - {"fan"}
@@ -222,12 +280,18 @@ def test_every_entity_is_as_likely_to_be_drawn() -> None:
 
 
 def test_an_entity_that_cannot_be_drawn_is_refused_by_its_param() -> None:
-    with pytest.raises(InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend\.always: 'bottle': "):
-        graphs.sample_candidates(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
+    with pytest.raises(
+        InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend\.always: 'bottle': "
+    ):
+        graphs.sample_candidates(
+            pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0
+        )
 
 
 @pytest.mark.parametrize("always", [["fan", "stove"], ["fan", "fan"]])
 def test_more_entities_that_are_always_drawn_than_are_drawn_are_refused(always: list[str]) -> None:
     values = {"source": "shop", "min_observations": 6, "candidates": 1, "always": always}
-    with pytest.raises(InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend[.:].*always"):
+    with pytest.raises(
+        InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend[.:].*always"
+    ):
         check({"source": "home", "min_count": 1, "extend": values}, GraphOf, "experiments.x.graph")

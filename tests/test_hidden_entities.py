@@ -1,4 +1,6 @@
-"""Entities hidden from PyKEEN's training: their insert triples, their queries, and the ranks of answers."""
+"""Entities hidden from PyKEEN's training: their insert triples, their queries,
+and the ranks of answers.
+"""
 
 import json
 import sys
@@ -41,7 +43,9 @@ def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_triples_are_known_inserted_or_queried_or_between_hidden_entities(triples: np.ndarray, seed: int) -> None:
+def test_triples_are_known_inserted_or_queried_or_between_hidden_entities(
+    triples: np.ndarray, seed: int
+) -> None:
     drawn = hidden(triples, seed)
     assert drawn.known == 27
     assert sorted(drawn.order) == list(range(ENTITIES))
@@ -56,23 +60,31 @@ def test_triples_are_known_inserted_or_queried_or_between_hidden_entities(triple
     assert {*drawn.triples[:, [0, 2]].flatten()} == {*range(27)}
     assert {*drawn.triples[:, 1]} == {*range(RELATIONS)}
     for row in range(27, ENTITIES):
-        inserted, queried = ((part[:, [0, 2]] == row).any(1).sum() for part in (drawn.rest, drawn.queries))
+        inserted, queried = (
+            (part[:, [0, 2]] == row).any(1).sum() for part in (drawn.rest, drawn.queries)
+        )
         assert inserted + queried >= 4
         assert queried == max(1, (inserted + queried) // 4)
 
 
-def test_fewer_insert_triples_are_the_first_of_the_others_and_a_seed_hides_the_same(triples: np.ndarray) -> None:
+def test_fewer_insert_triples_are_the_first_of_the_others_and_a_seed_hides_the_same(
+    triples: np.ndarray,
+) -> None:
     drawn, again, other = hidden(triples), hidden(triples), hidden(triples, 1)
     assert np.array_equal(drawn.rest, again.rest)
     assert not np.array_equal(drawn.order, other.order)
     single, three, everything = (drawn.insert_triples(number) for number in (1, 3, None))
     assert as_set(single) < as_set(three) < as_set(everything) == as_set(drawn.rest)
     for number, inserted in ((1, single), (3, three)):
-        assert [(inserted[:, [0, 2]] == row).any(1).sum() for row in range(27, ENTITIES)] == [number] * 3
+        assert [(inserted[:, [0, 2]] == row).any(1).sum() for row in range(27, ENTITIES)] == [
+            number
+        ] * 3
 
 
 def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) -> None:
-    """Only 0 and 1 have relation 3, and the only neighbour of 29 is 2: so 0, 1 and 2 are not hidden."""
+    """Only 0 and 1 have relation 3, and the only neighbour of 29 is 2:
+    so 0, 1 and 2 are not hidden.
+    """
     others = triples[(triples[:, [0, 2]] != 29).all(1)]
     tied = np.concatenate([others, [[0, 3, 1], [29, 0, 2]]])
     for seed in range(10):
@@ -81,7 +93,9 @@ def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) 
 
 
 def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a lower share"):
+    with pytest.raises(
+        InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a lower share"
+    ):
         hidden(triples, fraction=0.9)
 
 
@@ -123,7 +137,11 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
             rivals[:, slot] = range(ENTITIES)
             scores = model.score_hrt(torch.from_numpy(rivals))[:, 0].detach().numpy()
             answer = scores[(head, relation, tail)[slot]]
-            wrong = [score for rival, score in zip(rivals.tolist(), scores, strict=True) if tuple(rival) not in true]
+            wrong = [
+                score
+                for rival, score in zip(rivals.tolist(), scores, strict=True)
+                if tuple(rival) not in true
+            ]
             rank = 1 + sum(score > answer for score in wrong)
             new = [end >= drawn.known for end in (head, tail)]
             name = "earlier" if not any(new) else "hidden" if new[slot // 2] else "known"
@@ -135,7 +153,9 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
         assert row["hits_at_10"] == pytest.approx((ranks <= 10).mean(), abs=1e-6)
 
 
-def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stage_writes_the_same_with_any_number_of_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pykeen")
     from stages.insert_hidden import insert_hidden as hide_stage
 
@@ -147,7 +167,9 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     monkeypatch.setattr(sys, "argv", ["insert_hidden", "nations"])
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
     for workers in (1, 2):
-        paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
+        paths.PARAMS.write_text(
+            yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}})
+        )
         hide_stage()
         written.append(HIDDEN_ENTITIES.path(study="nations").read_bytes())
     assert written[0] == written[1]
@@ -165,11 +187,17 @@ def test_a_shipped_table_of_triples_is_a_graph() -> None:
     graph, names = of_table("codex_s")
     assert (len(names), len(graph.relations), len(graph.triples)) == (2034, 42, 36543)
     listed = pd.read_csv(ROOT / "data/raw/codex_s/triples.csv")
-    for place, slot, labels in ((0, "head", names), (1, "relation", graph.relations), (2, "tail", names)):
+    for place, slot, labels in (
+        (0, "head", names),
+        (1, "relation", graph.relations),
+        (2, "tail", names),
+    ):
         assert [labels[row] for row in graph.triples[:, place].tolist()] == listed[slot].tolist()
 
 
-@pytest.mark.parametrize("wrong", [{"model": "complexx"}, {"loss": "softplush"}, {"loss_options": {"bias": 1.0}}])
+@pytest.mark.parametrize(
+    "wrong", [{"model": "complexx"}, {"loss": "softplush"}, {"loss_options": {"bias": 1.0}}]
+)
 def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
     pytest.importorskip("pykeen")
     from isi.analyses.hidden_in_pykeen import hidden_in
@@ -180,7 +208,9 @@ def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]
         hidden_in(points, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
 
 
-def test_a_dataset_that_pykeen_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dataset_that_pykeen_lacks_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pykeen")
     from stages.insert_hidden import insert_hidden as hide_stage
 

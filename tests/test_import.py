@@ -1,4 +1,6 @@
-"""``isi import``: an imported model gives the scores of the original, and no pickle is loaded without consent."""
+"""``isi import``: an imported model gives the scores of the original,
+and no pickle is loaded without consent.
+"""
 
 import json
 import os
@@ -15,7 +17,17 @@ from safetensors.torch import save_file as save_tensors
 from isi.__main__ import main
 from isi.bundle.query import OpenBundle, open_bundle
 from isi.graph.graph import HEAD, TAIL
-from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, RELATIONS, TRIPLES, VECTORS, write_lists, write_openke
+from tests.small_bundle import (
+    BETWEEN,
+    ENTITIES,
+    LABELS,
+    NAMES,
+    RELATIONS,
+    TRIPLES,
+    VECTORS,
+    write_lists,
+    write_openke,
+)
 
 
 def imported(*arguments: str) -> OpenBundle:
@@ -39,19 +51,25 @@ def save_npy(folder: Path) -> None:
 FORMS: dict[str, Callable[[Path], object]] = {
     "npy": save_npy,
     "npz": lambda folder: np.savez(folder / "tables.npz", entities=ENTITIES, relations=LABELS),
-    "safetensors": lambda folder: save_file({"entities": ENTITIES, "relations": LABELS}, folder / "t.safetensors"),
+    "safetensors": lambda folder: save_file(
+        {"entities": ENTITIES, "relations": LABELS}, folder / "t.safetensors"
+    ),
     "state dict": lambda folder: torch.save(
-        {"ent_emb.weight": torch.from_numpy(ENTITIES), "rel_emb.weight": torch.from_numpy(LABELS)}, folder / "t.pt"
+        {"ent_emb.weight": torch.from_numpy(ENTITIES), "rel_emb.weight": torch.from_numpy(LABELS)},
+        folder / "t.pt",
     ),
     "OpenKE's JSON": lambda folder: (folder / "t.json").write_text(
-        json.dumps({"ent_embeddings.weight": VECTORS, "rel_embeddings.weight": RELATIONS}), encoding="utf-8"
+        json.dumps({"ent_embeddings.weight": VECTORS, "rel_embeddings.weight": RELATIONS}),
+        encoding="utf-8",
     ),
 }
 
 
 @pytest.mark.parametrize("source", [write_lists, write_openke])
 @pytest.mark.parametrize("form", FORMS)
-def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_come_from_any_form(
+    form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = source()
     FORMS[form](folder)
     bundle = imported(str(folder), "--family", "distmult")
@@ -59,7 +77,10 @@ def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys
     assert bundle.relations.tobytes() == LABELS.tobytes()
     assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
     assert sorted(map(tuple, bundle.triples.tolist())) == sorted(TRIPLES)
-    assert capsys.readouterr().out == "6 entities, 2 relations, 4 triples; distmult of dimension 4: out\n"
+    assert (
+        capsys.readouterr().out
+        == "6 entities, 2 relations, 4 triples; distmult of dimension 4: out\n"
+    )
 
 
 def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
@@ -73,9 +94,11 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
 
 def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> None:
     halves = {
-        "ent_re_embeddings.weight": ENTITIES, "ent_im_embeddings.weight": ENTITIES + 1,
-        "rel_re_embeddings.weight": LABELS, "rel_im_embeddings.weight": LABELS + 1,
-    }  # fmt: skip
+        "ent_re_embeddings.weight": ENTITIES,
+        "ent_im_embeddings.weight": ENTITIES + 1,
+        "rel_re_embeddings.weight": LABELS,
+        "rel_im_embeddings.weight": LABELS + 1,
+    }
     joined = imported(str(write_lists(**halves)), "--family", "complex")
     assert joined.entities.tolist() == np.concatenate([ENTITIES, ENTITIES + 1], 1).tolist()
     whole = {"entities": ENTITIES + 1j * (ENTITIES + 1), "relations": LABELS + 1j * (LABELS + 1)}
@@ -87,7 +110,15 @@ def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> No
 def test_rotations_become_angles() -> None:
     angles = np.array([[0.1, -2.0, 3.0, 0.0], [1.0, 2.0, -3.0, 0.5]])
     given = {"entities": ENTITIES + 1j * ENTITIES, "relations": np.exp(1j * angles)}
-    bundle = imported(str(write_lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
+    bundle = imported(
+        str(write_lists(**given)),
+        "--family",
+        "rotate",
+        "--set",
+        "margin=4",
+        "--set",
+        "squared=true",
+    )
     np.testing.assert_allclose(bundle.relations, angles, rtol=1e-6)
     assert bundle.manifest.model_options == {"margin": 4.0, "squared": True}
 
@@ -95,14 +126,24 @@ def test_rotations_become_angles() -> None:
 def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     """TransE in one dimension with one relation: for true triples the tail is at head + 1."""
     folder = write_lists()
-    (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
-    np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
+    (folder / "triples.tsv").write_text(
+        "kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8"
+    )
+    np.savez(
+        folder / "t.npz",
+        entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]),
+        relations=np.ones((2, 1)),
+    )
     model = imported(str(folder), "--family", "transe_l1").model
-    assert vars(model) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
+    # distances are 0; 5 with the other head or tail
+    assert vars(model) == {"margin": pytest.approx(2.5)}
 
 
 STATE = {"ent_emb.weight": torch.from_numpy(ENTITIES), "rel_emb.weight": torch.from_numpy(LABELS)}
-OF_DGL = {"entity_embedding": torch.from_numpy(ENTITIES), "relation_embedding": torch.from_numpy(LABELS)}
+OF_DGL = {
+    "entity_embedding": torch.from_numpy(ENTITIES),
+    "relation_embedding": torch.from_numpy(LABELS),
+}
 
 
 def prefixed(prefix: str, state: dict[str, torch.Tensor] = STATE) -> dict[str, torch.Tensor]:
@@ -112,12 +153,17 @@ def prefixed(prefix: str, state: dict[str, torch.Tensor] = STATE) -> dict[str, t
 @pytest.mark.parametrize(
     "state",
     [
-        prefixed("module."), prefixed("_orig_mod."), prefixed("model."), prefixed("_orig_mod.module.model."),
-        {"model": STATE, "epoch": 3}, {"model_state_dict": prefixed("module."), "step": 10},
-        {"state_dict": {"net": OF_DGL}}, OF_DGL,
+        prefixed("module."),
+        prefixed("_orig_mod."),
+        prefixed("model."),
+        prefixed("_orig_mod.module.model."),
+        {"model": STATE, "epoch": 3},
+        {"model_state_dict": prefixed("module."), "step": 10},
+        {"state_dict": {"net": OF_DGL}},
+        OF_DGL,
         STATE | prefixed("discriminator.", {"ent_emb.weight": torch.zeros(2, 2)}),
     ],
-)  # fmt: skip
+)
 def test_a_state_dict_may_be_wrapped(state: dict[str, Any]) -> None:
     folder = write_lists()
     torch.save(state, folder / "t.pt")
@@ -150,7 +196,9 @@ def test_rotations_whose_distance_is_another_one_are_refused() -> None:
         imported(str(folder), "--family", "rotate")
 
 
-@pytest.mark.parametrize("pair", [("epoch_9.pt", "epoch_10.pt"), ("best.pt", "last.pt"), ("m.pt", "m.safetensors")])
+@pytest.mark.parametrize(
+    "pair", [("epoch_9.pt", "epoch_10.pt"), ("best.pt", "last.pt"), ("m.pt", "m.safetensors")]
+)
 def test_a_table_in_two_files_is_refused_unless_one_is_chosen(pair: tuple[str, str]) -> None:
     folder = write_lists()
     for number, name in enumerate(pair, 1):
@@ -179,17 +227,23 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any
     from pykeen.pipeline import pipeline
 
     done: dict[str, tuple[Any, Path]] = {}
-    kinds = {"TransE squared": ("TransE", {"scoring_fct_norm": 2, "power_norm": True}),
-             "TransE L1": ("TransE", {"scoring_fct_norm": 1})}  # fmt: skip
+    kinds = {
+        "TransE squared": ("TransE", {"scoring_fct_norm": 2, "power_norm": True}),
+        "TransE L1": ("TransE", {"scoring_fct_norm": 1}),
+    }
 
     def train(name: str) -> tuple[Any, Path]:
         if name not in done:
             model, options = kinds.get(name, (name, {}))
             result = pipeline(
-                dataset="nations", model=model, model_kwargs={"embedding_dim": 6, **options}, random_seed=0,
-                training_kwargs={"num_epochs": 1, "use_tqdm": False}, evaluation_kwargs={"use_tqdm": False},
+                dataset="nations",
+                model=model,
+                model_kwargs={"embedding_dim": 6, **options},
+                random_seed=0,
+                training_kwargs={"num_epochs": 1, "use_tqdm": False},
+                evaluation_kwargs={"use_tqdm": False},
                 device="cpu",
-            )  # fmt: skip
+            )
             folder = tmp_path_factory.mktemp("pykeen")
             result.save_to_directory(folder)
             torch.save(result.model.state_dict(), folder / "state.pt")
@@ -200,9 +254,12 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any
 
 
 MODELS = {
-    "DistMult": ["distmult"], "ComplEx": ["complex"], "RotatE": ["rotate"], "TransE L1": ["transe_l1"],
+    "DistMult": ["distmult"],
+    "ComplEx": ["complex"],
+    "RotatE": ["rotate"],
+    "TransE L1": ["transe_l1"],
     "TransE squared": ["transe", "--set", "squared=true"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -223,7 +280,9 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
         pairs = [given, torch.full_like(given, 7)]
         with torch.no_grad():
             expected = theirs(torch.stack(pairs if slot == TAIL else pairs[::-1], 1))
-        torch.testing.assert_close(by_state.scores(given, 7, slot) - margin, expected, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(
+            by_state.scores(given, 7, slot) - margin, expected, rtol=1e-4, atol=1e-4
+        )
 
 
 def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Path) -> None:
@@ -231,7 +290,9 @@ def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Pa
     from pykeen.models import DistMult
     from pykeen.triples import TriplesFactory
 
-    rows = np.array([[NAMES[head], BETWEEN[relation], NAMES[tail]] for head, relation, tail in TRIPLES])
+    rows = np.array(
+        [[NAMES[head], BETWEEN[relation], NAMES[tail]] for head, relation, tail in TRIPLES]
+    )
     factory = TriplesFactory.from_labeled_triples(rows, create_inverse_triples=True)
     model = DistMult(triples_factory=factory, embedding_dim=4)
     factory.to_path_binary(tmp_path / "training_triples")
@@ -255,7 +316,9 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
         with pytest.raises(SystemExit):
             imported("evil", "--family", "distmult", *more)
     assert not Path("exploded").exists()
-    with pytest.raises(SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with vectors"):
+    with pytest.raises(
+        SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with vectors"
+    ):
         imported("evil", "--trust-pickle")
     assert Path("exploded").exists()  # the help warns of this
     main(["import", "--help"])

@@ -1,4 +1,6 @@
-"""ES, RS and ERS against plain loops; fallbacks, ties, ranges, controls; no initializer sees held-out triples."""
+"""ES, RS and ERS against plain loops; fallbacks, ties, ranges, controls;
+no initializer sees held-out triples.
+"""
 
 from dataclasses import replace
 
@@ -23,19 +25,44 @@ from isi.tables import paths
 from tests.init_contexts import initialize as insert
 from tests.init_contexts import stacked
 from tests.small_graphs import dense
-from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, World, insertion, seen, world
+from tests.small_insertion import (
+    DIMENSION,
+    ENTITIES,
+    NOVEL,
+    RELATIONS,
+    World,
+    insertion,
+    seen,
+    world,
+)
 
 MAP: dict[str, Option] = {"strength": 0.5, "ratio": 3}
 EVERYONE: dict[str, dict[str, Option]] = {
-    "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
-    "mean": {}, "kind_mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
-    "es_permuted_kinds": {"k": 3}, "rs_alive": {"k": 4}, "neighbour_mean": {}, "er_avg": {},
-    "class_noise": {"fraction": 0.5}, "projection": {"penalty": 0.3}, "soft_es": {"temperature": 0.2},
-    "soft_rs": {"temperature": 0.1}, "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
-    "ridge": MAP, "map_mean": MAP, "map_ers": {"k": 2, "candidates": 5, **MAP},
+    "xavier": {},
+    "iu": {},
+    "es": {"k": 3},
+    "rs": {"k": 4},
+    "ers": {"k": 2, "candidates": 5},
+    "mean": {},
+    "kind_mean": {},
+    "gaussian": {},
+    "gaussian_centred": {},
+    "es_permuted": {"k": 3},
+    "es_permuted_kinds": {"k": 3},
+    "rs_alive": {"k": 4},
+    "neighbour_mean": {},
+    "er_avg": {},
+    "class_noise": {"fraction": 0.5},
+    "projection": {"penalty": 0.3},
+    "soft_es": {"temperature": 0.2},
+    "soft_rs": {"temperature": 0.1},
+    "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
+    "ridge": MAP,
+    "map_mean": MAP,
+    "map_ers": {"k": 2, "candidates": 5, **MAP},
     "map_own_facts": {"word_weight": 4.0, "relation_weight": 6.0, **MAP},
     "map": {"word_weight": 4.0, "relation_weight": 6.0, **MAP, "known_negatives": 2.0},
-}  # fmt: skip
+}
 RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
 CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
 
@@ -63,11 +90,21 @@ class Plain:
             if split == TRAIN and not {head, tail} & self.novel:
                 trained |= {head, tail}
         self.eligible = sorted(trained)
-        own = [triples[triple] for m, p, triple in of.insert_triples.tolist() if (m, p) == (model, place)]
-        self.observed: list[Observed] = [(h, r, True) if t == self.entity else (t, r, False) for h, r, t in own]
+        own = [
+            triples[triple]
+            for m, p, triple in of.insert_triples.tolist()
+            if (m, p) == (model, place)
+        ]
+        self.observed: list[Observed] = [
+            (h, r, True) if t == self.entity else (t, r, False) for h, r, t in own
+        ]
 
     def similar(self) -> dict[int, float]:
-        return {e: cosine(self.words[self.entity], self.words[e]) for e in self.eligible if e in self.words}
+        return {
+            e: cosine(self.words[self.entity], self.words[e])
+            for e in self.eligible
+            if e in self.words
+        }
 
     def related(self) -> dict[int, float]:
         score = dict.fromkeys(self.eligible, 0.0)
@@ -109,16 +146,22 @@ def best(score: dict[int, float], k: int) -> list[int]:
 
 
 def agree(of: World, name: str, **options: int) -> set[str | None]:
-    """Check that an initializer agrees with ``Plain`` for all novel entities; returns the set of fallbacks."""
+    """Check that an initializer agrees with ``Plain`` for all novel entities;
+    returns the set of fallbacks.
+    """
     result = insert(name, seen(of), **options)
     fallbacks = set()
     for model in range(len(NOVEL)):
         for place in range(NOVEL.shape[1]):
             plain = Plain(of, model, place)
             indicators, fallback = plain.expected(name, **options)
-            np.testing.assert_allclose(result.vectors[model, place].numpy(), plain.mean(indicators), atol=1e-5)
+            np.testing.assert_allclose(
+                result.vectors[model, place].numpy(), plain.mean(indicators), atol=1e-5
+            )
             assert result.indicators is not None
-            assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
+            assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(
+                indicators
+            )
             assert FALLBACKS[result.fallback[model, place]] == fallback
             fallbacks.add(fallback)
     return fallbacks
@@ -150,26 +193,40 @@ def test_fallbacks_are_the_plain_loop_with_the_k_of_the_one_that_fell_back() -> 
 
 @pytest.mark.parametrize(
     ("name", "options", "lowest"),
-    [("es", {"k": 3}, [[1, 2, 3]] * 2), ("rs", {"k": 3}, [[1, 2, 3]] * 2),
-     ("ers", {"k": 3, "candidates": 99}, [[1, 2, 3]] * 2),
-     ("ers", {"k": 4, "candidates": 4}, [[1, 2, 3, 5], [1, 2, 3, 4]])],
-)  # fmt: skip
-def test_equal_scores_go_to_the_lower_id(name: str, options: dict[str, int], lowest: list[list[int]]) -> None:
+    [
+        ("es", {"k": 3}, [[1, 2, 3]] * 2),
+        ("rs", {"k": 3}, [[1, 2, 3]] * 2),
+        ("ers", {"k": 3, "candidates": 99}, [[1, 2, 3]] * 2),
+        ("ers", {"k": 4, "candidates": 4}, [[1, 2, 3, 5], [1, 2, 3, 4]]),
+    ],
+)
+def test_equal_scores_go_to_the_lower_id(
+    name: str, options: dict[str, int], lowest: list[list[int]]
+) -> None:
     given = replace(insertion(), words=torch.ones(ENTITIES, 6))
-    lengths = 2.0 ** torch.arange(ENTITIES)  # of one direction, so that cosines are equal and means are not
+    # of one direction, so that cosines are equal and means are not
+    lengths = 2.0 ** torch.arange(ENTITIES)
     entity = given.theta0.entity[:1, 1:2] * lengths[:, None] * given.known[..., None]
     result = insert(name, replace(given, theta0=replace(given.theta0, entity=entity)), **options)
     for model in range(2):
-        torch.testing.assert_close(result.vectors[model], entity[model, lowest[model]].mean(0).expand(3, -1))
+        torch.testing.assert_close(
+            result.vectors[model], entity[model, lowest[model]].mean(0).expand(3, -1)
+        )
 
 
 def rewired(of: World) -> World:
-    """A copy of the world with other validation and test triples, or with validation and test exchanged."""
+    """A copy of the world with other validation and test triples,
+    or with validation and test exchanged.
+    """
     triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
     out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
-    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor([ENTITIES, RELATIONS, ENTITIES])
+    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor(
+        [ENTITIES, RELATIONS, ENTITIES]
+    )
     counts[out] += 17
-    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(np.int8)
+    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(
+        np.int8
+    )
     assert int(out.sum()) > 3
     return replace(of, graph=replace(of.graph, triples=triples, counts=counts), splits=exchanged)
 
@@ -184,14 +241,20 @@ def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
 @pytest.mark.parametrize("name", ["xavier", "iu"])
 def test_uniform_initializers_fill_their_range_and_no_more(name: str) -> None:
     given, dimension = insertion(), 400  # coordinates in [2, 3] + the number of the coordinate
-    entity = torch.rand(2, ENTITIES, dimension, generator=torch.Generator().manual_seed(0)) + torch.arange(dimension)
-    given = replace(given, theta0=replace(given.theta0, entity=(entity + 2) * given.known[..., None]))
+    entity = torch.rand(
+        2, ENTITIES, dimension, generator=torch.Generator().manual_seed(0)
+    ) + torch.arange(dimension)
+    given = replace(
+        given, theta0=replace(given.theta0, entity=(entity + 2) * given.known[..., None])
+    )
     vectors = initial(name, given).vectors
     assert vectors.shape == (2, 3, dimension)
     for model in range(2):
         known = given.theta0.entity[model, given.known[model]]
         bound = torch.full((dimension,), 6 / dimension**0.5)
-        low, high = (-bound, bound) if name == "xavier" else (known.min(0).values, known.max(0).values)
+        low, high = (
+            (-bound, bound) if name == "xavier" else (known.min(0).values, known.max(0).values)
+        )
         share = (vectors[model] - low) / (high - low)
         assert share.min() >= -1e-3  # rounding: coordinates are as large as 400
         assert share.max() <= 1 + 1e-3
@@ -216,12 +279,16 @@ def test_random_initializers_are_keyed_by_root_and_grid_point_and_no_other_draws
     given = insertion()
     first, drawn = initial(name, given).vectors, name in RANDOM
     assert torch.equal(first, initial(name, given).vectors)
-    others = [replace(given, root=1), *(replace(given, keys=given.keys + torch.tensor(by)) for by in ([1, 0], [0, 9]))]
+    others = [
+        replace(given, root=1),
+        *(replace(given, keys=given.keys + torch.tensor(by)) for by in ([1, 0], [0, 9])),
+    ]
     if not name.startswith("es_permuted"):  # which deals words: see below
         assert all((initial(name, other).vectors != first).all() == drawn for other in others)
         assert all(torch.equal(initial(name, other).vectors, first) != drawn for other in others)
     theta0 = replace(given.theta0, entity=given.theta0.entity[:1].expand(2, -1, -1))
-    alike = replace(given, theta0=theta0, known=given.known[:1].expand(2, -1))  # the models differ in their keys alone
+    # the models differ in their keys alone
+    alike = replace(given, theta0=theta0, known=given.known[:1].expand(2, -1))
     if drawn and name != "class_noise":
         swapped = initial(name, replace(alike, keys=given.keys.flip(0))).vectors
         assert torch.equal(swapped.flip(0), initial(name, alike).vectors)
@@ -230,8 +297,15 @@ def test_random_initializers_are_keyed_by_root_and_grid_point_and_no_other_draws
 @pytest.mark.parametrize("name", ["gaussian", "gaussian_centred"])
 def test_gaussians_have_the_moments_of_the_known_vectors_in_each_coordinate(name: str) -> None:
     given, draws = insertion(), 20_000
-    given = replace(given, theta0=replace(given.theta0, entity=given.theta0.entity * 3 + given.known[..., None] * 5))
-    vectors = initial(name, replace(given, novel=given.novel[:, :1].expand(-1, draws))).vectors.double().numpy()
+    given = replace(
+        given,
+        theta0=replace(given.theta0, entity=given.theta0.entity * 3 + given.known[..., None] * 5),
+    )
+    vectors = (
+        initial(name, replace(given, novel=given.novel[:, :1].expand(-1, draws)))
+        .vectors.double()
+        .numpy()
+    )
     for model in range(2):
         known = given.theta0.entity[model, given.known[model]].double().numpy()
         centre = known.mean(0) if name == "gaussian" else np.zeros(DIMENSION)
@@ -243,8 +317,11 @@ def test_gaussians_have_the_moments_of_the_known_vectors_in_each_coordinate(name
         assert abs(np.corrcoef(vectors[model].T) - np.eye(DIMENSION)).max() < 5 / draws**0.5
 
 
-def test_options_come_from_the_signature_and_the_label_is_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))  # undone after the test
+def test_options_come_from_the_signature_and_the_label_is_the_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # undone after the test
+    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))
 
     @initializer("constant")
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
@@ -265,11 +342,17 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
     for name, options in listed.items():
         assert options_of(name, options, f"initializers.{name}") == options
     registered = [INITIALIZERS.get(name, "initializers") for name in listed]
-    assert len({each.label for each in registered}) == len({each.colour for each in registered}) == len(EVERYONE)
+    assert (
+        len({each.label for each in registered})
+        == len({each.colour for each in registered})
+        == len(EVERYONE)
+    )
 
 
 @pytest.mark.parametrize("name", EVERYONE)
-def test_weights_are_of_known_entities_and_make_the_vector_of_those_that_take_a_mean(name: str) -> None:
+def test_weights_are_of_known_entities_and_make_the_vector_of_those_that_take_a_mean(
+    name: str,
+) -> None:
     given = insertion()
     result = initial(name, given)
     assert (result.indicators is not None) == (name in CENTROIDS)
@@ -294,14 +377,20 @@ def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(na
         "words" not in registered.needs and name != "map"
     )  # whose prior uses words if there are any
     if not (whole.fallback == RS).any():
-        assert torch.equal(alone.vectors, whole.vectors) == ("insert_triples" not in registered.needs)
+        assert torch.equal(alone.vectors, whole.vectors) == (
+            "insert_triples" not in registered.needs
+        )
 
 
 def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
     given = insertion()
-    unit = given.known[..., None] * torch.linspace(-1, 1, ENTITIES)[:, None].expand(ENTITIES, DIMENSION)
+    unit = given.known[..., None] * torch.linspace(-1, 1, ENTITIES)[:, None].expand(
+        ENTITIES, DIMENSION
+    )
     low, high = unit[0].min(), unit[0].max()
     given = replace(given, theta0=replace(given.theta0, entity=unit.contiguous()))
     bound = 6 / DIMENSION**0.5
     uniform = (initial("xavier", given).vectors[0] + bound) / (2 * bound)
-    assert not torch.allclose((initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01)
+    assert not torch.allclose(
+        (initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01
+    )

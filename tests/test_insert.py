@@ -1,4 +1,6 @@
-"""``isi.insert``: its documented behaviour on a user's embedding, and agreement with the pipeline's functions."""
+"""``isi.insert``: its documented behaviour on a user's embedding,
+and agreement with the pipeline's functions.
+"""
 
 import subprocess
 import sys
@@ -20,12 +22,24 @@ from isi.insertion.api import batches
 from isi.insertion.arguments import Names, triples_of
 from isi.tables import paths
 from tests.init_contexts import insertion
-from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NEW, TRIPLES, call, tables, words
+from tests.small_embedding import (
+    BETWEEN,
+    ENTITIES,
+    KNOWN,
+    KNOWN_TRIPLES,
+    NEW,
+    TRIPLES,
+    call,
+    tables,
+    words,
+)
 from tests.small_graphs import random_embedding
 
 RELATIONS, DIMENSION = len(BETWEEN), 8
 #: The triples in columns of other names and another order, and a column that is none of them.
-MIXED = pd.DataFrame(TRIPLES, columns=["from", "rel", "to"])[["to", "from", "rel"]].assign(weight=1.0)
+MIXED = pd.DataFrame(TRIPLES, columns=["from", "rel", "to"])[["to", "from", "rel"]].assign(
+    weight=1.0
+)
 
 
 def by_hand() -> InitContext:
@@ -34,9 +48,13 @@ def by_hand() -> InitContext:
     theta0 = replace(stack, entity=torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1))
     seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
     ids = {name: number for number, name in enumerate(KNOWN)}
-    known = [(ids[head], BETWEEN.index(relation), ids[tail]) for head, relation, tail in KNOWN_TRIPLES]
+    known = [
+        (ids[head], BETWEEN.index(relation), ids[tail]) for head, relation, tail in KNOWN_TRIPLES
+    ]
     of = insertion(theta0, new, seen, torch.from_numpy(words()), [0] * (ENTITIES + 2), known)
-    return replace(of, eligible=of.known & (torch.arange(ENTITIES + 2) < 8), keys=torch.tensor([[0]]))
+    return replace(
+        of, eligible=of.known & (torch.arange(ENTITIES + 2) < 8), keys=torch.tensor([[0]])
+    )
 
 
 @pytest.mark.parametrize("name", INITIALIZERS.names())
@@ -44,30 +62,47 @@ def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
     registered = INITIALIZERS.get(name, "")
     expected = registered.initialize(by_hand(), registered.defaults)
     done = call(initializer=name, words=words(), triples=TRIPLES[:3])
-    torch.testing.assert_close(torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0)
+    torch.testing.assert_close(
+        torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0
+    )
     if expected.indicators is not None:
         assert done.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16])
-def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(dtype: type[np.floating[Any]]) -> None:
+def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(
+    dtype: type[np.floating[Any]],
+) -> None:
     given, copies = tables(dtype=dtype), tables(dtype=dtype)
     done = call(**given)
-    assert done.entities[:ENTITIES].tobytes() == copies["entities"].tobytes() == given["entities"].tobytes()
+    assert (
+        done.entities[:ENTITIES].tobytes()
+        == copies["entities"].tobytes()
+        == given["entities"].tobytes()
+    )
     assert done.relations.tobytes() == copies["relations"].tobytes()
-    assert (done.entities.dtype, done.entity_names, done.new) == (dtype, [*KNOWN, *NEW], [ENTITIES, ENTITIES + 1])
+    assert (done.entities.dtype, done.entity_names, done.new) == (
+        dtype,
+        [*KNOWN, *NEW],
+        [ENTITIES, ENTITIES + 1],
+    )
     assert np.isfinite(done.entities).all()
     assert done.entities[ENTITIES:].any(1).all()
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.float32])
 def test_tables_may_be_tensors_with_gradients_and_of_short_types(dtype: torch.dtype) -> None:
-    given = {name: torch.nn.Parameter(torch.from_numpy(table).to(dtype)) for name, table in tables().items()}
+    given = {
+        name: torch.nn.Parameter(torch.from_numpy(table).to(dtype))
+        for name, table in tables().items()
+    }
     arrays = {name: table.detach().float().numpy() for name, table in given.items()}
     done, same = call(**given), call(**arrays)
     np.testing.assert_array_equal(done.entities[:ENTITIES], arrays["entities"])
     np.testing.assert_allclose(done.entities, same.entities, rtol=1e-2, atol=1e-2)
-    trained = isi.fit_new(*given.values(), [(ENTITIES - 1, 0, 0)], new=1, model=done.model, epochs=1)
+    trained = isi.fit_new(
+        *given.values(), [(ENTITIES - 1, 0, 0)], new=1, model=done.model, epochs=1
+    )
     np.testing.assert_array_equal(trained[0][:-1], arrays["entities"][:-1])
 
 
@@ -90,8 +125,12 @@ def test_the_order_of_new_names_is_the_order_of_ids() -> None:
 
 def test_ids_do_what_names_do() -> None:
     ids = {name: number for number, name in enumerate([*KNOWN, *NEW])}
-    triples = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in TRIPLES])
-    known = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in KNOWN_TRIPLES])
+    triples = np.array(
+        [[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in TRIPLES]
+    )
+    known = np.array(
+        [[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in KNOWN_TRIPLES]
+    )
     done = call(triples=triples, new=2, entity_names=None, relation_names=None, known_triples=known)
     np.testing.assert_array_equal(done.entities, call().entities)
     assert [entity.name for entity in done.report()] == [12, 13]
@@ -100,40 +139,75 @@ def test_ids_do_what_names_do() -> None:
         np.testing.assert_array_equal(call(triples=same).entities, done.entities)
 
 
-@pytest.mark.parametrize("form", [
-    pd.DataFrame(TRIPLES), pd.DataFrame(TRIPLES, columns=["head", "relation", "tail"])[["tail", "head", "relation"]],
-    np.array(TRIPLES), {"cup": {"in": "e1", "on": ["mug"]}, "e3": {"on": ["cup"]}, "mug": {"has": [2]}},
-    torch.tensor([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]), iter(TRIPLES),
-    pd.DataFrame([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]), MIXED.rename(columns=str.upper),
-    MIXED.rename(columns={"from": "source", "to": "target", "rel": "label"}), MIXED.to_records(index=False),
-], ids=[
-    "frame", "named columns", "array", "facts", "tensor", "iterator", "frame of ids", "from, to, rel", "networkx",
-    "structured array",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "form",
+    [
+        pd.DataFrame(TRIPLES),
+        pd.DataFrame(TRIPLES, columns=["head", "relation", "tail"])[["tail", "head", "relation"]],
+        np.array(TRIPLES),
+        {"cup": {"in": "e1", "on": ["mug"]}, "e3": {"on": ["cup"]}, "mug": {"has": [2]}},
+        torch.tensor([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]),
+        iter(TRIPLES),
+        pd.DataFrame([[12, 0, 1], [3, 1, 12], [13, 2, 2], [12, 1, 13]]),
+        MIXED.rename(columns=str.upper),
+        MIXED.rename(columns={"from": "source", "to": "target", "rel": "label"}),
+        MIXED.to_records(index=False),
+    ],
+    ids=[
+        "frame",
+        "named columns",
+        "array",
+        "facts",
+        "tensor",
+        "iterator",
+        "frame of ids",
+        "from, to, rel",
+        "networkx",
+        "structured array",
+    ],
+)
 def test_triples_come_in_many_forms(form: Any) -> None:
     done = call(triples=form)
     np.testing.assert_allclose(done.entities, call().entities, rtol=1e-4)
     assert (len(done.insert_triples), len(done.between)) == (3, 1)
 
 
-@pytest.mark.parametrize("columns", [["a", "b", "c"], ["head", "tail", "weight"], ["from", "to", "from"]])
+@pytest.mark.parametrize(
+    "columns", [["a", "b", "c"], ["head", "tail", "weight"], ["from", "to", "from"]]
+)
 def test_columns_of_unknown_names_are_refused_and_named(columns: list[str]) -> None:
-    with pytest.raises(InputError, match="argument 'triples': columns: expected the columns head, relation") as error:
+    with pytest.raises(
+        InputError, match="argument 'triples': columns: expected the columns head, relation"
+    ) as error:
         call(triples=pd.DataFrame(TRIPLES, columns=columns))
     assert all(repr(name) in str(error.value) for name in columns)
 
 
 def test_a_triple_that_repeats_counts_once() -> None:
-    np.testing.assert_array_equal(call(triples=[*TRIPLES, *TRIPLES[::-1]]).entities, call().entities)
+    np.testing.assert_array_equal(
+        call(triples=[*TRIPLES, *TRIPLES[::-1]]).entities, call().entities
+    )
 
 
-@given(st.lists(st.tuples(st.sampled_from([0, 1, 2**31 - 1]), st.integers(0, 2), st.sampled_from([0, 2**31 - 1]))))
-def test_triples_keep_the_order_of_their_first_occurrence(triples: list[tuple[int, int, int]]) -> None:
-    entities, relations = Names("entity_names", 2**31, None), Names("relation_names", 3, None)  # R · E² > 2⁶³
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0, 1, 2**31 - 1]), st.integers(0, 2), st.sampled_from([0, 2**31 - 1])
+        )
+    )
+)
+def test_triples_keep_the_order_of_their_first_occurrence(
+    triples: list[tuple[int, int, int]],
+) -> None:
+    # R · E² > 2⁶³
+    entities, relations = Names("entity_names", 2**31, None), Names("relation_names", 3, None)
     array = np.array(triples, np.int32).reshape(-1, 3)
     for given_as in (triples, array):
         ids = triples_of(given_as, "triples", entities, relations)
-        assert (ids.dtype, list(map(tuple, ids.tolist()))) == (np.int64, list(dict.fromkeys(triples)))
+        assert (ids.dtype, list(map(tuple, ids.tolist()))) == (
+            np.int64,
+            list(dict.fromkeys(triples)),
+        )
 
 
 def test_triples_between_new_entities_are_counted() -> None:
@@ -148,15 +222,29 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
     assert everyone.indicators == [list(range(12)), list(range(12))]
 
 
-@pytest.mark.parametrize(("given", "expected"), [
-    ({}, "map"), ({"words": words()}, "map"),
-    ({"words": words() * (np.arange(14) < 12)[:, None]}, "map"),  # the new ones have none
-    ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map"),  # the known ones have none
-    ({"new": np.int64(2), "triples": [(12, 0, 1), (3, 1, 13)], "entity_names": None, "known_triples": None},
-     "map"),
-    ({"words": words(), "triples": []}, "soft_es"), ({"words": words(), "initializer": "ers"}, "ers"),
-])  # fmt: skip
-def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str, Any], expected: str) -> None:
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, "map"),
+        ({"words": words()}, "map"),
+        ({"words": words() * (np.arange(14) < 12)[:, None]}, "map"),  # the new ones have none
+        ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map"),  # the known ones have none
+        (
+            {
+                "new": np.int64(2),
+                "triples": [(12, 0, 1), (3, 1, 13)],
+                "entity_names": None,
+                "known_triples": None,
+            },
+            "map",
+        ),
+        ({"words": words(), "triples": []}, "soft_es"),
+        ({"words": words(), "initializer": "ers"}, "ers"),
+    ],
+)
+def test_the_default_is_the_best_for_what_is_known_and_says_why(
+    given: dict[str, Any], expected: str
+) -> None:
     done = call(**given)
     assert done.initializer == expected
     assert ("as named" in done.why) == ("initializer" in given)
@@ -164,9 +252,19 @@ def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str,
 
 def test_an_embedding_may_be_too_large_for_pairs_of_words() -> None:
     entities, vectors = np.eye(24_000, 4, dtype=np.float32), np.ones((24_001, 2), np.float32)
-    with pytest.raises(InputError, match=r"argument 'initializer': the embedding is too large for es_permuted, which"):
-        isi.insert(entities, entities[:2], [(24_000, 1, 2)], new=1, model="distmult", words=vectors,
-                   initializer="es_permuted")  # fmt: skip
+    with pytest.raises(
+        InputError,
+        match=r"argument 'initializer': the embedding is too large for es_permuted, which",
+    ):
+        isi.insert(
+            entities,
+            entities[:2],
+            [(24_000, 1, 2)],
+            new=1,
+            model="distmult",
+            words=vectors,
+            initializer="es_permuted",
+        )
 
 
 def test_an_entity_without_triples_or_words_falls_back_and_says_to_what() -> None:
@@ -188,14 +286,18 @@ def test_words_may_be_vectors_or_texts_by_name() -> None:
         return np.stack([by_name[text.removeprefix("text of ")] for text in texts_to_embed])
 
     np.testing.assert_array_equal(call(words=texts, word_source=embed).entities, table)
-    np.testing.assert_array_equal(call(words=by_name | {"cup": "text of cup"}, word_source=embed).entities, table)
+    np.testing.assert_array_equal(
+        call(words=by_name | {"cup": "text of cup"}, word_source=embed).entities, table
+    )
 
 
 def test_words_may_come_from_a_file(tmp_path: Any) -> None:
     path = tmp_path / "vectors.txt"
     path.write_text("cup 1 0\nmug 0.9 0.1\nglass 0 1\n", encoding="utf-8")
     texts = {"e0": "glass", "e1": "cup", "cup": "mug", "mug": "a glass"}
-    done = call(words=texts, word_source=path, initializer="es", options={"k": 1}, known_triples=None)
+    done = call(
+        words=texts, word_source=path, initializer="es", options={"k": 1}, known_triples=None
+    )
     assert done.indicators == [[1], [0]]
 
 
@@ -204,15 +306,22 @@ def test_kinds_may_be_listed_or_named() -> None:
     done = call(kinds=listed, initializer="kind_mean", known_triples=None)
     assert done.indicators == [list(range(6)), list(range(6, 12))]
     by_name = dict(zip([*KNOWN, *NEW], listed, strict=True))
-    assert call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators == done.indicators
+    assert (
+        call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators
+        == done.indicators
+    )
 
 
 @pytest.mark.parametrize(
     "kinds",
-    [np.array([0, *[-1] * 11, 0, 1]), ["a", *[None] * 11, "a", "b"], ["a", *[""] * 11, "a", "b"],
-     {"e0": "a", "cup": "a", "e1": None, "mug": "b"}],
+    [
+        np.array([0, *[-1] * 11, 0, 1]),
+        ["a", *[None] * 11, "a", "b"],
+        ["a", *[""] * 11, "a", "b"],
+        {"e0": "a", "cup": "a", "e1": None, "mug": "b"},
+    ],
     ids=["-1", "None", "empty", "missing"],
-)  # fmt: skip
+)
 def test_an_entity_without_a_kind_is_of_no_kind(kinds: Any) -> None:
     done = call(kinds=kinds, initializer="es", words=words(), known_triples=None)
     assert done.indicators is not None
@@ -230,7 +339,9 @@ def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
 
     def weights(kind: str | None, **others: str) -> np.ndarray | None:
         given = None if kind is None else kinds | {"mug": kind} | others
-        return call(kinds=given, initializer=name, words=words(), triples=TRIPLES[:3], known_triples=known).weights
+        return call(
+            kinds=given, initializer=name, words=words(), triples=TRIPLES[:3], known_triples=known
+        ).weights
 
     free = weights(None)
     if free is None or name in {"neighbour_mean", "kind_mean"}:
@@ -248,7 +359,8 @@ def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
 ) -> None:
     given: dict[str, Any] = {"initializer": "soft_rs", "triples": TRIPLES[:3][::-1]}
     together = call(**given)
-    monkeypatch.setattr("isi.insertion.api.FEW", 1)  # so that the first, of two triples, follows the second, of one
+    # so that the first, of two triples, follows the second, of one
+    monkeypatch.setattr("isi.insertion.api.FEW", 1)
     apart = call(**given)
     np.testing.assert_allclose(apart.entities, together.entities, atol=1e-6)
     assert apart.fallback == together.fallback
@@ -257,36 +369,54 @@ def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
     np.testing.assert_allclose(apart.weights, together.weights, atol=1e-6)
 
 
-def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     number = [5, 3, 100, 0, 40, 33, 70]
-    triples = np.array([(10 + place, 0, 1) for place, times in enumerate(number) for _ in range(times)])
+    triples = np.array(
+        [(10 + place, 0, 1) for place, times in enumerate(number) for _ in range(times)]
+    )
     assert [part.tolist() for part in batches(torch.arange(10, 17), triples, 2, 1)] == [
-        [10, 11], [13], [14, 15], [12, 16]
-    ]  # fmt: skip
+        [10, 11],
+        [13],
+        [14, 15],
+        [12, 16],
+    ]
     monkeypatch.setattr("isi.insertion.api.BUDGET", 3 * 64 * 8)
     assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
 
 
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    at_once = {name: call(initializer=name, words=words()).entities for name in ("ers", "soft_hybrid", "map_mean")}
+    at_once = {
+        name: call(initializer=name, words=words()).entities
+        for name in ("ers", "soft_hybrid", "map_mean")
+    }
     monkeypatch.setattr("isi.insertion.api.BUDGET", 1)
     for name, expected in at_once.items():
-        np.testing.assert_allclose(call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(
+            call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6
+        )
     drawn = call(initializer="iu").entities[ENTITIES:]
     assert not np.allclose(drawn[0], drawn[1])
 
 
 @pytest.mark.parametrize("name", ["es", "ers", "soft_es", "soft_hybrid", "map"])
-def test_words_of_a_large_graph_are_compared_with_the_new_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_words_of_a_large_graph_are_compared_with_the_new_alone(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     of_all = call(initializer=name, words=words()).entities
     monkeypatch.setattr("isi.initializers.similarity.WHOLE", 0)
-    np.testing.assert_allclose(call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6
+    )
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 1000), st.sampled_from(["iu", "xavier", "gaussian", "class_noise"]))
 def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:
-    one, same, other = (call(initializer=name, seed=value).entities for value in (seed, seed, seed + 1))
+    one, same, other = (
+        call(initializer=name, seed=value).entities for value in (seed, seed, seed + 1)
+    )
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
 
@@ -298,7 +428,9 @@ def test_options_are_those_of_params_where_it_has_them() -> None:
 
 def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
     script = "import sys, isi; print({'torch', 'pykeen', 'numpy'} & set(sys.modules), isi.__all__)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"set() {isi.__all__}\n"
     assert (isi.insert.__module__, isi.open.__module__) == ("isi.insertion.api", "isi.bundle.live")
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
@@ -306,13 +438,19 @@ def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
 
 
 @pytest.mark.parametrize("flushed", [True, False])
-def test_denormal_numbers_are_flushed_during_a_call_alone(flushed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Known rows with denormal numbers stay, and so does the setting of the caller, after an error, too."""
+def test_denormal_numbers_are_flushed_during_a_call_alone(
+    flushed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Known rows with denormal numbers stay, and so does the setting of the caller,
+    after an error, too.
+    """
 
     def are_flushed() -> bool:
         return not bool((torch.full((1,), 1e-40) * 1).any())
 
-    monkeypatch.setattr(INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()})
+    monkeypatch.setattr(
+        INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
+    )
     entities, relations = np.full((5, 4), 1e-40, np.float32), np.ones((1, 4), np.float32)
     entities[:, 0] = range(5)
     seen = list[bool]()
@@ -324,7 +462,9 @@ def test_denormal_numbers_are_flushed_during_a_call_alone(flushed: bool, monkeyp
 
     torch.set_flush_denormal(flushed)
     try:
-        done = isi.insert(entities, relations, [(5, 0, 1)], new=1, model="distmult", initializer="watching")
+        done = isi.insert(
+            entities, relations, [(5, 0, 1)], new=1, model="distmult", initializer="watching"
+        )
         with pytest.raises(InputError):
             isi.insert(entities, relations, [(5, 0, 9)], new=1, model="distmult")
         assert are_flushed() == flushed

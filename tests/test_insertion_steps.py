@@ -1,4 +1,6 @@
-"""One session of incremental learning: the measures right after insertion, and the data of fine-tuning."""
+"""One session of incremental learning: the measures right after insertion,
+and the data of fine-tuning.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +10,13 @@ import torch
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertConfig, finetune, init_context, insert_sessions, with_vectors
+from isi.experiment.insert import (
+    InsertConfig,
+    finetune,
+    init_context,
+    insert_sessions,
+    with_vectors,
+)
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
@@ -21,7 +29,8 @@ OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_
 CONFIG = InsertConfig("es", {"k": 3}, 0, NEGATIVES, OPTIMIZER, 0.0, [NOVEL.shape[1]])
 WORLD = world()
 POINTS: GridPoints = replace(
-    points_at(WORLD.graph, WORLD.splits), insert_triples=np.insert(WORLD.insert_triples, 0, 1, axis=1)
+    points_at(WORLD.graph, WORLD.splits),
+    insert_triples=np.insert(WORLD.insert_triples, 0, 1, axis=1),
 )
 
 
@@ -42,11 +51,16 @@ def test_the_insert_triples_of_each_are_packed_to_the_left() -> None:
     longest = max(map(len, rows.values()))
     assert longest > 1
     for (model, place), expected in rows.items():
-        padded = [*((*row, True) for row in expected), *[(0, 0, False, False)] * (longest - len(expected))]
+        padded = [
+            *((*row, True) for row in expected),
+            *[(0, 0, False, False)] * (longest - len(expected)),
+        ]
         tables = (context.other, context.relation, context.novel_is_tail, context.observed)
         assert list(zip(*(table[model, place].tolist() for table in tables), strict=True)) == padded
     nothing = replace(POINTS, insert_triples=POINTS.insert_triples[:0])
-    assert init_context(nothing, WORLD.theta0, WORLD.words, 0).observed.tolist() == [[[False]] * 3] * 2
+    assert (
+        init_context(nothing, WORLD.theta0, WORLD.words, 0).observed.tolist() == [[[False]] * 3] * 2
+    )
 
 
 def trained(purpose: str, pool: str) -> Embedding:
@@ -66,9 +80,14 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
 
 
 def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
-    joint, config = {(1, scope): np.full(2, np.nan) for scope in CONVERGING}, CONFIG.training(new_rows_first=3)
+    joint, config = (
+        {(1, scope): np.full(2, np.nan) for scope in CONVERGING},
+        CONFIG.training(new_rows_first=3),
+    )
     ((theta, result),) = insert_sessions(POINTS, WORLD.theta0, WORLD.words, joint, config)
-    before = with_vectors(WORLD.theta0, torch.as_tensor(NOVEL), torch.from_numpy(result.vectors)).entity
+    before = with_vectors(
+        WORLD.theta0, torch.as_tensor(NOVEL), torch.from_numpy(result.vectors)
+    ).entity
     moved = (theta.entity != before).any(-1).numpy()
     for model in range(2):
         assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])

@@ -1,4 +1,6 @@
-"""Killed runs of the pipeline: the next run restores all outputs, and the comparison detects missing ones."""
+"""Killed runs of the pipeline: the next run restores all outputs,
+and the comparison detects missing ones.
+"""
 
 import random
 import signal
@@ -9,7 +11,9 @@ import pytest
 from tests.kills.__main__ import survived
 from tests.kills.workspace import Fault, Lost, Workspace
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="looks for processes as Linux has them"
+)
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +33,20 @@ def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) ->
     left.write_bytes(b"left over")
     before = changed.read_bytes()
     changed.write_bytes(before[:-1])
-    with pytest.raises(Lost, match=r"^2 files differ, lack or stay: .*/\.theta0\.log\.parquet\.1\.tmp, "):
+    with pytest.raises(
+        Lost, match=r"^2 files differ, lack or stay: .*/\.theta0\.log\.parquet\.1\.tmp, "
+    ):
         pipeline.compare()
     left.unlink()
     changed.write_bytes(before)
 
 
-def test_a_run_that_is_killed_twice_loses_nothing_and_leaves_no_process(pipeline: Workspace) -> None:
-    """DVC is killed while workers train Θ⁰, then a worker of the next run; the run after that makes the same bytes."""
+def test_a_run_that_is_killed_twice_loses_nothing_and_leaves_no_process(
+    pipeline: Workspace,
+) -> None:
+    """DVC is killed while workers train Θ⁰, then a worker of the next run;
+    the run after that makes the same bytes.
+    """
     assert "data/embeddings/published/theta0.log.parquet" in pipeline.expected
 
     def strike() -> Fault | None:

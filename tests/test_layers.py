@@ -1,4 +1,5 @@
-"""Imports between the modules of the package: no circle, and none against the list in CONTRIBUTING.md.
+"""Imports between the modules of the package:
+no circle, and none against the list in CONTRIBUTING.md.
 
 All import statements count: at the top of a file, within a function, and for types alone.
 """

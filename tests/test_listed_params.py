@@ -18,49 +18,97 @@ from tools.workspace import DROP
 
 NAME = small.NAME
 CHANGES: dict[str, Any] = small.SMALL | {
-    "experiments.ai2thor": DROP, "experiments.transfer": DROP,
+    "experiments.ai2thor": DROP,
+    "experiments.transfer": DROP,
     "experiments.published.initializers": ["xavier", "rs", "ers"],
-    "experiments.published.immediate_only": [], "experiments.published.full_curves.sizes": [1],
-    **{f"{name}.experiments": [NAME] for name in (
-        "finetune_only", "sweep", "cross_validation", "rate_sweep", "trajectory", "compare_models", "affordances",
-        "query_breakdown", "final_model", "explorer",
-    )},
-    "sweep.k": [2], "sweep.size": 1, "sweep.seeds": 1, "rate_sweep.size": 1, "rate_sweep.factors": [2.0],
-    "cross_validation.folds": 2, "cross_validation.dimension": [], "cross_validation.ratio": [2],
-    "cross_validation.learning_rate": [], "cross_validation.weight_decay": [], "compare_models.seeds": 1,
-    "trajectory.size": 2, "trajectory.epochs": 1,
-}  # fmt: skip
+    "experiments.published.immediate_only": [],
+    "experiments.published.full_curves.sizes": [1],
+    **{
+        f"{name}.experiments": [NAME]
+        for name in (
+            "finetune_only",
+            "sweep",
+            "cross_validation",
+            "rate_sweep",
+            "trajectory",
+            "compare_models",
+            "affordances",
+            "query_breakdown",
+            "final_model",
+            "explorer",
+        )
+    },
+    "sweep.k": [2],
+    "sweep.size": 1,
+    "sweep.seeds": 1,
+    "rate_sweep.size": 1,
+    "rate_sweep.factors": [2.0],
+    "cross_validation.folds": 2,
+    "cross_validation.dimension": [],
+    "cross_validation.ratio": [2],
+    "cross_validation.learning_rate": [],
+    "cross_validation.weight_decay": [],
+    "compare_models.seeds": 1,
+    "trajectory.size": 2,
+    "trajectory.epochs": 1,
+}
 BEYOND: dict[str, Any] = {
-    "variants": {"rate": VARIANT | {
-        "experiments": [NAME], "initializers": ["rs"], "size": 1, "seeds": 1,
-        "changes": {"training.learning_rate": 0.2, "finetuning.max_epochs": 1},
-    }},
+    "variants": {
+        "rate": VARIANT
+        | {
+            "experiments": [NAME],
+            "initializers": ["rs"],
+            "size": 1,
+            "seeds": 1,
+            "changes": {"training.learning_rate": 0.2, "finetuning.max_epochs": 1},
+        }
+    },
     "graphs": {"again": GRAPH | {"sessions": SESSIONS | {"sizes": [1], "seeds": 1}}},
     "hidden": {"nations": HIDDEN | {"max_insert_triples": [1], "epochs": 1}},
-    "readings": {"case": READING_CASE | {
-        "sessions": READING_CASE["sessions"] | {"seeds": 1}, "initializers": ["ers"], "indicators": {"rs": [2]},
-    }},
-}  # fmt: skip
+    "readings": {
+        "case": READING_CASE
+        | {
+            "sessions": READING_CASE["sessions"] | {"seeds": 1},
+            "initializers": ["ers"],
+            "indicators": {"rs": [2]},
+        }
+    },
+}
 COMMANDS = (
-    *small.STAGES, f"insert {NAME} xavier", f"insert {NAME} ers", f"finetune_only {NAME}", f"rank_affordances {NAME}",
-    f"break_down_queries {NAME}", f"sweep_indicators {NAME} es", f"sweep_rates {NAME} rs", f"cross_validate {NAME}",
-    f"trace_trajectory {NAME}", f"compare_models {NAME} distmult", f"train_final {NAME}",
-    "vary rate", "explore again", "insert_hidden nations", "measure_readings case",
-)  # fmt: skip
+    *small.STAGES,
+    f"insert {NAME} xavier",
+    f"insert {NAME} ers",
+    f"finetune_only {NAME}",
+    f"rank_affordances {NAME}",
+    f"break_down_queries {NAME}",
+    f"sweep_indicators {NAME} es",
+    f"sweep_rates {NAME} rs",
+    f"cross_validate {NAME}",
+    f"trace_trajectory {NAME}",
+    f"compare_models {NAME} distmult",
+    f"train_final {NAME}",
+    "vary rate",
+    "explore again",
+    "insert_hidden nations",
+    "measure_readings case",
+)
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("project")
     small.lay_out(folder, CHANGES)
-    (folder / paths.BEYOND_PARAMS).write_text(yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8")
+    (folder / paths.BEYOND_PARAMS).write_text(
+        yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8"
+    )
     with chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "context_of", restricted_context)
         yield folder
 
 
 @pytest.mark.usefixtures("project")
-@pytest.mark.parametrize("command", COMMANDS)  # in their order: a stage reads what earlier ones write
+# in their order: a stage reads what earlier ones write
+@pytest.mark.parametrize("command", COMMANDS)
 def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str) -> None:
     if "hidden" in command and not find_spec("pykeen"):
         pytest.skip("PyKEEN is not installed")
@@ -69,9 +117,16 @@ def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str)
 
 @pytest.mark.usefixtures("project")
 def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
-    pipelines = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)]
+    pipelines = [
+        yaml.safe_load(path.read_text(encoding="utf-8"))
+        for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)
+    ]
     names = {name for pipeline in pipelines for name in pipeline["stages"]}
-    assert {command.split()[0] for command in COMMANDS} == names - {"report", "report_beyond", "report_readings"}
+    assert {command.split()[0] for command in COMMANDS} == names - {
+        "report",
+        "report_beyond",
+        "report_readings",
+    }
 
 
 @pytest.mark.usefixtures("project")

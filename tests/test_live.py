@@ -1,4 +1,6 @@
-"""Random sequences of changes: known rows stay, and vectors and answers follow from the set of facts alone."""
+"""Random sequences of changes: known rows stay,
+and vectors and answers follow from the set of facts alone.
+"""
 
 import json
 import resource
@@ -13,7 +15,14 @@ from typing import Any
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import (
+    Bundle,
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+)
 
 import isi
 from isi.bundle.folder import write
@@ -27,7 +36,12 @@ State = tuple[dict[str, dict[str, Any]], set[Fact]]
 TRAINED = frozenset(live_of().base.named_triples())
 KNOWN_NAME, LABEL = st.sampled_from(KNOWN.entity_names[:8]), st.sampled_from(["in", "on"])
 ABOUT = st.fixed_dictionaries(
-    {}, optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(["map", "rs"]), "new": st.just(True)}
+    {},
+    optional={
+        "kind": st.sampled_from(KINDS),
+        "initializer": st.sampled_from(["map", "rs"]),
+        "new": st.just(True),
+    },
 )
 
 
@@ -96,7 +110,9 @@ class LiveMachine(RuleBasedStateMachine):
         if not refused[0]:
             self.becomes({**self.about, name: about}, self.holding | facts)
         else:
-            assert not facts or "initializer" in {key for each in [*self.about.values(), about] for key in each}
+            assert not facts or "initializer" in {
+                key for each in [*self.about.values(), about] for key in each
+            }
 
     @rule(data=st.data(), names=st.lists(st.sampled_from(NEW), min_size=2, max_size=3, unique=True))
     def insert_together(self, data: st.DataObject, names: list[str]) -> None:
@@ -166,7 +182,9 @@ class LiveMachine(RuleBasedStateMachine):
         head, label, tail = self.name(data), data.draw(LABEL), self.name(data)
         tails = sorted(fact[2] for fact in self.holding if fact[:2] == (head, label))
         old = data.draw(st.sampled_from(tails)) if named and tails else None
-        gone = {(head, label, each) for each in tails if old in (None, each)} - {(head, label, tail)}
+        gone = {(head, label, each) for each in tails if old in (None, each)} - {
+            (head, label, tail)
+        }
         after = self.holding - gone | {(head, label, tail)}
         with self.refused_without_a_change() as refused:
             effect = self.live.move(head, label, tail, instead_of=old)
@@ -196,7 +214,9 @@ class LiveMachine(RuleBasedStateMachine):
 
     @rule()
     def compact(self) -> None:
-        """The state stays; what had no effect on it is forgotten, and ``undo`` reaches what is left."""
+        """The state stays; what had no effect on it is forgotten,
+        and ``undo`` reaches what is left.
+        """
         before, about, holding = seen(self.live), self.about, self.holding
         if not self.journal:
             return
@@ -268,13 +288,23 @@ class LiveMachine(RuleBasedStateMachine):
         """Another object, to which the same facts are given at once, in another order."""
         fresh = live_of()
         for initializer in (None, "map", "rs"):
-            names = [name for name, each in self.about.items() if each.get("initializer") == initializer][::-1]
+            names = [
+                name for name, each in self.about.items() if each.get("initializer") == initializer
+            ][::-1]
             of_these = {fact for fact in self.facts if {fact[0], fact[2]} & set(names)}
             others = self.about.keys() - set(names) - fresh.inserted.keys()
             of_these = {fact for fact in of_these if not {fact[0], fact[2]} & others}
             if names:
-                kinds = {name: self.about[name]["kind"] for name in names if "kind" in self.about[name]}
-                fresh.insert(names, sorted(of_these, reverse=True), kind=kinds, initializer=initializer, new=True)
+                kinds = {
+                    name: self.about[name]["kind"] for name in names if "kind" in self.about[name]
+                }
+                fresh.insert(
+                    names,
+                    sorted(of_these, reverse=True),
+                    kind=kinds,
+                    initializer=initializer,
+                    new=True,
+                )
         fresh.observe(sorted(self.facts, reverse=True))
         fresh.remove(facts=sorted(TRAINED - self.holding))
         return fresh
@@ -285,7 +315,9 @@ TestLive = LiveMachine.TestCase
 
 
 def test_a_journal_that_is_opened_first_lists_the_insertions_of_the_bundle(tmp_path: Path) -> None:
-    """A bundle that was written without a journal records its insertions in ``embedding.json`` alone."""
+    """A bundle that was written without a journal records its insertions in
+    ``embedding.json`` alone.
+    """
     made = live_of()
     made.insert("new a", [("new a", "in", "e1")])
     made.save(tmp_path / "home")
@@ -296,10 +328,15 @@ def test_a_journal_that_is_opened_first_lists_the_insertions_of_the_bundle(tmp_p
             assert len(live.history) == 1
 
 
-def test_a_change_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_line(tmp_path: Path) -> None:
+def test_a_change_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_line(
+    tmp_path: Path,
+) -> None:
     write(tmp_path / "home", KNOWN)
     journal = tmp_path / "home" / "journal.jsonl"
-    largest, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    largest, handler = (
+        resource.getrlimit(resource.RLIMIT_FSIZE),
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
+    )
     with isi.open(tmp_path / "home", journal=True) as live:
         live.insert("new a", [("new a", "in", "e1")])
         before, content = seen(live), journal.read_bytes()
@@ -326,13 +363,16 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
         live.prepare()
         live.insert("new a", [("new a", "in", "e1")])
     lines = [
-        json.loads(line) for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+        json.loads(line)
+        for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     ]
     assert [line["do"] for line in lines] == ["choose"] * len(PREPARED) + ["insert"]
     assert list(isi.open(tmp_path / "home").inserter.chosen.values()) == chosen()
 
 
-@pytest.mark.parametrize("fact", [5, None, "e1 in e2", ("e1", "in"), {"e1": 1, "in": 2, "e2": 3}, ("e1", "in", 5)])
+@pytest.mark.parametrize(
+    "fact", [5, None, "e1 in e2", ("e1", "in"), {"e1": 1, "in": 2, "e2": 3}, ("e1", "in", 5)]
+)
 def test_what_is_no_fact_is_refused(fact: Any) -> None:
     with pytest.raises(isi.InputError):
         live_of().observe([fact])

@@ -1,4 +1,6 @@
-"""``isi live``: the protocol, clients of a socket, processes that are killed, and two processes on one folder."""
+"""``isi live``: the protocol, clients of a socket, processes that are killed,
+and two processes on one folder.
+"""
 
 import asyncio
 import json
@@ -29,7 +31,9 @@ from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
 
 KNOWN_FACTS = KNOWN.named_triples()
 #: Facts of known entities that the embedding was not trained on.
-UNKNOWN = [fact for fact in product(["e0", "e3"], ["in"], KNOWN.entity_names) if fact not in KNOWN_FACTS]
+UNKNOWN = [
+    fact for fact in product(["e0", "e3"], ["in"], KNOWN.entity_names) if fact not in KNOWN_FACTS
+]
 
 
 def written(folder: Path) -> Path:
@@ -42,7 +46,11 @@ def written(folder: Path) -> Path:
 def answered(folder: Path, *requests: Any) -> list[dict[str, Any]]:
     """The answers of a process to all requests at once."""
     done = subprocess.run(
-        [*COMMAND, str(folder)], input=lines(*requests), capture_output=True, check=True, timeout=PATIENCE
+        [*COMMAND, str(folder)],
+        input=lines(*requests),
+        capture_output=True,
+        check=True,
+        timeout=PATIENCE,
     )
     assert done.stderr == b""
     return [json.loads(line) for line in done.stdout.splitlines()]
@@ -56,7 +64,10 @@ def home(tmp_path: Path) -> Path:
 def test_each_request_has_an_answer(home: Path) -> None:
     requests: list[dict[str, Any]] = [
         {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "place", "id": 1},
-        {"insert": {"new b": {"in": ["e1", "e2"], "on": "new a"}, "new c": {"on": "e3"}}, "id": "two"},
+        {
+            "insert": {"new b": {"in": ["e1", "e2"], "on": "new a"}, "new c": {"on": "e3"}},
+            "id": "two",
+        },
         {"observe": [["new c", "in", "e1"], ["new c", "on", "e3"], ["e1", "on", "e1"]]},
         {"ask": ["new a", "in", None], "top": 3, "id": {"any": ["JSON"]}},
         {"ask": ["new a", None, "e1"]},
@@ -68,14 +79,18 @@ def test_each_request_has_an_answer(home: Path) -> None:
         {"remove": "new b"},
         {"history": True},
     ]
-    (inserted, two, observed, asked, related, near, all_, one, undone, fact, removed, history) = answered(
-        home, *requests
+    (inserted, two, observed, asked, related, near, all_, one, undone, fact, removed, history) = (
+        answered(home, *requests)
     )
     assert (inserted["id"], inserted["inserted"], inserted["known"]) == (1, ["new a"], 0)
     assert (two["id"], two["inserted"], two["updated"]) == ("two", ["new b", "new c"], ["new a"])
     assert (observed["updated"], observed["known"]) == (["new c"], 1)
     assert asked["query"] == ["new a", "in", "?"]
-    assert [len(asked["answers"]), asked["answers"][0]["entity"], asked["answers"][0]["given"]] == [3, "e1", True]
+    assert [len(asked["answers"]), asked["answers"][0]["entity"], asked["answers"][0]["given"]] == [
+        3,
+        "e1",
+        True,
+    ]
     assert asked["id"] == {"any": ["JSON"]}
     assert asked["sure"] is True
     assert related["answers"][0]["entity"] == "in"
@@ -112,19 +127,22 @@ def test_an_answer_that_is_not_supported_says_so(home: Path) -> None:
 
 
 BAD: list[Any] = [
-    [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True}, {"histor": True},
-    {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]}, {"observe": [["e1", "inn", "e2"]]},
-    {"observe": [], "facts": [UNKNOWN[0]]}, {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]},
-    {"observe": "e1 in e2"}, {"observe": [5]}, {"observe": None}, {"observe": [["new a", "in", None]]},
-    {"insert": "new a"}, {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
-    {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}}, {"insert": "a\tb"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"},
+    [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True},
+    {"histor": True}, {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]},
+    {"observe": [["e1", "inn", "e2"]]}, {"observe": [], "facts": [UNKNOWN[0]]},
+    {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]}, {"observe": "e1 in e2"}, {"observe": [5]},
+    {"observe": None}, {"observe": [["new a", "in", None]]}, {"insert": "new a"},
+    {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
+    {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}},
+    {"insert": "a\tb"}, {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"},
     {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "none"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "map", "options": {"strength": -1.0}},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}, {"remove": "e1"}, {"remove": "new a"},
-    {"remove": True, "facts": [["e1", "in", "e2"]]}, {"undo": True}, {"ask": ["e1", "in", "e2"]},
-    {"ask": [None, None, "e2"]}, {"ask": ["e1", "in", None], "top": 0}, {"ask": ["e1", "in", None], "tops": 3},
-    {"ask": ["e1", "in"]}, {"nearest": "nobody"}, {"nearest": ["e1"]}, {"explain": 5},
+    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "map",
+     "options": {"strength": -1.0}},
+    {"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}, {"remove": "e1"},
+    {"remove": "new a"}, {"remove": True, "facts": [["e1", "in", "e2"]]}, {"undo": True},
+    {"ask": ["e1", "in", "e2"]}, {"ask": [None, None, "e2"]}, {"ask": ["e1", "in", None], "top": 0},
+    {"ask": ["e1", "in", None], "tops": 3}, {"ask": ["e1", "in"]}, {"nearest": "nobody"},
+    {"nearest": ["e1"]}, {"explain": 5},
 ]  # fmt: skip
 
 
@@ -151,10 +169,14 @@ def test_a_line_that_is_no_json_is_refused(line: bytes) -> None:
 
 def test_the_schema_of_requests_covers_the_verbs() -> None:
     assert VERBS.keys() <= Request.model_fields.keys()
-    assert all(callable(getattr(isi.LiveEmbedding, verb, None)) or verb == "history" for verb in VERBS)
+    assert all(
+        callable(getattr(isi.LiveEmbedding, verb, None)) or verb == "history" for verb in VERBS
+    )
 
 
-@pytest.mark.parametrize("label", [r'"\ud800"', r'{"\udfff": 1}', "1e999", "[-1e999]", "[" * 300 + "]" * 300])
+@pytest.mark.parametrize(
+    "label", [r'"\ud800"', r'{"\udfff": 1}', "1e999", "[-1e999]", "[" * 300 + "]" * 300]
+)
 def test_an_id_that_no_answer_can_repeat_is_refused_and_changes_nothing(label: str) -> None:
     live = live_of()
     head, relation, tail = UNKNOWN[0]
@@ -181,7 +203,8 @@ def test_clients_of_a_socket_see_one_embedding(home: Path, tmp_path: Path) -> No
         one, other, verbose = connect(path), connect(path), connect(path)
         assert one({"insert": "new a", "facts": [["new a", "in", "e1"]]})["inserted"] == ["new a"]
         assert other({"ask": ["new a", "in", None], "top": 1})["answers"][0]["given"] is True
-        other.writer.write(b'{"observe": [["new a", ')  # half a request, and a client that goes away
+        # half a request, and a client that goes away
+        other.writer.write(b'{"observe": [["new a", ')
         other.writer.flush()
         other.writer.close()
         with suppress(ConnectionError):  # it is left, since its request is too long
@@ -205,7 +228,9 @@ def test_clients_of_a_socket_see_one_embedding(home: Path, tmp_path: Path) -> No
 def test_a_second_process_is_refused_in_one_line_and_a_signal_ends_the_first(home: Path) -> None:
     with serving(home) as (process, ask):
         assert ask({"insert": "new a", "facts": [["new a", "in", "e1"]]})["inserted"]
-        second = subprocess.run([*COMMAND, str(home)], input=b"", capture_output=True, check=False, timeout=PATIENCE)
+        second = subprocess.run(
+            [*COMMAND, str(home)], input=b"", capture_output=True, check=False, timeout=PATIENCE
+        )
         assert (second.returncode, second.stderr.count(b"\n")) == (1, 1)
         assert str(home).encode() in second.stderr
         with pytest.raises(isi.InputError):
@@ -227,14 +252,18 @@ def thor_sized(folder: Path) -> Path:
     triples = np.unique(np.stack([rng.integers(0, most, 1_000) for most in limits], 1), axis=0)
     names = [f"e{number}" for number in range(145)]
     manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
-    bundle = Bundle(manifest, entities, relations, names, [""] * 145, names, ["in", "on", "of"], triples)
+    bundle = Bundle(
+        manifest, entities, relations, names, [""] * 145, names, ["in", "on", "of"], triples
+    )
     write(folder, bundle)
     return folder
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("by_socket", [True, False])
-def test_a_signal_ends_the_process_while_it_prepares(tmp_path: Path, number: signal.Signals, by_socket: bool) -> None:
+def test_a_signal_ends_the_process_while_it_prepares(
+    tmp_path: Path, number: signal.Signals, by_socket: bool
+) -> None:
     folder, path = thor_sized(tmp_path / "home"), tmp_path / "socket"
     if by_socket:
         with socket_of(folder, path) as process:
@@ -250,13 +279,18 @@ def test_a_signal_ends_the_process_while_it_prepares(tmp_path: Path, number: sig
     assert process.returncode == 0
 
 
-def test_a_socket_of_another_process_is_refused_and_only_the_own_one_is_removed(tmp_path: Path) -> None:
+def test_a_socket_of_another_process_is_refused_and_only_the_own_one_is_removed(
+    tmp_path: Path,
+) -> None:
     one, other = written(tmp_path / "one"), written(tmp_path / "other")
     path = tmp_path / "socket"
     with socket_of(one, path) as process:
         ask = connect(path)
         second = subprocess.run(
-            [*COMMAND, str(other), "--socket", str(path)], capture_output=True, check=False, timeout=60
+            [*COMMAND, str(other), "--socket", str(path)],
+            capture_output=True,
+            check=False,
+            timeout=60,
         )
         assert second.returncode == 1
         assert second.stderr.count(b"\n") == 1
@@ -317,7 +351,9 @@ def test_an_unexpected_error_is_answered_and_logged_and_changes_nothing(
     assert "Traceback" in capsys.readouterr().err
     assert len(live.history) == 1
     assert_same(seen(live), before)
-    assert json.loads(answer(live, lines({"observe": [["new a", "on", "e3"]]})))["updated"] == ["new a"]
+    assert json.loads(answer(live, lines({"observe": [["new a", "on", "e3"]]})))["updated"] == [
+        "new a"
+    ]
 
 
 def test_a_step_of_the_preparation_that_fails_is_logged_and_the_next_one_is_taken(
@@ -348,7 +384,9 @@ def test_a_key_that_stands_twice_is_refused(line: bytes) -> None:
     assert "twice" in json.loads(answer(live_of(), line))["error"]
 
 
-def test_a_request_that_is_too_long_is_answered_before_the_client_is_left(home: Path, tmp_path: Path) -> None:
+def test_a_request_that_is_too_long_is_answered_before_the_client_is_left(
+    home: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "socket"
     with socket_of(home, path):
         for size in (2**20 + 5, 2**22):
@@ -402,7 +440,9 @@ JOURNALS = [
 
 
 @pytest.mark.parametrize(("line", "named"), JOURNALS)
-def test_a_journal_of_another_folder_is_refused_in_one_line(home: Path, line: str, named: str) -> None:
+def test_a_journal_of_another_folder_is_refused_in_one_line(
+    home: Path, line: str, named: str
+) -> None:
     journal = home / "journal.jsonl"
     journal.write_text(text_of(chosen()) + line + "\n", encoding="utf-8")
     place = f"journal.jsonl: line {len(chosen()) + 1}: .*{named}"
@@ -443,8 +483,13 @@ def test_a_read_only_folder_is_asked_and_refuses_changes(home: Path) -> None:
         live.insert("new a", [("new a", "in", "e1")])
     (home / "journal.jsonl").open("ab").write(b'{"torn')
     requests = lines({"ask": ["new a", "in", None], "top": 1}, {"undo": True}, {"nearest": "new a"})
-    script = f"mount --bind {home} {home} && mount -o remount,bind,ro {home} && exec {' '.join(COMMAND)} {home}"
-    done = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], input=requests, capture_output=True, check=True)
+    script = (
+        f"mount --bind {home} {home} && mount -o remount,bind,ro {home} && "
+        f"exec {' '.join(COMMAND)} {home}"
+    )
+    done = subprocess.run(
+        [*OWN_MOUNTS, "sh", "-c", script], input=requests, capture_output=True, check=True
+    )
     assert done.stderr == b""
     asked, refused, near = map(json.loads, done.stdout.splitlines())
     assert asked["answers"][0]["entity"] == "e1"
@@ -475,7 +520,9 @@ def test_a_socket_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> 
 
 
 def changes(number: int) -> list[dict[str, Any]]:
-    """Requests that each make a change: of each kind, about new and known entities, some with ``undo``."""
+    """Requests that each make a change: of each kind, about new and known entities,
+    some with ``undo``.
+    """
     rng, made = random.Random(0), list[dict[str, Any]]()
     trained = rng.sample(KNOWN.named_triples(), len(KNOWN.triples))
     for place in range(-(-number // 12)):
@@ -501,8 +548,11 @@ def changes(number: int) -> list[dict[str, Any]]:
     return made[:number]
 
 
-def go_on(folder: Path, requests: Sequence[dict[str, Any]], kills: int, seed: int) -> list[tuple[int, int, int]]:
-    """Send changes to processes that are killed at random moments; the next one is sent what the last has not done.
+def go_on(
+    folder: Path, requests: Sequence[dict[str, Any]], kills: int, seed: int
+) -> list[tuple[int, int, int]]:
+    """Send changes to processes that are killed at random moments;
+    the next one is sent what the last has not done.
 
     Returns for each kill the number of requests that were sent, answered and done.
     """
@@ -512,7 +562,8 @@ def go_on(folder: Path, requests: Sequence[dict[str, Any]], kills: int, seed: in
             done = len(ask({"history": True})["history"])
             if counts:
                 counts[-1] = (*counts[-1][:2], done - least)
-                assert counts[-1][1] <= done - least <= counts[-1][0]  # what was answered is not lost
+                # what was answered is not lost
+                assert counts[-1][1] <= done - least <= counts[-1][0]
             if not left:
                 assert all("error" not in ask(request) for request in requests[done:])
                 return counts
@@ -528,7 +579,9 @@ def go_on(folder: Path, requests: Sequence[dict[str, Any]], kills: int, seed: in
 
 
 @pytest.mark.parametrize("kills", [int(os.environ.get("KILLS", "5"))])
-def test_a_stream_that_is_killed_and_gone_on_with_equals_one_that_was_not(tmp_path: Path, kills: int) -> None:
+def test_a_stream_that_is_killed_and_gone_on_with_equals_one_that_was_not(
+    tmp_path: Path, kills: int
+) -> None:
     requests = changes(max(36, 8 * kills))
     whole, killed = written(tmp_path / "whole"), written(tmp_path / "killed")
     with isi.open(whole, journal=True) as live:
@@ -539,7 +592,9 @@ def test_a_stream_that_is_killed_and_gone_on_with_equals_one_that_was_not(tmp_pa
     assert_same(seen(isi.open(whole)), seen(isi.open(killed)))
 
 
-@pytest.mark.parametrize("torn", [b"{", b'{"do": "undo"}', b'{"do": "observe", "facts": [["e1"\x00\xff'])
+@pytest.mark.parametrize(
+    "torn", [b"{", b'{"do": "undo"}', b'{"do": "observe", "facts": [["e1"\x00\xff']
+)
 def test_a_torn_last_line_does_not_count(home: Path, torn: bytes) -> None:
     journal = home / "journal.jsonl"
     with isi.open(home, journal=True) as live:

@@ -1,4 +1,6 @@
-"""MAP: weights of its triples by hand, its minimum against SciPy, its samples against the whole, its limits."""
+"""MAP: weights of its triples by hand, its minimum against SciPy,
+its samples against the whole, its limits.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -21,18 +23,33 @@ from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import newton_step, step_size
 from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite, mapped
-from tests.init_contexts import DIMENSION, ENTITIES, RELATIONS, TRIPLES, four_novel, insertion, stacked
+from tests.init_contexts import (
+    DIMENSION,
+    ENTITIES,
+    RELATIONS,
+    TRIPLES,
+    four_novel,
+    insertion,
+    stacked,
+)
 from tests.init_contexts import initialize as insert
 from tests.small_graphs import random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
 DISTANCES: list[tuple[str, dict[str, Option]]] = [
-    ("transe", {"margin": 2.0, "squared": True}), ("transe", {"margin": 2.0, "squared": False}),
-    ("rotate", {"margin": 4.0, "squared": True}), ("rotate", {"margin": 4.0, "squared": False}),
-]  # fmt: skip
+    ("transe", {"margin": 2.0, "squared": True}),
+    ("transe", {"margin": 2.0, "squared": False}),
+    ("rotate", {"margin": 4.0, "squared": True}),
+    ("rotate", {"margin": 4.0, "squared": False}),
+]
 OWN: dict[str, Option] = {"strength": 0.5, "ratio": 3}
 #: Options of MAP with a prior at the centroid.
-MEAN: dict[str, Option] = {"word_weight": 0.0, "relation_weight": 0.0, **OWN, "known_negatives": 2.0}
+MEAN: dict[str, Option] = {
+    "word_weight": 0.0,
+    "relation_weight": 0.0,
+    **OWN,
+    "known_negatives": 2.0,
+}
 KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
 
 
@@ -54,48 +71,79 @@ def mean_of(of: InitContext) -> np.ndarray:
 
 
 def dense(weighted: Evidence, weight: Tensor) -> Tensor:
-    """Weights of the first model's triples by novel entity, slot, relation and known entity; shape (n, 2, R, E)."""
+    """Weights of the first model's triples by novel entity, slot, relation and known entity;
+    shape (n, 2, R, E).
+    """
     table = torch.zeros(weighted.other.shape[1], 2, RELATIONS, ENTITIES, dtype=torch.float64)
-    places = torch.arange(len(table))[:, None], weighted.is_tail[0].long(), weighted.relation[0], weighted.other[0]
+    places = (
+        torch.arange(len(table))[:, None],
+        weighted.is_tail[0].long(),
+        weighted.relation[0],
+        weighted.other[0],
+    )
     return table.index_put(places, weight[0], accumulate=True)
 
 
 def test_insert_triples_are_positive_cells_and_bring_negatives(of: InitContext) -> None:
     weighted = evidence_of(of, 4, 0.0)
     positive, negative = dense(weighted, weighted.positive), dense(weighted, weighted.negative)
-    places = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
+    places = [
+        (0, 0, 0, 1),
+        (0, 0, 0, 2),
+        (0, 0, 2, 3),
+        (0, 1, 1, 4),
+        (1, 1, 1, 7),
+        (3, 0, 1, 2),
+        (3, 1, 1, 6),
+    ]
     assert positive.nonzero().tolist() == sorted(map(list, places))
     assert positive.sum() == 7
-    assert (negative[..., [0, 5, 9, 11]] == 0).all()  # novel entities are no ends of corrupted triples
+    # novel entities are no ends of corrupted triples
+    assert (negative[..., [0, 5, 9, 11]] == 0).all()
     assert negative.sum() == pytest.approx(7 * 2 * 4)
-    assert negative[1, 1, 1].tolist() == pytest.approx([4 / 8 * (end in KNOWN) for end in range(ENTITIES)])
-    assert negative[1, 1, :, 7].tolist() == pytest.approx([4 / 2, 4 / 8, 4 / 2])  # other relations; other ends
+    assert negative[1, 1, 1].tolist() == pytest.approx(
+        [4 / 8 * (end in KNOWN) for end in range(ENTITIES)]
+    )
+    # other relations; other ends
+    assert negative[1, 1, :, 7].tolist() == pytest.approx([4 / 2, 4 / 8, 4 / 2])
 
 
 def test_the_only_relation_is_never_corrupted() -> None:
     one_relation = random_embedding(1, ENTITIES, 1, DIMENSION)
-    of = insertion(one_relation, [0], [[(1, 0, False), (4, 0, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES)
+    of = insertion(
+        one_relation, [0], [[(1, 0, False), (4, 0, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES
+    )
     assert evidence_of(of, 4, 0.0).negative.sum() == pytest.approx(2 * 4)
 
 
-def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(of: InitContext) -> None:
+def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(
+    of: InitContext,
+) -> None:
     weighted = evidence.corrupted_known(of, 1.0)
     table = dense(weighted, weighted.negative)
-    assert table.sum((1, 2, 3)).tolist() == pytest.approx([2 * 10 / 8 * share for share in (1, 1 / 2.5, 0, 2 / 2.5)])
+    assert table.sum((1, 2, 3)).tolist() == pytest.approx(
+        [2 * 10 / 8 * share for share in (1, 1 / 2.5, 0, 2 / 2.5)]
+    )
     as_head, as_tail = table[0] * 8  # of 8 known entities
     assert as_head[0].nonzero().flatten().tolist() == [1, 2, 3]  # tails of relation 0
     assert as_tail[0].nonzero().flatten().tolist() == [1, 2]  # and its heads
-    assert (as_head[2, 1], as_tail[0, 1], as_tail[2, 3]) == (2, 2, 1)  # (10, 2, 1) and (3, 2, 1); (1, 0, 2), (1, 0, 3)
+    # (10, 2, 1) and (3, 2, 1); (1, 0, 2), (1, 0, 3)
+    assert (as_head[2, 1], as_tail[0, 1], as_tail[2, 3]) == (2, 2, 1)
     untrained = replace(of, trained=torch.zeros_like(of.trained))
     assert evidence.corrupted_known(untrained, 1.0).negative.sum() == 0
 
 
-def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_end(of: InitContext) -> None:
+def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_end(
+    of: InitContext,
+) -> None:
     weighted, theta0 = evidence.corrupted_known(of, 1.0), of.theta0
 
     def loss(known_negatives: float) -> Tensor:
         vectors = insert("map", of, **MEAN | {"known_negatives": known_negatives}).vectors[0]
-        known, relation = theta0.entity[0][weighted.other[0]], theta0.relation[0][weighted.relation[0]]
+        known, relation = (
+            theta0.entity[0][weighted.other[0]],
+            theta0.relation[0][weighted.relation[0]],
+        )
         novel, is_tail = vectors[:, None].expand_as(known), weighted.is_tail[0, ..., None]
         head, tail = torch.where(is_tail, known, novel), torch.where(is_tail, novel, known)
         return (weighted.negative[0] * softplus(theta0.model.score(head, relation, tail))).sum(-1)
@@ -106,7 +154,9 @@ def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_
 
 
 @given(st.lists(st.floats(0.01, 5), min_size=2, max_size=40), st.integers(1, 12))
-def test_a_sample_has_the_total_and_each_item_as_often_as_its_weight_says(listed: list[float], most: int) -> None:
+def test_a_sample_has_the_total_and_each_item_as_often_as_its_weight_says(
+    listed: list[float], most: int
+) -> None:
     weight = torch.tensor([listed], dtype=torch.float64)
     ids, sampled = spread(weight, most)
     assert sampled.sum().item() == pytest.approx(sum(listed))
@@ -119,12 +169,29 @@ def test_a_sample_has_the_total_and_each_item_as_often_as_its_weight_says(listed
 
 def test_samples_of_cells_are_near_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, entities = np.random.default_rng(0), 400
-    seen = [[(int(rng.integers(4, entities)), int(rng.integers(RELATIONS)), bool(rng.integers(2))) for _ in range(5)]
-            for _ in range(4)]  # fmt: skip
-    triples = np.stack([rng.integers(4, entities, 3000), rng.integers(0, RELATIONS, 3000),
-                        rng.integers(4, entities, 3000)], 1)  # fmt: skip
-    of = insertion(random_embedding(1, entities, RELATIONS, DIMENSION), [0, 1, 2, 3], seen, torch.zeros(entities, 2),
-                   [0] * entities, list(map(tuple, triples.tolist())))  # fmt: skip
+    seen = [
+        [
+            (int(rng.integers(4, entities)), int(rng.integers(RELATIONS)), bool(rng.integers(2)))
+            for _ in range(5)
+        ]
+        for _ in range(4)
+    ]
+    triples = np.stack(
+        [
+            rng.integers(4, entities, 3000),
+            rng.integers(0, RELATIONS, 3000),
+            rng.integers(4, entities, 3000),
+        ],
+        1,
+    )
+    of = insertion(
+        random_embedding(1, entities, RELATIONS, DIMENSION),
+        [0, 1, 2, 3],
+        seen,
+        torch.zeros(entities, 2),
+        [0] * entities,
+        list(map(tuple, triples.tolist())),
+    )
     near, options = [], MEAN | {"known_negatives": 4.0}
     for sample, known in ((10**6, 10**6), (1200, 1500), (60, 75)):
         monkeypatch.setattr(evidence, "SAMPLE", sample)
@@ -135,15 +202,26 @@ def test_samples_of_cells_are_near_the_whole(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def plain_objective(
-    of: InitContext, place: int, mean: np.ndarray, ratio: int, strength: float, known_negatives: float
+    of: InitContext,
+    place: int,
+    mean: np.ndarray,
+    ratio: int,
+    strength: float,
+    known_negatives: float,
 ) -> Callable[[np.ndarray], float]:
-    """The objective of MAP for one novel entity, computed triple by triple from lists of true and corrupted triples."""
+    """The objective of MAP for one novel entity,
+    computed triple by triple from lists of true and corrupted triples.
+    """
     theta0 = mapped(of.theta0, Tensor.double)
-    weighted: list[tuple[bool, int, int, float]] = []  # whether it is the tail, relation, other end, ± weight
+    # whether it is the tail, relation, other end, ± weight
+    weighted: list[tuple[bool, int, int, float]] = []
     for other, relation, is_tail, there in zip(
-        of.other[0, place].tolist(), of.relation[0, place].tolist(), of.novel_is_tail[0, place].tolist(),
-        of.observed[0, place].tolist(), strict=True,
-    ):  # fmt: skip
+        of.other[0, place].tolist(),
+        of.relation[0, place].tolist(),
+        of.novel_is_tail[0, place].tolist(),
+        of.observed[0, place].tolist(),
+        strict=True,
+    ):
         if there:
             weighted.append((is_tail, relation, other, 1.0))
             weighted += [(is_tail, relation, end, -ratio / len(KNOWN)) for end in KNOWN]
@@ -161,7 +239,9 @@ def plain_objective(
         v, total = torch.as_tensor(vector), 0.0
         for is_tail, relation, other, weight in weighted:
             row, end = theta0.relation[0, relation], theta0.entity[0, other]
-            score = float(theta0.model.score(end, row, v) if is_tail else theta0.model.score(v, row, end))
+            score = float(
+                theta0.model.score(end, row, v) if is_tail else theta0.model.score(v, row, end)
+            )
             total += abs(weight) * np.logaddexp(0, -score if weight > 0 else score)
         return total + strength / 2 * float((vector - mean) @ np.linalg.solve(sigma, vector - mean))
 
@@ -182,9 +262,11 @@ def test_map_is_what_a_general_minimizer_finds(name: str, known_negatives: float
 
 SOFT: dict[str, Option] = {"word_weight": 4.0, "relation_weight": 2.0}
 PRIORS: list[tuple[str, str, dict[str, Option], dict[str, Option]]] = [
-    ("map_mean", "mean", {}, OWN), ("map_ers", "ers", {"k": 2, "candidates": 5}, OWN),
-    ("map_own_facts", "soft_hybrid", SOFT, OWN), ("map", "soft_hybrid", SOFT, OWN | {"known_negatives": 2.0}),
-]  # fmt: skip
+    ("map_mean", "mean", {}, OWN),
+    ("map_ers", "ers", {"k": 2, "candidates": 5}, OWN),
+    ("map_own_facts", "soft_hybrid", SOFT, OWN),
+    ("map", "soft_hybrid", SOFT, OWN | {"known_negatives": 2.0}),
+]
 
 
 @pytest.mark.parametrize(("name", "prior", "options", "objective"), PRIORS)
@@ -204,17 +286,23 @@ def test_map_is_its_prior_where_that_is_strong_or_there_is_no_insert_triple(
 def test_without_known_negatives_map_is_map_of_own_facts(of: InitContext) -> None:
     whole = insert("map", of, **SOFT, **OWN, known_negatives=0.0)
     assert torch.equal(whole.vectors, insert("map_own_facts", of, **SOFT, **OWN).vectors)
-    assert not torch.allclose(whole.vectors, insert("map", of, **SOFT, **OWN, known_negatives=1.0).vectors)
+    assert not torch.allclose(
+        whole.vectors, insert("map", of, **SOFT, **OWN, known_negatives=1.0).vectors
+    )
 
 
-def test_entities_are_solved_alike_in_batches_of_any_size(of: InitContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_entities_are_solved_alike_in_batches_of_any_size(
+    of: InitContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
     expected = insert("map", of, **MEAN).vectors
     monkeypatch.setattr(maximum, "BUDGET", 1)
     torch.testing.assert_close(insert("map", of, **MEAN).vectors, expected)
 
 
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
-def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: str, options: dict[str, Option]) -> None:
+def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(
+    name: str, options: dict[str, Option]
+) -> None:
     of = four_novel(model_named(name, **options))
     around, result = insert("mean", of), insert("map", of, **MEAN)
     (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), around.vectors, 0.5)
@@ -234,11 +322,17 @@ def test_scores_by_mapped_ends_and_their_slopes_are_those_of_the_model_and_autog
     draw = torch.Generator().manual_seed(3)
     other, relation, at = (
         torch.randn(*shape, generator=draw)
-        for shape in ((models, triples, DIMENSION), (models, triples, model.width(DIMENSION)), (models, DIMENSION))
+        for shape in (
+            (models, triples, DIMENSION),
+            (models, triples, model.width(DIMENSION)),
+            (models, DIMENSION),
+        )
     )
     is_tail = torch.rand(models, triples, 1, generator=draw) < 0.5
     novel = at[:, None].repeat(1, triples, 1).requires_grad_()
-    scores = model.score(torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other))
+    scores = model.score(
+        torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other)
+    )
     (slopes,) = torch.autograd.grad(scores.sum(), novel)
     fast = maximum.score_of(model, is_tail, relation, other)
     torch.testing.assert_close(fast.scores(at), scores.detach(), atol=1e-4, rtol=1e-4)
@@ -246,7 +340,9 @@ def test_scores_by_mapped_ends_and_their_slopes_are_those_of_the_model_and_autog
 
 
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
-    """With a strong prior the objective is nearly a parabola, on which n times the Newton step raises it for n > 2."""
+    """With a strong prior the objective is nearly a parabola,
+    on which n times the Newton step raises it for n > 2.
+    """
     of = four_novel(model_named("distmult"))
     (problem,) = maximum.problems(of, evidence_of(of, 3, 0.0), insert("mean", of).vectors, 1000)
     at, score = problem.mean, problem.scores(problem.mean)
@@ -261,7 +357,11 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
 
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:
-    result, mean, theta0 = insert("ridge", of, strength=0.4, ratio=3), mean_of(of), mapped(of.theta0, Tensor.double)
+    result, mean, theta0 = (
+        insert("ridge", of, strength=0.4, ratio=3),
+        mean_of(of),
+        mapped(of.theta0, Tensor.double),
+    )
     sigma, weighted = maximum.covariance(of)[0].numpy(), evidence_of(of, 3, 0.0)
     positive, negative = dense(weighted, weighted.positive), dense(weighted, weighted.negative)
     for place in (0, 1, 3):
@@ -269,7 +369,11 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: Init
         targets.append(rows[0] @ mean)
         for slot, relation, end in itertools.product(range(2), range(RELATIONS), range(ENTITIES)):
             known, row = theta0.entity[0, end], theta0.relation[0, relation]
-            alpha = theta0.model.transform(known, row) if slot else theta0.model.transform_tail(known, row)
+            alpha = (
+                theta0.model.transform(known, row)
+                if slot
+                else theta0.model.transform_tail(known, row)
+            )
             for weights, target in ((positive, 1.0), (negative, 0.0)):
                 root = float(weights[place, slot, relation, end]) ** 0.5
                 rows.append(root * alpha.numpy()[None])
@@ -280,11 +384,17 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: Init
 
 
 @pytest.mark.parametrize(("name", "options"), [("map", MEAN), ("map_mean", OWN), ("ridge", OWN)])
-def test_known_vectors_that_do_not_differ_name_their_models(name: str, options: dict[str, Option]) -> None:
+def test_known_vectors_that_do_not_differ_name_their_models(
+    name: str, options: dict[str, Option]
+) -> None:
     of = stacked(4)
     same = torch.isin(torch.arange(4), torch.tensor([1, 3]))[:, None, None]
     with pytest.raises(NotFinite) as failed:
-        insert(name, replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))), **options)
+        insert(
+            name,
+            replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))),
+            **options,
+        )
     assert failed.value.models == [1, 3]
     assert "no covariance" in failed.value.message
 

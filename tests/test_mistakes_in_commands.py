@@ -1,4 +1,6 @@
-"""A mistake in a command line, or in an argument of the library, ends in one line that names its place."""
+"""A mistake in a command line, or in an argument of the library,
+ends in one line that names its place.
+"""
 
 import contextlib
 import io
@@ -26,20 +28,29 @@ from tests.mistakes.graphs import EXPORT_CASES, GRAPH_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import FIT_CASES, INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
-from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
+from tests.mistakes.settings import (
+    HEADLINE_CASES,
+    OTHER_CASES,
+    PARAMS_CASES,
+    RECORD_CASES,
+    SOURCES_CASES,
+)
 from tests.small_embedding import call, fit
 
 #: By module: the beginning of its lines of refusal, and mistakes in its command line.
 PROGRAMS: dict[str, tuple[str, list[Typed]]] = {
     "isi": ("isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
-    "stages.record": ("record: ", RECORD_CASES), "isi.params": ("", PARAMS_CASES),
-    "tools.headline": ("headline: ", HEADLINE_CASES), "tools.sources": ("", SOURCES_CASES),
+    "stages.record": ("record: ", RECORD_CASES),
+    "isi.params": ("", PARAMS_CASES),
+    "tools.headline": ("headline: ", HEADLINE_CASES),
+    "tools.sources": ("", SOURCES_CASES),
     **{name: ("", cases) for name, cases in OTHER_CASES.items()},
-}  # fmt: skip
+}
 TYPED = [
     pytest.param(module, says, case, id=f"{module}: {case.what}")
-    for module, (says, cases) in PROGRAMS.items() for case in cases
-]  # fmt: skip
+    for module, (says, cases) in PROGRAMS.items()
+    for case in cases
+]
 
 
 @cache
@@ -53,18 +64,32 @@ LIBRARY: dict[str, tuple[Callable[..., object], list[Called]]] = {
     "isi.fit_new": (lambda **given: fit(inserted(), **given), FIT_CASES),
     "Inserted.report": (lambda **given: inserted().report(**given), REPORT_CASES),
     "Inserted.interference": (lambda **given: inserted().interference(**given), INTERFERENCE_CASES),
-    "isi.pykeen.insert": (lambda **given: isi.pykeen.insert(**{**of_pykeen.sound(), **given}), PYKEEN_CASES),
+    "isi.pykeen.insert": (
+        lambda **given: isi.pykeen.insert(**{**of_pykeen.sound(), **given}),
+        PYKEEN_CASES,
+    ),
 }
-CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, (_, cases) in LIBRARY.items() for case in cases]
+CALLED = [
+    pytest.param(name, case, id=f"{name}: {case.what}")
+    for name, (_, cases) in LIBRARY.items()
+    for case in cases
+]
 
 
 def line_of(module: str, case: Typed) -> tuple[str, object, str]:
-    """Run a command; returns its line on standard error, its exit status, and its standard output."""
+    """Run a command; returns its line on standard error, its exit status,
+    and its standard output.
+    """
     out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.raises(SystemExit) as ended,
+    ):
         _run(module, shlex.split(case.typed))
     status = ended.value.code
-    if isinstance(status, str):  # as for a program: the text goes to standard error, and the status is 1
+    # as for a program: the text goes to standard error, and the status is 1
+    if isinstance(status, str):
         return status, 1, out.getvalue()
     return err.getvalue().removesuffix("\n"), status, out.getvalue()
 
@@ -95,7 +120,12 @@ def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("module", "says", "case"), TYPED)
 def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
-    laid_out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, says: str, case: Typed
+    laid_out: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    says: str,
+    case: Typed,
 ) -> None:
     if case.needs:
         pytest.importorskip(case.needs)
@@ -119,7 +149,9 @@ def test_a_mistake_in_an_argument_names_it_in_one_line(name: str, case: Called) 
     assert_names(str(refused.value), case.names)
 
 
-def test_without_pykeen_the_message_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pykeen_the_message_says_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in [name for name in sys.modules if name.startswith("isi.pykeen")]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("pykeen", "pykeen.models"):

@@ -15,15 +15,25 @@ from tests.mistakes import LOG, Case, assert_names, files_of, listed, scenes
 
 ROOT = Path(__file__).parent.parent
 CASES = [
-    *scenes.SCENE_CASES, *scenes.EVENT_CASES, *scenes.RECORDING_CASES, *scenes.HOUSE_CASES, *listed.TABLE_CASES,
-    *listed.RDF_CASES, *listed.MP3D_CASES, *listed.SHIPPED_CASES, *listed.ID_CASES, *listed.BEHAVIOR_CASES,
+    *scenes.SCENE_CASES,
+    *scenes.EVENT_CASES,
+    *scenes.RECORDING_CASES,
+    *scenes.HOUSE_CASES,
+    *listed.TABLE_CASES,
+    *listed.RDF_CASES,
+    *listed.MP3D_CASES,
+    *listed.SHIPPED_CASES,
+    *listed.ID_CASES,
+    *listed.BEHAVIOR_CASES,
     *listed.WORD_CASES,
-]  # fmt: skip
+]
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the pipeline, which is the current folder; the package's data on houses is not read."""
+    """A folder with the pipeline, which is the current folder;
+    the package's data on houses is not read.
+    """
     (tmp_path / paths.PIPELINE).write_bytes((ROOT / paths.PIPELINE).read_bytes())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(procthor_houses, "recorded_types", lambda _scenes: formats.RECORDED)
@@ -32,7 +42,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, id=f"{case.format}: {case.what}") for case in CASES])
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=f"{case.format}: {case.what}") for case in CASES]
+)
 def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
     folder: Path, case: Case, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -55,6 +67,9 @@ def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
         main(command[1:]) if "isi" in command[0] else mine()
     printed = capsys.readouterr()
     assert ended.value.code not in (None, 0)
-    assert_names(ended.value.code if isinstance(ended.value.code, str) else printed.err.rstrip("\n"), case.names)
+    assert_names(
+        ended.value.code if isinstance(ended.value.code, str) else printed.err.rstrip("\n"),
+        case.names,
+    )
     assert printed.out == ""
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

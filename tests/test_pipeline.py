@@ -1,4 +1,6 @@
-"""One run of the whole pipeline through DVC on a small grid, and the stages that an edit re-runs."""
+"""One run of the whole pipeline through DVC on a small grid,
+and the stages that an edit re-runs.
+"""
 
 import json
 import os
@@ -26,10 +28,18 @@ from tools import workspace
 ISI = ("es", "rs", "ers")
 SWEPT, RATED = ("es", "ers"), ("xavier", "es")
 ANALYSES = (
-    "sweep_indicators", "sweep_rates", "cross_validate", "trace_trajectory", "rank_affordances",
-    "break_down_queries", "finetune_only", "compare_models", "train_final",
-)  # fmt: skip
-#: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses, sweeps, the report.
+    "sweep_indicators",
+    "sweep_rates",
+    "cross_validate",
+    "trace_trajectory",
+    "rank_affordances",
+    "break_down_queries",
+    "finetune_only",
+    "compare_models",
+    "train_final",
+)
+#: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
+#: sweeps, the report.
 STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 1
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
@@ -50,7 +60,9 @@ def test_runs_have_every_grid_point_epoch_and_scope(folder: Path) -> None:
         assert set(runs.loc[runs["epoch"] == 0, "scope"]) == SCOPES | {"novel"}
         assert set(runs.loc[runs["epoch"] > 0, "scope"]) <= SCOPES
         curves = runs[(runs["size"] == 2) & (runs["scope"] == "all")]
-        assert (curves.groupby("seed")["epoch"].apply(sorted) == pd.Series([[0, 1, 2, 3]] * 3)).all()
+        assert (
+            curves.groupby("seed")["epoch"].apply(sorted) == pd.Series([[0, 1, 2, 3]] * 3)
+        ).all()
         assert runs["mrr_star"].dropna().between(0, 1).all()
         halves = runs[["mrr_star_entity", "mrr_star_relation"]].mean(axis=1)
         assert (halves - runs["mrr_star"]).abs().max() < 1e-12
@@ -68,8 +80,11 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
         return runs[(runs["epoch"] == 0) & (runs["scope"] == "known_closed")].reset_index(drop=True)
 
     for name in INITIALIZERS[1:]:
-        # A tie is as wide as the largest score of its row, which may be a novel entity's: hence the tolerance.
-        pd.testing.assert_frame_equal(closed(name), closed("xavier"), check_categorical=False, atol=1e-4)
+        # A tie is as wide as the largest score of its row, which may be a novel entity's: hence the
+        # tolerance.
+        pd.testing.assert_frame_equal(
+            closed(name), closed("xavier"), check_categorical=False, atol=1e-4
+        )
 
 
 def test_the_final_model_of_the_whole_graph_is_a_bundle(folder: Path) -> None:
@@ -77,9 +92,14 @@ def test_the_final_model_of_the_whole_graph_is_a_bundle(folder: Path) -> None:
     assert bundle.manifest.model_name == "analogy"
     assert bundle.entities.shape == (len(bundle.entity_names), 8)
     names = [bundle.entity_names, bundle.relation_names, bundle.entity_names]
-    triples = {tuple(words[i] for words, i in zip(names, row, strict=True)) for row in bundle.triples.tolist()}
+    triples = {
+        tuple(words[i] for words, i in zip(names, row, strict=True))
+        for row in bundle.triples.tolist()
+    }
     graph = pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet")
-    assert triples == set(graph[["head", "relation", "tail"]].astype(str).itertuples(index=False, name=None))
+    assert triples == set(
+        graph[["head", "relation", "tail"]].astype(str).itertuples(index=False, name=None)
+    )
     log = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.log.parquet")
     last = log[log["kept"]].groupby("seed")["epoch"].last()
     assert bundle.manifest.made["epochs"] == last.sort_values().iloc[1]  # of 3
@@ -96,8 +116,11 @@ def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: P
         ]
         assert set(runs["scope"]) == SCOPES | {"novel"}
     swept = pd.read_parquet(folder / "data/analyses/indicator_sweep/ai2thor/es.parquet")
-    main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")  # of 8 indicators
-    same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(subset=["mrr_star"])
+    # of 8 indicators
+    main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")
+    same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(
+        subset=["mrr_star"]
+    )
     equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
     assert equal.to_dict() == {1: False, 8: True}
 
@@ -117,7 +140,9 @@ def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
 
 def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
     table = pd.read_parquet(folder / "data/analyses/cross_validation/ai2thor.parquet")
-    settings = table[["dimension", "ratio", "learning_rate", "weight_decay", "fold"]].to_numpy().tolist()
+    settings = (
+        table[["dimension", "ratio", "learning_rate", "weight_decay", "fold"]].to_numpy().tolist()
+    )
     expected = [(8, 9, 0.1, 0.001), (8, 9, 0.2, 0.001), (12, 9, 0.1, 0.001)]
     assert settings == [[*setting, fold] for setting in expected for fold in range(3)]
     assert table["mrr_star"].between(0, 1).all()
@@ -126,14 +151,18 @@ def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
 
 def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: Path) -> None:
     traced = load_file(folder / "data/analyses/trajectory/ai2thor.safetensors")
-    novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet").query("size == 2 and seed == 0")["entity"]
+    novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet").query(
+        "size == 2 and seed == 0"
+    )["entity"]
     place = novel.tolist().index(int(traced["entity"]))
     theta0 = load_file(folder / "data/embeddings/ai2thor/theta0/size=02.safetensors")
     assert traced["theta0"].equal(theta0["entity"][0])
     assert traced["known"].equal(theta0["known"][0])
     for name in ("xavier", "iu", *ISI):
         path, indicators = traced[f"{name}.path"], traced[f"{name}.indicators"]
-        assert path[0].equal(load_file(folder / f"data/runs/ai2thor/{name}.safetensors")["size=02"][0, place])
+        assert path[0].equal(
+            load_file(folder / f"data/runs/ai2thor/{name}.safetensors")["size=02"][0, place]
+        )
         assert path.shape == (3, 8)
         assert not path[1:].eq(path[0]).all(1).any()
         if name in ISI:
@@ -144,12 +173,18 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
 
 
 def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
-    parts = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.parquet").query("filter == 'learned'")
+    parts = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.parquet").query(
+        "filter == 'learned'"
+    )
     assert set(parts["model"]) == {*INITIALIZERS, "joint"}
     sums = stats.combined(parts, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
-        runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("epoch == 0 and queries > 0")
-        both = runs.merge(sums[sums["model"] == name], on=["size", "seed", "scope"], suffixes=("", " of parts"))
+        runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query(
+            "epoch == 0 and queries > 0"
+        )
+        both = runs.merge(
+            sums[sums["model"] == name], on=["size", "seed", "scope"], suffixes=("", " of parts")
+        )
         assert len(both) == runs["scope"].isin(["all", "novel", "novel_heldout"]).sum()
         for half in ("mrr_star", "mrr_star_entity", "mrr_star_relation"):
             assert (both[half] - both[f"{half} of parts"]).abs().max() < 1e-6
@@ -186,21 +221,37 @@ def verify(folder: Path) -> subprocess.CompletedProcess[str]:
     """Run ``make verify`` for all grid points of a folder."""
     command = [sys.executable, "-m", "tools.verify", "--cells", "99"]
     environment = os.environ | {"PYTHONPATH": str(workspace.ROOT)}
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, env=environment
+    )
 
 
 def test_other_code_computes_the_same_from_the_tables_alone(folder: Path) -> None:
     process = verify(folder)
     assert process.returncode == 0, process.stdout + process.stderr
     rows = {line[:18].strip(): line.split() for line in process.stdout.splitlines()}
-    assert int(rows["immediate MRR*"][-4]) == 5 * 3 * 3 * 6  # scopes, seeds, cells of a seed, models
+    # scopes, seeds, cells of a seed, models
+    assert int(rows["immediate MRR*"][-4]) == 5 * 3 * 3 * 6
     assert int(rows["initial vectors"][-4]) > 100
-    compared = ("initial vectors", "immediate MRR*", "mean epochs", "unconverged %", "readings of MRR*")
+    compared = (
+        "initial vectors",
+        "immediate MRR*",
+        "mean epochs",
+        "unconverged %",
+        "readings of MRR*",
+    )
     assert all(int(rows[name][-1]) == 0 for name in compared)
 
 
 def test_verify_finds_altered_numbers(folder: Path, tmp_path: Path) -> None:
-    for name in ("data/graph", "data/words", "data/sessions", "data/embeddings", "data/runs", "reports/tables"):
+    for name in (
+        "data/graph",
+        "data/words",
+        "data/sessions",
+        "data/embeddings",
+        "data/runs",
+        "reports/tables",
+    ):
         shutil.copytree(folder / name, tmp_path / name)
     shutil.copy2(folder / "params.yaml", tmp_path)
     vectors = load_file(tmp_path / "data/runs/transfer/rs.safetensors")
@@ -210,22 +261,29 @@ def test_verify_finds_altered_numbers(folder: Path, tmp_path: Path) -> None:
     chosen = runs.index[(runs["epoch"] == 0) & (runs["scope"] == "known") & (runs["seed"] == 2)][0]
     runs.loc[chosen, "mrr_star_entity"] += 1e-4
     runs.to_parquet(tmp_path / "data/runs/ai2thor/es.parquet")
-    table = pd.read_csv(tmp_path / "reports/tables/table2_convergence.csv").astype({"all: mean": float})
+    table = pd.read_csv(tmp_path / "reports/tables/table2_convergence.csv").astype(
+        {"all: mean": float}
+    )
     table.loc[1, "all: mean"] += 0.1
     table.to_csv(tmp_path / "reports/tables/table2_convergence.csv", index=False)
     process = verify(tmp_path)
     assert process.returncode == 1
     for expected in (
-        "initial vectors, rs, transfer, size 10, seed 1", "immediate MRR*, es, scope known, ai2thor",
+        "initial vectors, rs, transfer, size 10, seed 1",
+        "immediate MRR*, es, scope known, ai2thor",
         "mean epochs, iu, scope all, ai2thor, size any",
-    ):  # fmt: skip
+    ):
         assert len([line for line in process.stdout.splitlines() if line.startswith(expected)]) == 1
     assert process.stdout.count(" here, ") == 3
 
 
 def test_every_number_of_the_paper_has_a_row_beside_ours(folder: Path) -> None:
     def leaves(value: Any) -> list[float]:
-        return [leaf for part in value.values() for leaf in leaves(part)] if isinstance(value, dict) else [value]
+        return (
+            [leaf for part in value.values() for leaf in leaves(part)]
+            if isinstance(value, dict)
+            else [value]
+        )
 
     paper = yaml.safe_load((folder / "data/raw/paper/values.yaml").read_text(encoding="utf-8"))
     rows = pd.read_csv(folder / "reports/tables/paper_against_this_run.csv")
@@ -251,7 +309,10 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
     entities, triples = table("graph/transfer/entities"), table("graph/transfer/triples")
     old = table("graph/ai2thor/entities")
     assert entities["entity"][: len(old)].tolist() == old["entity"].tolist()
-    novel, insert_triples = table("sessions/transfer/novel"), table("sessions/transfer/insert_triples")
+    novel, insert_triples = (
+        table("sessions/transfer/novel"),
+        table("sessions/transfer/insert_triples"),
+    )
     ids = dict(zip(entities["entity"], entities.index, strict=True))
     answers = table("analyses/affordances/transfer").query("initializer == 'es'")
     for seed, split in table("sessions/transfer/splits").groupby("seed"):
@@ -274,11 +335,16 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
 
 def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(folder: Path) -> None:
     insertion = {f"insert@ai2thor-{name}" for name in INITIALIZERS}
-    of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "rank_affordances@transfer"}  # fmt: skip
+    of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "rank_affordances@transfer"}
     edits: dict[str, tuple[object, set[str]]] = {
-        "initializers.es.k": (3, {
-            *(f"insert@{name}-es" for name in EXPERIMENTS), "sweep_rates@ai2thor-es", *of_es,
-        }),
+        "initializers.es.k": (
+            3,
+            {
+                *(f"insert@{name}-es" for name in EXPERIMENTS),
+                "sweep_rates@ai2thor-es",
+                *of_es,
+            },
+        ),
         "experiments.transfer.sessions.sizes": ([9], {"make_sessions@transfer"}),
         "experiments.transfer.graph.extend.min_observations": (7, {"build_graph@transfer"}),
         "sources.mp3d.rooms": ({"bedroom": "bedroom"}, {"mine@mp3d"}),
@@ -289,18 +355,23 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(fol
         "trajectory.epochs": (3, {"trace_trajectory@ai2thor"}),
         "compare_models.models.transe.learning_rate": (0.3, {"compare_models@ai2thor-transe"}),
         "experiments.ai2thor.full_curves.sizes": ([1], {"finetune_only@ai2thor", *insertion}),
-    }  # fmt: skip
+    }
     code: dict[str, set[str]] = {
         "isi/initializers/paper.py": {
-            *(f"insert@{name}-{initializer}" for name in EXPERIMENTS for initializer in INITIALIZERS),
+            *(
+                f"insert@{name}-{initializer}"
+                for name in EXPERIMENTS
+                for initializer in INITIALIZERS
+            ),
             *(f"sweep_indicators@ai2thor-{name}" for name in SWEPT),
-            *(f"sweep_rates@ai2thor-{name}" for name in RATED), *of_es,
+            *(f"sweep_rates@ai2thor-{name}" for name in RATED),
+            *of_es,
         },
         "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
         "isi/report/sections/__init__.py": set(),
         "isi/errors.py": set(),
         "isi/cli/__init__.py": set(),
-    }  # fmt: skip
+    }
     before = {name: (folder / name).read_bytes() for name in ("params.yaml", *code)}
     for key, (value, _) in edits.items():
         set_param(folder, key, value)
@@ -325,15 +396,20 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(fol
             for stage in names - {"report"}
         }
 
-    assert {key: dependents(key) for key in edits} == {key: expected for key, (_, expected) in edits.items()}
+    assert {key: dependents(key) for key in edits} == {
+        key: expected for key, (_, expected) in edits.items()
+    }
     assert {name: dependents(name) for name in code} == code
 
 
 def test_nothing_of_one_experiment_depends_on_another() -> None:
     graph = Repo(str(workspace.ROOT)).index.graph  # from a stage to those that it depends on
-    names = {stage: stage.addressing for stage in graph if ":" not in stage.addressing}  # but for what lies beyond
+    # but for what lies beyond
+    names = {stage: stage.addressing for stage in graph if ":" not in stage.addressing}
     for stage, name in names.items():
-        after = {names[other] for other in nx.ancestors(graph, stage) if other in names} - {"report"}
+        after = {names[other] for other in nx.ancestors(graph, stage) if other in names} - {
+            "report"
+        }
         experiment = name.partition("@")[2].split("-")[0]
         if experiment in EXPERIMENTS and not name.startswith("mine"):
             assert all(other.partition("@")[2].split("-")[0] == experiment for other in after), name

@@ -14,24 +14,51 @@ from tools import workspace
 NOTEBOOK = [
     f"{head},{relation},{tail},{1 + number % 3}"
     for relation, heads, tails in (
-        ("on", ("apple", "bowl", "bread", "cup", "egg", "fork", "knife", "pan", "plate"), ("shelf", "sink", "sofa")),
-        ("beside", ("lamp", "laptop", "mirror", "pillow", "safe", "spoon"), ("apple", "bowl", "bread", "toaster")),
+        (
+            "on",
+            ("apple", "bowl", "bread", "cup", "egg", "fork", "knife", "pan", "plate"),
+            ("shelf", "sink", "sofa"),
+        ),
+        (
+            "beside",
+            ("lamp", "laptop", "mirror", "pillow", "safe", "spoon"),
+            ("apple", "bowl", "bread", "toaster"),
+        ),
     )
     for number, (head, tail) in enumerate((head, tail) for head in heads for tail in tails)
-]  # fmt: skip
+]
 #: Lists of experiments, each of a study that the pipeline leaves out here.
-STUDIES = [f"{name}.experiments" for name in (
-    "sweep", "cross_validation", "rate_sweep", "trajectory", "compare_models", "affordances", "query_breakdown",
-    "explorer", "finetune_only",
-)]  # fmt: skip
+STUDIES = [
+    f"{name}.experiments"
+    for name in (
+        "sweep",
+        "cross_validation",
+        "rate_sweep",
+        "trajectory",
+        "compare_models",
+        "affordances",
+        "query_breakdown",
+        "explorer",
+        "finetune_only",
+    )
+]
 LEFT_OUT = (
-    "experiments.ai2thor", "experiments.transfer", "experiments.published", "sources.ai2thor", "sources.mp3d",
-    "initializers.iu", "initializers.rs", "initializers.ers",
-)  # fmt: skip
+    "experiments.ai2thor",
+    "experiments.transfer",
+    "experiments.published",
+    "sources.ai2thor",
+    "sources.mp3d",
+    "initializers.iu",
+    "initializers.rs",
+    "initializers.ers",
+)
 MODULES = {
-    "initializer": "isi/initializers/nearest.py", "model": "isi/models/transh.py", "source": "isi/sources/notebook.py",
-    "section": "isi/report/sections/query_counts.py", "stage": "stages/count_triples.py",
-}  # fmt: skip
+    "initializer": "isi/initializers/nearest.py",
+    "model": "isi/models/transh.py",
+    "source": "isi/sources/notebook.py",
+    "section": "isi/report/sections/query_counts.py",
+    "stage": "stages/count_triples.py",
+}
 
 
 def replace_once(path: Path, old: str, new: str) -> None:
@@ -42,7 +69,9 @@ def replace_once(path: Path, old: str, new: str) -> None:
 
 def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> None:
     """The steps of docs/extending.md, with its code and params."""
-    changes: dict[str, Any] = {key: value for key, value in SMALL.items() if not key.startswith("experiments.")}
+    changes: dict[str, Any] = {
+        key: value for key, value in SMALL.items() if not key.startswith("experiments.")
+    }
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= dict.fromkeys(LEFT_OUT, workspace.DROP) | {key: [] for key in STUDIES}
     for addition in ("initializer", "model", "source", "experiment"):
@@ -50,14 +79,23 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> N
     workspace.make(tmp_path, changes)
     for addition, name in MODULES.items():
         (tmp_path / name).write_text(documented.code(f"own {addition}"), encoding="utf-8")
-    replace_once(tmp_path / "isi/report/templates/pages.yaml", " run.run]", " query_counts.query_counts, run.run]")
+    replace_once(
+        tmp_path / "isi/report/templates/pages.yaml",
+        " run.run]",
+        " query_counts.query_counts, run.run]",
+    )
     stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     replace_once(tmp_path / "dvc.yaml", "\nplots:\n", f"\n{stage}\nplots:\n")
     table = "\n".join(["head,relation,tail,count", *NOTEBOOK])
     (tmp_path / "data/raw/notebook.csv").write_text(table, encoding="utf-8")
     set_param(tmp_path, "experiments.notebook.initializers", ["xavier", "nearest"])
     stages = stages_run(dvc(tmp_path, "repro"))
-    assert {"mine@notebook", "train_theta0@notebook", "insert@notebook-nearest", "count_triples@notebook"} <= stages
+    assert {
+        "mine@notebook",
+        "train_theta0@notebook",
+        "insert@notebook-nearest",
+        "count_triples@notebook",
+    } <= stages
     runs = pd.read_parquet(tmp_path / "data/runs/notebook/nearest.parquet")
     assert set(runs["session"]) == {1, 2}
     joint = load_file(tmp_path / "data/embeddings/notebook/joint.safetensors")
@@ -65,5 +103,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> N
     assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")
     assert (tmp_path / "reports/tables/queries.csv").stat().st_size
     assert "Number of queries" in (tmp_path / "reports/index.html").read_text(encoding="utf-8")
-    counts = pd.read_parquet(tmp_path / "data/analyses/triple_counts/notebook.parquet").set_index("entity")["triples"]
+    counts = pd.read_parquet(tmp_path / "data/analyses/triple_counts/notebook.parquet").set_index(
+        "entity"
+    )["triples"]
     assert counts["apple"] == 3 + 6

@@ -1,4 +1,6 @@
-"""``Inserted.probability``: calibrated on hidden known entities, against loops over the queries and known answers."""
+"""``Inserted.probability``: calibrated on hidden known entities,
+against loops over the queries and known answers.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -19,19 +21,24 @@ from isi.insertion.result import Inserted
 
 KNOWN, RELATIONS, DIMENSION, NEW = 40, 3, 16, 40
 RNG = np.random.default_rng(0)
-VECTORS = RNG.standard_normal((KNOWN + 1, DIMENSION)).astype(np.float32)  #: The last is the best of the new entity.
+#: The last is the best of the new entity.
+VECTORS = RNG.standard_normal((KNOWN + 1, DIMENSION)).astype(np.float32)
 MAPS = RNG.standard_normal((RELATIONS, DIMENSION)).astype(np.float32)
 SCORES = np.einsum("hd,rd,td->hrt", VECTORS, MAPS, VECTORS)
 TRUE = np.argwhere(np.quantile(SCORES, 0.9) < SCORES)
 OF_KNOWN = TRUE[(TRUE[:, [HEAD, TAIL]] < KNOWN).all(1)]
 OF_NEW = TRUE[(TRUE[:, [HEAD, TAIL]] == NEW).sum(1) == 1]
-ALL_OF_NEW = np.array([row for row in np.ndindex(SCORES.shape) if (row[HEAD] == NEW) != (row[TAIL] == NEW)])
+ALL_OF_NEW = np.array(
+    [row for row in np.ndindex(SCORES.shape) if (row[HEAD] == NEW) != (row[TAIL] == NEW)]
+)
 
 
 @pytest.fixture(autouse=True)
 def oracle(monkeypatch: pytest.MonkeyPatch) -> None:
     """An initializer that knows the best vectors; the registry is restored after the test."""
-    monkeypatch.setattr(INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()})
+    monkeypatch.setattr(
+        INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
+    )
 
     @initializer("oracle", cost="entities")
     def function(context: InitContext) -> InitResult:
@@ -44,7 +51,9 @@ def insert(triples: Any = OF_NEW[:4], **changed: Any) -> Inserted:
 
 
 def cells(draws: HiddenDraws, vectors: np.ndarray) -> Iterator[tuple[int, float, bool]]:
-    """Relation, score and truth of each answer, in loops over the queries; ``vectors``: (M, n, d)."""
+    """Relation, score and truth of each answer, in loops over the queries;
+    ``vectors``: (M, n, d).
+    """
     true, context = set(map(tuple, OF_KNOWN.tolist())), draws.context
     for model, hidden in enumerate(context.novel.tolist()):
         table, answers = VECTORS[:KNOWN].copy(), set()
@@ -58,12 +67,17 @@ def cells(draws: HiddenDraws, vectors: np.ndarray) -> Iterator[tuple[int, float,
         for place, entity in enumerate(hidden):
             rows = context.observed[model, place]
             ends, labels, is_tail = (
-                getattr(context, name)[model, place][rows].tolist() for name in ("other", "relation", "novel_is_tail")
+                getattr(context, name)[model, place][rows].tolist()
+                for name in ("other", "relation", "novel_is_tail")
             )
             for end, relation, last in zip(ends, labels, is_tail, strict=True):
                 answers.discard((end, relation, entity) if last else (entity, relation, end))
         for head, relation, tail in answers:
-            yield relation, float(table[head] @ (MAPS[relation] * table[tail])), (head, relation, tail) in true
+            yield (
+                relation,
+                float(table[head] @ (MAPS[relation] * table[tail])),
+                (head, relation, tail) in true,
+            )
 
 
 def test_curves_go_through_the_answers_about_hidden_entities() -> None:
@@ -71,7 +85,11 @@ def test_curves_go_through_the_answers_about_hidden_entities() -> None:
     draws = done.hide()
     assert draws is not None
     assert draws.context.novel.numel() == done.choice.hidden
-    vectors = INITIALIZERS.get(done.initializer, "").initialize(draws.context, done.options).vectors.numpy()
+    vectors = (
+        INITIALIZERS.get(done.initializer, "")
+        .initialize(draws.context, done.options)
+        .vectors.numpy()
+    )
     by_relation = defaultdict[int, list[tuple[float, bool]]](list)
     for relation, score, right in cells(draws, vectors):
         by_relation[relation].append((score, right))
@@ -82,8 +100,12 @@ def test_curves_go_through_the_answers_about_hidden_entities() -> None:
         expected = fit_platt(scores, right)
         triples = ALL_OF_NEW[ALL_OF_NEW[:, RELATION] == relation]
         theta = done.embedding.entity[0].numpy()
-        of_triples = torch.from_numpy((theta[triples[:, HEAD]] * MAPS[relation] * theta[triples[:, TAIL]]).sum(1))
-        np.testing.assert_allclose(done.probability(triples), expected(of_triples), rtol=1e-3, atol=1e-5)
+        of_triples = torch.from_numpy(
+            (theta[triples[:, HEAD]] * MAPS[relation] * theta[triples[:, TAIL]]).sum(1)
+        )
+        np.testing.assert_allclose(
+            done.probability(triples), expected(of_triples), rtol=1e-3, atol=1e-5
+        )
 
 
 def test_with_perfect_vectors_true_triples_are_probable_and_others_are_not() -> None:
@@ -112,7 +134,10 @@ def test_names_ids_and_tables_of_triples_give_the_same_in_their_order_with_dupli
     done = insert(new=["lamp"], entity_names=entities, relation_names=labels)
     triples = np.array([[NEW, 0, 3], [5, 2, NEW], [NEW, 0, 3], [NEW, 1, NEW]])
     entities = [*entities, "lamp"]
-    named = [(entities[head], labels[relation], entities[tail]) for head, relation, tail in triples.tolist()]
+    named = [
+        (entities[head], labels[relation], entities[tail])
+        for head, relation, tail in triples.tolist()
+    ]
     expected = done.probability(triples)
     assert expected.shape == (4,)
     assert expected[0] == pytest.approx(expected[2])
@@ -138,9 +163,14 @@ def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, 
 def test_relations_with_few_right_answers_and_new_ones_share_a_curve() -> None:
     rare = np.array([[0, 3, 1], [2, 3, 3], [4, 3, 5]])
     done = isi.insert(
-        VECTORS[:KNOWN], np.concatenate([MAPS, MAPS[:1]]), [*OF_NEW[:4].tolist(), [NEW, 4, 3]], new=1, new_relations=1,
-        model="distmult", known_triples=np.concatenate([OF_KNOWN, rare]),
-    )  # fmt: skip
+        VECTORS[:KNOWN],
+        np.concatenate([MAPS, MAPS[:1]]),
+        [*OF_NEW[:4].tolist(), [NEW, 4, 3]],
+        new=1,
+        new_relations=1,
+        model="distmult",
+        known_triples=np.concatenate([OF_KNOWN, rare]),
+    )
     assert set(done.curves.of_relation) == {0, 1, 2}
     triples = np.array([[NEW, relation, 7] for relation in (3, 4)])
     score = done.embedding.score(*torch.from_numpy(triples).T[:, None])[0]

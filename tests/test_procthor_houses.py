@@ -1,4 +1,6 @@
-"""ProcTHOR's houses: each object is in the room that contains it, and has the recorded properties of its type."""
+"""ProcTHOR's houses: each object is in the room that contains it,
+and has the recorded properties of its type.
+"""
 
 import gzip
 import hashlib
@@ -25,9 +27,13 @@ from tools import make_houses
 RECORDED = {
     name: [SceneObject("", name, affordances=affordances)]
     for name, affordances in {
-        "mug": ("pick up", "put"), "counter top": (), "pen": ("break",), "sofa": ("heat",), "painting": (),
+        "mug": ("pick up", "put"),
+        "counter top": (),
+        "pen": ("break",),
+        "sofa": ("heat",),
+        "painting": (),
     }.items()
-}  # fmt: skip
+}
 
 
 @pytest.fixture(autouse=True)
@@ -39,12 +45,18 @@ def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...
     """Observations of a file of houses, and the counts of mining."""
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     mining = Mining(0)
-    rows = READERS.get("procthor_houses").read(mining, path=str(path), sha256=None, materials="simulator")
+    rows = READERS.get("procthor_houses").read(
+        mining, path=str(path), sha256=None, materials="simulator"
+    )
     return list(rows), +mining.counts
 
 
-def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_parents(tmp_path: Path) -> None:
-    counter = thing("CounterTop|2|0", 1, 1, thing("Mug|surface|2|0", 1.2, 1, thing("Pen|surface|2|1", 1.2, 1)))
+def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_parents(
+    tmp_path: Path,
+) -> None:
+    counter = thing(
+        "CounterTop|2|0", 1, 1, thing("Mug|surface|2|0", 1.2, 1, thing("Pen|surface|2|1", 1.2, 1))
+    )
     rows, left = observed(tmp_path / "x.jsonl", house(counter, thing("Sofa|3|0", 5, 3)))
     assert rows == [
         ("House1", "kitchen", "CounterTop|2|0", "counter top", "atLocation", "kitchen", 1),
@@ -84,7 +96,9 @@ def test_what_is_odd_is_counted_and_what_stands_in_no_room_is_dropped(
     assert left == {procthor.INSTANCES: 1, **({counted: 1} if counted else {})}
 
 
-def test_of_two_objects_of_the_same_id_the_first_counts_but_other_houses_may_have_it_too(tmp_path: Path) -> None:
+def test_of_two_objects_of_the_same_id_the_first_counts_but_other_houses_may_have_it_too(
+    tmp_path: Path,
+) -> None:
     twice = [thing("Painting|2|0", 1, 1), thing("Painting|2|0", 8, 1)]
     rows, left = observed(tmp_path / "x.jsonl", house(*twice), house(*twice[:1]))
     assert [(row[0], row[1]) for row in rows] == [("House1", "kitchen"), ("House2", "kitchen")]
@@ -96,8 +110,10 @@ def test_an_object_whose_id_names_no_type_is_of_the_type_of_its_asset(tmp_path: 
     objects = [thing("2|0", 1, 1, thing("small|2|0", 1, 1, asset="Pen_2"), asset="Mug_1")]
     rows, _ = observed(tmp_path / "x.jsonl", house(*objects, metadata={"schema": "0.0.1"}))
     assert [row[3:6] for row in rows if row[4] == "atLocation"] == [
-        ("mug", "atLocation", "kitchen"), ("pen", "atLocation", "kitchen"), ("pen", "atLocation", "mug"),
-    ]  # fmt: skip
+        ("mug", "atLocation", "kitchen"),
+        ("pen", "atLocation", "kitchen"),
+        ("pen", "atLocation", "mug"),
+    ]
 
 
 # What was recorded
@@ -114,7 +130,9 @@ def recording() -> procthor.RecordedTypes:
         SceneObject("3", "mug", affordances=[*opened, *held, *broken]),
         SceneObject("4", "mug", materials=["glass"], affordances=held),
     ]
-    return RECORDED_TYPES([Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])])
+    return RECORDED_TYPES(
+        [Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])]
+    )
 
 
 def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None:
@@ -139,13 +157,19 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
 ) -> None:
     monkeypatch.setattr(procthor, "recorded_types", RECORDED_TYPES)
     make_houses.write(tmp_path / "x.jsonl.gz", 3)
-    given = {"reader": "procthor_houses", "path": str(tmp_path / "x.jsonl.gz"), "sha256": None, "materials": materials}
+    given = {
+        "reader": "procthor_houses",
+        "path": str(tmp_path / "x.jsonl.gz"),
+        "sha256": None,
+        "materials": materials,
+    }
     mined = observations_of(given)
     frame = mined.table.astype(str)
     assert {"atLocation", "hasMaterial", "hasAffordance"} == set(frame["relation"])
     assert mined.counts[procthor.INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
     odd = (procthor.OUTSIDE, procthor.TAKEN, procthor.UNNAMED, procthor.ELSEWHERE)
-    assert {step: mined.counts.get(step) for step in odd} == dict.fromkeys(odd, 0)  # listed, though there are none
+    # listed, though there are none
+    assert {step: mined.counts.get(step) for step in odd} == dict.fromkeys(odd, 0)
     switches = frame[(frame["head"] == "light switch") & (frame["relation"] == "hasAffordance")]
     assert set(switches["tail"]) == {"turn on", "turn off"}
 
@@ -153,7 +177,11 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
 def test_houses_are_read_one_by_one(tmp_path: Path) -> None:
     path = tmp_path / "x.jsonl"
     path.write_text(json.dumps(house(thing("Sofa|2|0", 1, 1))) + "\nbroken", encoding="utf-8")
-    rows = iter(READERS.get("procthor_houses").read(Mining(0), path=str(path), sha256=None, materials="simulator"))
+    rows = iter(
+        READERS.get("procthor_houses").read(
+            Mining(0), path=str(path), sha256=None, materials="simulator"
+        )
+    )
     assert [row[5] for row in islice(rows, 2)] == ["kitchen", "heat"]
     with pytest.raises(InputError, match="line 2"):
         next(rows)
@@ -164,7 +192,9 @@ def test_houses_are_read_one_by_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("indent", [None, 2])
 @pytest.mark.parametrize("packed", [False, True])
-def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent: int | None, packed: bool) -> None:
+def test_a_house_may_be_a_line_or_a_file_plain_or_packed(
+    tmp_path: Path, indent: int | None, packed: bool
+) -> None:
     content = json.dumps(house(thing("Mug|2|0", 1, 1)), indent=indent).encode()
     content = content if indent else b"\n" + content + b"\n\n"
     path = tmp_path / f"x.json{'' if indent else 'l'}{'.gz' if packed else ''}"
@@ -176,10 +206,16 @@ def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent:
 
 @pytest.mark.parametrize(
     ("identifier", "kind", "room"),
-    [("Bed|2|0", "Bed", "room|2"), ("Pillow|2|0|1", "Pillow", "room|2"), ("Book|surface|12|3", "Book", "room|12"),
-     ("small|4|0", None, "room|4"), ("4|0|1", None, "room|4"), ("Bed", "Bed", None),
-     ("sofa-0 (living room)", None, None)],
-)  # fmt: skip
+    [
+        ("Bed|2|0", "Bed", "room|2"),
+        ("Pillow|2|0|1", "Pillow", "room|2"),
+        ("Book|surface|12|3", "Book", "room|12"),
+        ("small|4|0", None, "room|4"),
+        ("4|0|1", None, "room|4"),
+        ("Bed", "Bed", None),
+        ("sofa-0 (living room)", None, None),
+    ],
+)
 def test_ids_of_both_versions_name_a_type_or_none_and_a_room(
     identifier: str, kind: str | None, room: str | None
 ) -> None:
@@ -196,9 +232,13 @@ def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
     x, z = along * width, across * depth
     cut = [any(x0 < x < x1 and z0 < z < z1 for x0, z0, x1, z1 in area) for area in areas]
     rooms = [
-        procthor.Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
+        procthor.Room.model_validate(
+            {"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)}
+        )
         for area in areas
     ]
-    (room,) = procthor.rooms_of(rooms, [(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)])
+    (room,) = procthor.rooms_of(
+        rooms, [(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)]
+    )
     assert room is not None
     assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles

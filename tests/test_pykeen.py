@@ -38,18 +38,20 @@ CLOSED: list[tuple[str, dict[str, Any]]] = [
     *((name, {}) for name in ("distmult", "complex", "rotate")),
 ]
 OTHERS: list[tuple[str, dict[str, Any]]] = [
-    ("tucker", {"relation_dim": 4}), ("transe", {"scoring_fct_norm": 3}),
+    ("tucker", {"relation_dim": 4}),
+    ("transe", {"scoring_fct_norm": 3}),
     *((name, {}) for name in ("rescal", "hole", "quate", "transh", "crosse")),
-]  # fmt: skip
+]
 #: The models of PyKEEN that people use, with options that make them small.
 MODELS: dict[str, dict[str, Any]] = {
     **{name: {} for name in (
-        "ComplEx", "DistMult", "TransE", "RotatE", "RESCAL", "HolE", "PairRE", "TransH", "QuatE", "DistMA", "ERMLP",
-        "SE", "ProjE", "SimplE", "BoxE", "MuRE", "TransD", "KG2E", "UM",
+        "ComplEx", "DistMult", "TransE", "RotatE", "RESCAL", "HolE", "PairRE", "TransH", "QuatE",
+        "DistMA", "ERMLP", "SE", "ProjE", "SimplE", "BoxE", "MuRE", "TransD", "KG2E", "UM",
     )},
-    "AutoSF": {"num_components": 4}, "CP": {"rank": 3}, "NTN": {"num_slices": 2}, "TransR": {"relation_dim": 5},
-    "TuckER": {"relation_dim": 4},
-    "ConvE": {**dict.fromkeys(("embedding_width", "kernel_height", "kernel_width"), 2), "embedding_height": 4},
+    "AutoSF": {"num_components": 4}, "CP": {"rank": 3}, "NTN": {"num_slices": 2},
+    "TransR": {"relation_dim": 5}, "TuckER": {"relation_dim": 4},
+    "ConvE": {**dict.fromkeys(("embedding_width", "kernel_height", "kernel_width"), 2),
+              "embedding_height": 4},
 }  # fmt: skip
 ENTITIES, RELATIONS, DIMENSION = 20, 3, 8
 NEW = [("cup", "r0", "e1"), ("e3", "r1", "cup"), ("mug", "r2", "e2"), ("cup", "r1", "mug")]
@@ -64,30 +66,42 @@ def factory() -> TriplesFactory:
     """A ring with all relations, and random triples; ids are not in the order of labels."""
     rng = np.random.default_rng(0)
     triples = {(e, e % RELATIONS, (e + 1) % ENTITIES) for e in range(ENTITIES)}
-    triples |= {tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()}
+    triples |= {
+        tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()
+    }
     return TriplesFactory(
-        torch.tensor(sorted(triples)), {f"e{row}": row for row in range(ENTITIES)[::-1]},
+        torch.tensor(sorted(triples)),
+        {f"e{row}": row for row in range(ENTITIES)[::-1]},
         {f"r{row}": row for row in range(RELATIONS)},
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
 def inverse(factory: TriplesFactory) -> TriplesFactory:
     """The same triples for models that learn their inverses, too."""
     return TriplesFactory(
-        factory.mapped_triples, factory.entity_to_id, factory.relation_to_id, create_inverse_triples=True
+        factory.mapped_triples,
+        factory.entity_to_id,
+        factory.relation_to_id,
+        create_inverse_triples=True,
     )
 
 
-def model_of(name: str, options: dict[str, Any], factory: CoreTriplesFactory, steps: int = 0) -> ERModel:
-    made = model_resolver.make(name, triples_factory=factory, embedding_dim=DIMENSION, random_seed=0, **options)
+def model_of(
+    name: str, options: dict[str, Any], factory: CoreTriplesFactory, steps: int = 0
+) -> ERModel:
+    made = model_resolver.make(
+        name, triples_factory=factory, embedding_dim=DIMENSION, random_seed=0, **options
+    )
     made.post_parameter_update()
     learn(made, factory.mapped_triples, steps)
     return made.eval()
 
 
 def learn(model: ERModel, triples: torch.Tensor, steps: int, margin: float | None = None) -> None:
-    """Some steps on a margin loss, or the logistic loss of ``margin`` + score; for few triples faster than PyKEEN."""
+    """Some steps on a margin loss, or the logistic loss of ``margin`` + score;
+    for few triples faster than PyKEEN.
+    """
     rng, optimizer = torch.Generator().manual_seed(0), torch.optim.Adam(model.parameters(), lr=0.05)
     for step in range(steps):
         other = triples.clone()
@@ -110,7 +124,9 @@ def scores(model: ERModel, triples: torch.Tensor) -> torch.Tensor:
 
 
 @pytest.mark.parametrize(("name", "options"), CLOSED + OTHERS, ids=id_of)
-def test_a_model_scores_in_our_terms_what_it_scores_itself(name: str, options: dict[str, Any], factory: Any) -> None:
+def test_a_model_scores_in_our_terms_what_it_scores_itself(
+    name: str, options: dict[str, Any], factory: Any
+) -> None:
     model = model_of(name, options, factory, steps=100)
     read = read_model(model, factory.mapped_triples, None)
     assert isinstance(read.model, InteractionModel) == ((name, options) in OTHERS)
@@ -122,7 +138,9 @@ def test_a_model_scores_in_our_terms_what_it_scores_itself(name: str, options: d
 
 
 @pytest.mark.parametrize(("name", "options"), CLOSED + OTHERS, ids=id_of)
-def test_what_is_known_stays_and_new_rows_come_behind(name: str, options: dict[str, Any], factory: Any) -> None:
+def test_what_is_known_stays_and_new_rows_come_behind(
+    name: str, options: dict[str, Any], factory: Any
+) -> None:
     model = model_of(name, options, factory)
     before = {key: value.clone() for key, value in model.state_dict().items()}
     larger, more = isi.pykeen.insert(model, factory, NEW)
@@ -133,7 +151,9 @@ def test_what_is_known_stays_and_new_rows_come_behind(name: str, options: dict[s
         torch.testing.assert_close(value, before[key], rtol=0, atol=0)
         known = larger.state_dict()[key][: len(value)] if value.ndim else larger.state_dict()[key]
         torch.testing.assert_close(known, value, rtol=0, atol=0)
-    torch.testing.assert_close(scores(larger, factory.mapped_triples), scores(model, factory.mapped_triples))
+    torch.testing.assert_close(
+        scores(larger, factory.mapped_triples), scores(model, factory.mapped_triples)
+    )
     assert torch.isfinite(scores(larger, more.mapped_triples)).all()
 
 
@@ -144,8 +164,14 @@ def test_a_model_of_any_tables_scores_as_before_and_predicts_with_new_entities(
 ) -> None:
     factory = request.getfixturevalue(of)
     model = model_of(name, MODELS[name], factory)
-    read, (head, relation, tail) = read_model(model, factory.mapped_triples, None), factory.mapped_triples.T[:, None]
-    theirs = model.predict_t(factory.mapped_triples[:, :2]), model.predict_h(factory.mapped_triples[:, 1:])
+    read, (head, relation, tail) = (
+        read_model(model, factory.mapped_triples, None),
+        factory.mapped_triples.T[:, None],
+    )
+    theirs = (
+        model.predict_t(factory.mapped_triples[:, :2]),
+        model.predict_h(factory.mapped_triples[:, 1:]),
+    )
     if of == "inverse":
         ours = read.score_tails(head, 2 * relation)[0], read.score_tails(tail, 2 * relation + 1)[0]
     else:
@@ -164,14 +190,18 @@ def test_a_model_of_any_tables_scores_as_before_and_predicts_with_new_entities(
 
 
 @pytest.mark.parametrize("name", ["RGCN", "CompGCN", "NodePiece"])
-def test_a_model_that_computes_vectors_says_what_to_do(name: str, factory: Any, inverse: Any) -> None:
+def test_a_model_that_computes_vectors_says_what_to_do(
+    name: str, factory: Any, inverse: Any
+) -> None:
     known = factory if name == "RGCN" else inverse
     with pytest.raises(InputError, match=f"argument 'model': {name}: .*train_on"):
         isi.pykeen.insert(model_of(name, {}, known), known, NEW)
 
 
 @pytest.mark.parametrize("initializer", ["soft_rs", "map"])
-def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(initializer: str, inverse: Any) -> None:
+def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
+    initializer: str, inverse: Any
+) -> None:
     """PyKEEN's rows 2r and 2r + 1 are those of relation r and of its inverse."""
     model = model_of("transe", {}, inverse)
     done = isi.pykeen.inserted(model, inverse, NEW, initializer=initializer, margin=1.0)
@@ -179,39 +209,56 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(initialize
     larger, more = isi.pykeen.enlarge(model, inverse, done)
     assert (more.num_triples, more.create_inverse_triples) == (inverse.num_triples + len(NEW), True)
     assert larger.num_relations == 2 * RELATIONS
-    ids = [(more.entity_to_id[h], int(r[1]), more.entity_to_id[t]) for h, r, t in NEW] + inverse.mapped_triples.tolist()
+    ids = [
+        (more.entity_to_id[h], int(r[1]), more.entity_to_id[t]) for h, r, t in NEW
+    ] + inverse.mapped_triples.tolist()
     triples = np.array([(h, 2 * r, t) for h, r, t in ids] + [(t, 2 * r + 1, h) for h, r, t in ids])
     of_known = (triples[:, [0, 2]] < ENTITIES).all(1)
     tables = [
-        table()[:].detach().numpy() for (table,) in (model.entity_representations, model.relation_representations)
+        table()[:].detach().numpy()
+        for (table,) in (model.entity_representations, model.relation_representations)
     ]
     expected = isi.insert(
-        *tables, triples[~of_known], new=2, model="transe_l1", model_options={"margin": 1.0}, initializer=initializer,
+        *tables,
+        triples[~of_known],
+        new=2,
+        model="transe_l1",
+        model_options={"margin": 1.0},
+        initializer=initializer,
         known_triples=triples[of_known],
-    )  # fmt: skip
-    unit = expected.entities / np.linalg.norm(expected.entities, axis=1, keepdims=True)  # as TransE's vectors are
+    )
+    # as TransE's vectors are
+    unit = expected.entities / np.linalg.norm(expected.entities, axis=1, keepdims=True)
     np.testing.assert_allclose(done.entities, unit, rtol=1e-4, atol=1e-5)
     assert done.relations.shape == (RELATIONS, 2 * DIMENSION)
 
 
 @pytest.mark.filterwarnings("ignore:the model ranks its own triples almost at random")
 def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
-    """Random triples and vectors: nothing but its own inverse, which scores alike here, predicts a triple."""
+    """Random triples and vectors: nothing but its own inverse, which scores alike here,
+    predicts a triple.
+    """
     entities = 60
-    triples = np.unique(np.random.default_rng(0).integers((entities, 2, entities), size=(300, 3)), axis=0)
+    triples = np.unique(
+        np.random.default_rng(0).integers((entities, 2, entities), size=(300, 3)), axis=0
+    )
     known = CoreTriplesFactory(torch.from_numpy(triples), entities, 2, create_inverse_triples=True)
     model = model_resolver.make("distmult", triples_factory=known, embedding_dim=64, random_seed=0)
     rows = model.relation_representations[0]._embeddings.weight.data
     rows[1::2] = rows[::2]
     new = np.array([(entities, 0, end) for end in range(8)])
-    tables = [part[0]().detach().numpy() for part in (model.entity_representations, model.relation_representations)]
+    tables = [
+        part[0]().detach().numpy()
+        for part in (model.entity_representations, model.relation_representations)
+    ]
     apart = [both_ways(torch.from_numpy(ids)).numpy() for ids in (new, triples)]
     facts_once = isi.pykeen.inserted(model, known, new, new=1)
     facts_twice = isi.insert(*tables, apart[0], new=1, model="distmult", known_triples=apart[1])
     once, twice = (
         next(each.known_ends for each in done.choice.candidates if each.initializer == "ridge")
-        for done in (facts_once, facts_twice) if done.choice
-    )  # fmt: skip
+        for done in (facts_once, facts_twice)
+        if done.choice
+    )
     assert twice > 1.3 * facts_twice.choice.random_mrr  # type: ignore[union-attr]
     assert once < facts_once.choice.random_mrr  # type: ignore[union-attr]
 
@@ -219,10 +266,16 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
 def test_interference_ranks_as_pykeen_does(name: str, factory: Any, inverse: Any) -> None:
     for of in (factory, inverse):
-        done = isi.pykeen.inserted(model_of(name, MODELS.get(name, {}), of), of, NEW, initializer="mean")
+        done = isi.pykeen.inserted(
+            model_of(name, MODELS.get(name, {}), of), of, NEW, initializer="mean"
+        )
         larger, more = isi.pykeen.enlarge(model_of(name, MODELS.get(name, {}), of), of, done)
         metrics = RankBasedEvaluator().evaluate(
-            larger, of.mapped_triples, additional_filter_triples=more.mapped_triples, use_tqdm=False, batch_size=32
+            larger,
+            of.mapped_triples,
+            additional_filter_triples=more.mapped_triples,
+            use_tqdm=False,
+            batch_size=32,
         )
         assert done.interference().h_cur == pytest.approx(metrics.get_metric("mrr"), abs=1e-4)
 
@@ -248,9 +301,14 @@ def test_ranks_of_known_triples_are_unchanged_when_new_candidates_are_masked(
     for one, own in ((model, factory), (larger, more)):
         evaluator = RankBasedEvaluator(clear_on_finalize=False)
         evaluator.evaluate(
-            one, factory.mapped_triples, batch_size=8, additional_filter_triples=own.mapped_triples,
-            restrict_entities_to=range(ENTITIES), pre_filtered_triples=True, use_tqdm=False,
-        )  # fmt: skip
+            one,
+            factory.mapped_triples,
+            batch_size=8,
+            additional_filter_triples=own.mapped_triples,
+            restrict_entities_to=range(ENTITIES),
+            pre_filtered_triples=True,
+            use_tqdm=False,
+        )
         ranked.append({key: np.concatenate(values) for key, values in evaluator.ranks.items()})
     for key, ranks in ranked[0].items():
         np.testing.assert_array_equal(ranks, ranked[1][key])
@@ -275,9 +333,16 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
     named = predict_target(model=larger, head="cup", relation="r0", triples_factory=more)
     assert len(named.df) == ENTITIES + 2
     before = larger.entity_representations[0]._embeddings.weight.detach().clone()
-    for optimizer in (Adam(larger.parameters(), lr=1e-6), SGD(larger.parameters(), lr=1e-6, momentum=0.9)):
-        loop = SLCWATrainingLoop(model=larger.train(), triples_factory=more, optimizer=isi.pykeen.warm(optimizer))
-        losses = loop.train(more, num_epochs=2, batch_size=32, use_tqdm=False, continue_training=True)
+    for optimizer in (
+        Adam(larger.parameters(), lr=1e-6),
+        SGD(larger.parameters(), lr=1e-6, momentum=0.9),
+    ):
+        loop = SLCWATrainingLoop(
+            model=larger.train(), triples_factory=more, optimizer=isi.pykeen.warm(optimizer)
+        )
+        losses = loop.train(
+            more, num_epochs=2, batch_size=32, use_tqdm=False, continue_training=True
+        )
         assert np.isfinite(losses).all()
     after = larger.entity_representations[0]._embeddings.weight
     assert (after[-2:] != before[-2:]).any()
@@ -289,17 +354,26 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
 
 @pytest.mark.parametrize("of", ["factory", "inverse"])
 @pytest.mark.parametrize("name", [name for name in MODELS if name != "UM"])
-def test_new_relations_get_the_next_rows_of_every_table(name: str, of: str, request: pytest.FixtureRequest) -> None:
+def test_new_relations_get_the_next_rows_of_every_table(
+    name: str, of: str, request: pytest.FixtureRequest
+) -> None:
     """PyKEEN's rows 2r and 2r + 1 are those of relation r and of its inverse."""
     factory = request.getfixturevalue(of)
     model, ways = model_of(name, MODELS[name], factory), 1 + (of == "inverse")
     triples = [*NEW, ("cup", "near", "e1"), ("e2", "near", "e3")]
-    done = isi.pykeen.inserted(model, factory, triples, new_relations=["near", "bare"], initializer="mean")
+    done = isi.pykeen.inserted(
+        model, factory, triples, new_relations=["near", "bare"], initializer="mean"
+    )
     larger, more = isi.pykeen.enlarge(model, factory, done)
     assert more.relation_to_id == {"r0": 0, "r1": 1, "r2": 2, "near": 3, "bare": 4}
-    assert (larger.num_real_relations, larger.num_relations) == (RELATIONS + 2, ways * (RELATIONS + 2))
+    assert (larger.num_real_relations, larger.num_relations) == (
+        RELATIONS + 2,
+        ways * (RELATIONS + 2),
+    )
     assert more.num_triples == factory.num_triples + len(triples)
-    for before, after in zip(model.relation_representations, larger.relation_representations, strict=True):
+    for before, after in zip(
+        model.relation_representations, larger.relation_representations, strict=True
+    ):
         known, rows = (table._embeddings.weight.detach() for table in (before, after))
         assert (after.max_id, len(rows)) == (larger.num_relations, larger.num_relations)
         assert torch.equal(rows[: len(known)], known)
@@ -311,9 +385,13 @@ def test_new_relations_get_the_next_rows_of_every_table(name: str, of: str, requ
     theirs = larger.predict_t(near), larger.predict_h(near.flip(1))
     for mine, other in zip(ours, theirs, strict=True):
         difference = mine - other  # the margin
-        torch.testing.assert_close(difference, difference.mean().expand_as(difference), rtol=0, atol=1e-3)
+        torch.testing.assert_close(
+            difference, difference.mean().expand_as(difference), rtol=0, atol=1e-3
+        )
     larger.post_parameter_update()  # the rows are under PyKEEN's constraints already
-    for mine, other in zip(theirs, (larger.predict_t(near), larger.predict_h(near.flip(1))), strict=True):
+    for mine, other in zip(
+        theirs, (larger.predict_t(near), larger.predict_h(near.flip(1))), strict=True
+    ):
         torch.testing.assert_close(mine, other, rtol=1e-4, atol=1e-4)
 
 
@@ -321,60 +399,91 @@ def test_a_relation_and_its_inverse_are_fitted_as_two_relations(inverse: Any) ->
     model = model_of("complex", {}, inverse, steps=50)
     triples = [("e1", "near", "e2"), ("e5", "near", "e2"), ("e7", "near", "e3")]
     done = isi.pykeen.inserted(model, inverse, triples, new_relations=["near"])
-    tables = [part[0]().detach() for part in (model.entity_representations, model.relation_representations)]
+    tables = [
+        part[0]().detach()
+        for part in (model.entity_representations, model.relation_representations)
+    ]
     tables = [torch.cat([rows.real, rows.imag], 1).numpy() for rows in tables]
     ids = torch.tensor([(1, 3, 2), (5, 3, 2), (7, 3, 3)])
     known, new = both_ways(inverse.mapped_triples), both_ways(ids)
-    expected = isi.insert(*tables, new.numpy(), new=0, new_relations=2, model="complex", known_triples=known.numpy())
+    expected = isi.insert(
+        *tables, new.numpy(), new=0, new_relations=2, model="complex", known_triples=known.numpy()
+    )
     larger, _ = isi.pykeen.enlarge(model, inverse, done)
     rows = larger.relation_representations[0]().detach()[-2:]
-    np.testing.assert_allclose(torch.cat([rows.real, rows.imag], 1), expected.relations[-2:], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        torch.cat([rows.real, rows.imag], 1), expected.relations[-2:], rtol=1e-4, atol=1e-5
+    )
     assert torch.equal(larger.entity_representations[0]()[:], model.entity_representations[0]()[:])
 
 
-@pytest.mark.parametrize(("name", "margin", "inverses"), [("complex", 0.0, False), ("transe", 4.0, True)])
+@pytest.mark.parametrize(
+    ("name", "margin", "inverses"), [("complex", 0.0, False), ("transe", 4.0, True)]
+)
 def test_hidden_relations_of_a_trained_model_rank_far_better_than_at_random(
     name: str, margin: float, inverses: bool
 ) -> None:
-    """UMLS without three relations, inserted from half of their triples; the other half is ranked."""
+    """UMLS without three relations, inserted from half of their triples;
+    the other half is ranked.
+    """
     data = UMLS().training
-    triples, labels = data.mapped_triples, sorted(data.relation_to_id, key=data.relation_to_id.__getitem__)
+    triples, labels = (
+        data.mapped_triples,
+        sorted(data.relation_to_id, key=data.relation_to_id.__getitem__),
+    )
     hidden = torch.bincount(triples[:, 1]).topk(13).indices[[4, 8, 12]]
     names = [labels[row] for row in hidden]
     kept = [label for label in labels if label not in names]
     ids = {label: row for row, label in enumerate(kept + names)}
     of_hidden = torch.isin(triples[:, 1], hidden)
     triples = torch.stack(
-        [triples[:, 0], torch.tensor([ids[label] for label in labels])[triples[:, 1]], triples[:, 2]], 1
+        [
+            triples[:, 0],
+            torch.tensor([ids[label] for label in labels])[triples[:, 1]],
+            triples[:, 2],
+        ],
+        1,
     )
     known = TriplesFactory(
-        triples[~of_hidden], data.entity_to_id, {label: ids[label] for label in kept}, create_inverse_triples=inverses
+        triples[~of_hidden],
+        data.entity_to_id,
+        {label: ids[label] for label in kept},
+        create_inverse_triples=inverses,
     )
     model = model_resolver.make(name, triples_factory=known, embedding_dim=16, random_seed=0)
     learn(model, both_ways(triples[~of_hidden]) if inverses else triples[~of_hidden], 100, margin)
     given, queried = triples[of_hidden][::2], triples[of_hidden][1::2]
     of = {row: label for label, row in data.entity_to_id.items()}
-    facts = [(of[head], (kept + names)[relation], of[tail]) for head, relation, tail in given.tolist()]
+    facts = [
+        (of[head], (kept + names)[relation], of[tail]) for head, relation, tail in given.tolist()
+    ]
     larger, more = isi.pykeen.insert(model, known, facts, new_relations=names)
     assert more.relation_to_id == ids
 
     def mrr() -> float:
         metrics = RankBasedEvaluator().evaluate(
-            larger.eval(), queried, additional_filter_triples=more.mapped_triples, use_tqdm=False, batch_size=256
+            larger.eval(),
+            queried,
+            additional_filter_triples=more.mapped_triples,
+            use_tqdm=False,
+            batch_size=256,
         )
         return metrics.get_metric("mrr")
 
     inserted, random_ranks = mrr(), (1 / torch.arange(1, 1 + known.num_entities)).mean().item()
     (table,) = larger.relation_representations
     count = len(names) * (1 + inverses)
-    table._embeddings.weight.data[-count:] = table._embeddings.weight.data[:count]  # of other relations
+    # of other relations
+    table._embeddings.weight.data[-count:] = table._embeddings.weight.data[:count]
     assert inserted > 3 * random_ranks
     assert inserted > 1.5 * mrr()
 
 
 def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: Any) -> None:
     triples = [*NEW, ("e1", "near", "e2")]
-    larger, more = isi.pykeen.insert(model_of("rotate", {}, inverse), inverse, triples, new_relations=["near"])
+    larger, more = isi.pykeen.insert(
+        model_of("rotate", {}, inverse), inverse, triples, new_relations=["near"]
+    )
     larger.save_state(tmp_path / "model.pt")
     more.to_path_binary(tmp_path / "factory")
     again = TriplesFactory.from_path_binary(tmp_path / "factory")
@@ -393,9 +502,14 @@ def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: 
 
 def test_new_relations_of_a_factory_without_labels_go_by_ids(factory: Any) -> None:
     plain, triples = factory.to_core_triples_factory(), [(1, 3, 2), (20, 4, 1)]
-    larger, more = isi.pykeen.insert(model_of("distmult", {}, plain), plain, triples, new=1, new_relations=2)
+    larger, more = isi.pykeen.insert(
+        model_of("distmult", {}, plain), plain, triples, new=1, new_relations=2
+    )
     named, _ = isi.pykeen.insert(
-        model_of("distmult", {}, factory), factory, [("e1", "a", "e2"), ("cup", "b", "e1")], new_relations=["a", "b"]
+        model_of("distmult", {}, factory),
+        factory,
+        [("e1", "a", "e2"), ("cup", "b", "e1")],
+        new_relations=["a", "b"],
     )
     assert (more.num_entities, more.num_relations) == (21, 5)
     for key, value in larger.state_dict().items():
@@ -404,11 +518,18 @@ def test_new_relations_of_a_factory_without_labels_go_by_ids(factory: Any) -> No
 
 def test_a_model_that_cannot_have_new_relations_says_why(factory: Any) -> None:
     shared = ERModel(
-        triples_factory=factory, interaction="distmult", entity_representations_kwargs={"shape": 4},
-        relation_representations="LowRank", relation_representations_kwargs={"shape": 4, "num_bases": 2},
-    )  # fmt: skip
+        triples_factory=factory,
+        interaction="distmult",
+        entity_representations_kwargs={"shape": 4},
+        relation_representations="LowRank",
+        relation_representations_kwargs={"shape": 4, "num_bases": 2},
+    )
     wide = model_resolver.make("rescal", triples_factory=factory, embedding_dim=65)
-    for model, reason in ((model_of("UM", {}, factory), "UM"), (shared, "LowRank"), (wide, "4,096")):
+    for model, reason in (
+        (model_of("UM", {}, factory), "UM"),
+        (shared, "LowRank"),
+        (wide, "4,096"),
+    ):
         with pytest.raises(InputError, match=f"argument 'new_relations': .*{reason}"):
             isi.pykeen.insert(model, factory, [("e1", "near", "e2")], new_relations=["near"])
 
@@ -430,19 +551,35 @@ def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:
 def test_the_result_of_a_pipeline_stands_for_model_and_factory(factory: Any) -> None:
     model = model_of("distmult", {}, factory)
     result = PipelineResult(
-        random_seed=0, model=model, training=factory, training_loop=None, losses=[], metric_results=None,
-        train_seconds=0.0, evaluate_seconds=0.0,
-    )  # fmt: skip
+        random_seed=0,
+        model=model,
+        training=factory,
+        training_loop=None,
+        losses=[],
+        metric_results=None,
+        train_seconds=0.0,
+        evaluate_seconds=0.0,
+    )
     expected, more = isi.pykeen.insert(model, factory, NEW)
-    for larger, enlarged in (isi.pykeen.insert(result, NEW), isi.pykeen.insert(result, triples=NEW)):
+    for larger, enlarged in (
+        isi.pykeen.insert(result, NEW),
+        isi.pykeen.insert(result, triples=NEW),
+    ):
         assert enlarged == more
         assert torch.equal(*(one.entity_representations[0]() for one in (larger, expected)))
 
 
-@pytest.mark.parametrize("form", [
-    pd.DataFrame(NEW), {"cup": {"r0": "e1", "r1": ["mug"]}, "e3": {"r1": ["cup"]}, "mug": {"r2": "e2"}},
-    TriplesFactory.from_labeled_triples(np.array(NEW)), np.array(NEW), iter(NEW),
-], ids=["frame", "facts", "factory", "array", "iterator"])  # fmt: skip
+@pytest.mark.parametrize(
+    "form",
+    [
+        pd.DataFrame(NEW),
+        {"cup": {"r0": "e1", "r1": ["mug"]}, "e3": {"r1": ["cup"]}, "mug": {"r2": "e2"}},
+        TriplesFactory.from_labeled_triples(np.array(NEW)),
+        np.array(NEW),
+        iter(NEW),
+    ],
+    ids=["frame", "facts", "factory", "array", "iterator"],
+)
 def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> None:
     model = model_of("distmult", {}, factory)
     done, expected = (isi.pykeen.inserted(model, factory, triples) for triples in (form, NEW))
@@ -451,14 +588,26 @@ def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> N
         np.testing.assert_allclose(by_name[name], row, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("new", "known", "expected"), [
-    ("disease_or_syndrom", "disease_or_syndrome", True), ("Kitchen", "kitchen", True), ("forks", "fork", True),
-    ("living-room", "living room", True), ("kithcen", "kitchen", True), ("kitchan", "kitchen", True),
-    ("kitten", "kitchen", False), ("entity 12", "entity 13", False), ("entity 1", "entity 12", False),
-    ("mug", "mud", False), ("cafe\u0301 bar table", "caf\u00e9 bar table", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("new", "known", "expected"),
+    [
+        ("disease_or_syndrom", "disease_or_syndrome", True),
+        ("Kitchen", "kitchen", True),
+        ("forks", "fork", True),
+        ("living-room", "living room", True),
+        ("kithcen", "kitchen", True),
+        ("kitchan", "kitchen", True),
+        ("kitten", "kitchen", False),
+        ("entity 12", "entity 13", False),
+        ("entity 1", "entity 12", False),
+        ("mug", "mud", False),
+        ("cafe\u0301 bar table", "caf\u00e9 bar table", True),
+    ],
+)
 def test_a_slip_of_the_pen_is_told_from_another_label(new: str, known: str, expected: bool) -> None:
-    assert nearly_known([new, "espresso"], ["bed", known, "counter"]) == ({new: known} if expected else {})
+    assert nearly_known([new, "espresso"], ["bed", known, "counter"]) == (
+        {new: known} if expected else {}
+    )
 
 
 def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
@@ -478,21 +627,30 @@ def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
 def test_numeric_literals_stay_and_those_of_new_entities_are_zero(factory: Any) -> None:
     literals = np.arange(2.0 * ENTITIES, dtype=np.float32).reshape(ENTITIES, 2)
     known = TriplesNumericLiteralsFactory(
-        mapped_triples=factory.mapped_triples, entity_to_id=factory.entity_to_id,
-        relation_to_id=factory.relation_to_id, numeric_literals=literals, literals_to_id={"height": 0, "weight": 1},
-    )  # fmt: skip
+        mapped_triples=factory.mapped_triples,
+        entity_to_id=factory.entity_to_id,
+        relation_to_id=factory.relation_to_id,
+        numeric_literals=literals,
+        literals_to_id={"height": 0, "weight": 1},
+    )
     _, more = isi.pykeen.insert(model_of("distmult", {}, known), known, NEW)
-    np.testing.assert_array_equal(more.numeric_literals, np.concatenate([literals, np.zeros((2, 2))]))
+    np.testing.assert_array_equal(
+        more.numeric_literals, np.concatenate([literals, np.zeros((2, 2))])
+    )
     assert more.literals_to_id == {"height": 0, "weight": 1}
 
 
 # Training afterwards
 
 
-@pytest.mark.parametrize(("name", "of"), [("complex", "factory"), ("transe", "inverse"), ("ConvE", "inverse")])
+@pytest.mark.parametrize(
+    ("name", "of"), [("complex", "factory"), ("transe", "inverse"), ("ConvE", "inverse")]
+)
 def test_new_rows_alone_are_trained(name: str, of: str, request: pytest.FixtureRequest) -> None:
     factory = request.getfixturevalue(of)
-    larger, more = isi.pykeen.insert(model_of(name, MODELS.get(name, {}), factory), factory, NEW, initializer="mean")
+    larger, more = isi.pykeen.insert(
+        model_of(name, MODELS.get(name, {}), factory), factory, NEW, initializer="mean"
+    )
     before = {key: value.clone() for key, value in larger.state_dict().items()}
     trained = isi.pykeen.fit_new(larger, more, NEW, epochs=30)
     for key, value in larger.state_dict().items():
@@ -505,8 +663,15 @@ def test_new_rows_alone_are_trained(name: str, of: str, request: pytest.FixtureR
     def loss(model: ERModel) -> float:
         """Of a triple, and of 9 times its corrupted heads, tails and relations."""
         read = replace(read_model(model, more.mapped_triples, None), model=score)
-        others = read.score_heads(relation, tail), read.score_relations(head, tail), read.score_tails(head, relation)
-        return (softplus(-read.score(head, relation, tail)).mean() + 9 * sum(softplus(f).mean() for f in others)).item()
+        others = (
+            read.score_heads(relation, tail),
+            read.score_relations(head, tail),
+            read.score_tails(head, relation),
+        )
+        return (
+            softplus(-read.score(head, relation, tail)).mean()
+            + 9 * sum(softplus(f).mean() for f in others)
+        ).item()
 
     assert loss(trained) < loss(larger)
     for new in (["cup", "mug"], [ENTITIES, "mug"], 2):
@@ -525,14 +690,20 @@ def test_any_entity_can_be_trained_as_new(factory: Any) -> None:
             isi.pykeen.fit_new(model, factory, new=new)
 
 
-@pytest.mark.parametrize(("name", "of", "loop"), [("SimplE", "factory", "slcwa"), ("ConvE", "inverse", "lcwa")])
+@pytest.mark.parametrize(
+    ("name", "of", "loop"), [("SimplE", "factory", "slcwa"), ("ConvE", "inverse", "lcwa")]
+)
 def test_training_goes_on_from_the_vectors_as_they_are(
     name: str, of: str, loop: str, request: pytest.FixtureRequest
 ) -> None:
     factory = request.getfixturevalue(of)
-    larger, more = isi.pykeen.insert(model_of(name, MODELS[name], factory), factory, NEW, initializer="mean")
+    larger, more = isi.pykeen.insert(
+        model_of(name, MODELS[name], factory), factory, NEW, initializer="mean"
+    )
     before = [table().detach().clone() for table in larger.entity_representations]
-    losses = isi.pykeen.train_on(larger, more, 2, training_loop=loop, learning_rate=1e-5, batch_size=32)
+    losses = isi.pykeen.train_on(
+        larger, more, 2, training_loop=loop, learning_rate=1e-5, batch_size=32
+    )
     assert len(losses) == 2
     assert np.isfinite(losses).all()
     after = [table().detach() for table in larger.entity_representations]
@@ -540,19 +711,26 @@ def test_training_goes_on_from_the_vectors_as_they_are(
     torch.testing.assert_close(after, before, rtol=0, atol=1e-3)
 
 
-def test_probabilities_of_a_model_with_inverses_are_fitted_to_entities_that_are_inserted_as_the_new_one(
+def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_one(
     inverse: Any,
 ) -> None:
     model = model_of("distmult", {}, inverse)
     done = isi.pykeen.inserted(model, inverse, NEW, initializer="map", options={"strength": 0.2})
     draws = done.hide()
     assert draws is not None
-    assert done.curves == fit_curves(draws, adapted(INITIALIZERS.get("map"), done.model), done.options)
+    assert done.curves == fit_curves(
+        draws, adapted(INITIALIZERS.get("map"), done.model), done.options
+    )
     assert done.curves != fit_curves(draws, INITIALIZERS.get("map"), done.options)
 
 
 @pytest.mark.parametrize(
-    "wrap", [torch.compile, torch.nn.DataParallel, lambda model: torch.compile(torch.nn.DataParallel(model))]
+    "wrap",
+    [
+        torch.compile,
+        torch.nn.DataParallel,
+        lambda model: torch.compile(torch.nn.DataParallel(model)),
+    ],
 )
 def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> None:
     model = model_of("distmult", {}, factory)
@@ -566,7 +744,9 @@ def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> Non
     assert isinstance(isi.pykeen.fit_new(wrap(larger), more, NEW, epochs=1), ERModel)
     before = [values.clone() for values in larger.state_dict().values()]
     isi.pykeen.train_on(wrap(larger), more, epochs=1)  # in place
-    assert any(not torch.equal(*pair) for pair in zip(before, larger.state_dict().values(), strict=True))
+    assert any(
+        not torch.equal(*pair) for pair in zip(before, larger.state_dict().values(), strict=True)
+    )
     assert set(isi.of(wrap(model), factory).base.entity_names) == factory.entity_to_id.keys()
     assert read_model(wrap(model), factory.mapped_triples, None).entity.shape[1] == ENTITIES
 

@@ -1,4 +1,6 @@
-"""``isi.of``: a live embedding of a PyKEEN model answers and inserts as the model and ``isi.pykeen`` do."""
+"""``isi.of``: a live embedding of a PyKEEN model answers and inserts as the
+model and ``isi.pykeen`` do.
+"""
 
 from copy import deepcopy
 from pathlib import Path
@@ -22,30 +24,42 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 ENTITIES, RELATIONS = 20, 3
 FACTS = [("cup", "r0", "e1"), ("cup", "r1", "e4"), ("e3", "r1", "cup")]
 MODELS: list[tuple[str, dict[str, Any]]] = [
-    ("distmult", {}), ("complex", {}), ("transe", {"scoring_fct_norm": 2}), ("rotate", {}), ("rescal", {}),
-]  # fmt: skip
+    ("distmult", {}),
+    ("complex", {}),
+    ("transe", {"scoring_fct_norm": 2}),
+    ("rotate", {}),
+    ("rescal", {}),
+]
 
 
 def factory(inverse: bool = False) -> TriplesFactory:
     """A ring with all relations, and random triples; ids are not in the order of labels."""
     rng = np.random.default_rng(0)
     triples = {(e, e % RELATIONS, (e + 1) % ENTITIES) for e in range(ENTITIES)}
-    triples |= {tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()}
+    triples |= {
+        tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()
+    }
     return TriplesFactory(
-        torch.tensor(sorted(triples)), {f"e{row}": row for row in range(ENTITIES)[::-1]},
-        {f"r{row}": row for row in range(RELATIONS)}, create_inverse_triples=inverse,
-    )  # fmt: skip
+        torch.tensor(sorted(triples)),
+        {f"e{row}": row for row in range(ENTITIES)[::-1]},
+        {f"r{row}": row for row in range(RELATIONS)},
+        create_inverse_triples=inverse,
+    )
 
 
 def model_of(name: str, known: CoreTriplesFactory, **options: Any) -> ERModel:
-    model = model_resolver.make(name, triples_factory=known, embedding_dim=8, random_seed=0, **options)
+    model = model_resolver.make(
+        name, triples_factory=known, embedding_dim=8, random_seed=0, **options
+    )
     model.post_parameter_update()
     return model.eval()
 
 
 @pytest.mark.parametrize("inverse", [False, True], ids=["", "inverse"])
 @pytest.mark.parametrize(("name", "options"), MODELS, ids=[name for name, _ in MODELS])
-def test_vectors_and_answers_are_those_of_the_model(name: str, options: dict[str, Any], inverse: bool) -> None:
+def test_vectors_and_answers_are_those_of_the_model(
+    name: str, options: dict[str, Any], inverse: bool
+) -> None:
     known = factory(inverse)
     model = model_of(name, known, **options)
     before = deepcopy(model.state_dict())
@@ -55,20 +69,29 @@ def test_vectors_and_answers_are_those_of_the_model(name: str, options: dict[str
     for slot, question in ((TAIL, {"head": "e2"}), (HEAD, {"tail": "e2"})):
         answers = live.ask(relation="r1", top=ENTITIES, **question).answers  # type: ignore[arg-type]
         target = predict_target(model, relation="r1", triples_factory=known, **question).df  # type: ignore[arg-type]
-        expected = dict(zip(target[f"{'tail' if slot == TAIL else 'head'}_label"], target["score"], strict=True))
+        expected = dict(
+            zip(target[f"{'tail' if slot == TAIL else 'head'}_label"], target["score"], strict=True)
+        )
         listed = {each.entity: each.score for each in answers}
         assert listed.keys() | {"e2"} == expected.keys()
-        assert [expected[entity] for entity in listed] == pytest.approx(list(listed.values()), abs=1e-4)
+        assert [expected[entity] for entity in listed] == pytest.approx(
+            list(listed.values()), abs=1e-4
+        )
         ranked = sorted(answers, key=lambda each: each.rank)
         assert [each.score for each in ranked] == sorted(listed.values(), reverse=True)
         assert {each.entity for each in answers if each.known} == {
-            f"e{row[slot]}" for row in live.base.triples.tolist() if row[HEAD + TAIL - slot] == 2 and row[1] == 1
+            f"e{row[slot]}"
+            for row in live.base.triples.tolist()
+            if row[HEAD + TAIL - slot] == 2 and row[1] == 1
         }
     initializer = "neighbour_mean" if name == "rescal" else "map"
     live.insert("cup", FACTS, initializer=initializer)
-    done = isi.pykeen.inserted(model, known, FACTS, new=["cup"], initializer=initializer, margin=0.0)
+    done = isi.pykeen.inserted(
+        model, known, FACTS, new=["cup"], initializer=initializer, margin=0.0
+    )
     vector = live.inserted["cup"].vector
-    if name in ("distmult", "transe"):  # PyKEEN, and so ``isi.pykeen``, keeps their vectors at length 1
+    # PyKEEN, and so ``isi.pykeen``, keeps their vectors at length 1
+    if name in ("distmult", "transe"):
         vector = vector / np.linalg.norm(vector)
     np.testing.assert_allclose(vector, done.entities[-1], atol=1e-6)
     assert live.now.entities[:ENTITIES].tobytes() == live.base.entities.tobytes()
@@ -78,7 +101,9 @@ def test_vectors_and_answers_are_those_of_the_model(name: str, options: dict[str
 
 
 @pytest.mark.parametrize(("name", "options"), MODELS[:-1], ids=[name for name, _ in MODELS[:-1]])
-def test_what_is_saved_answers_as_before(tmp_path: Path, name: str, options: dict[str, Any]) -> None:
+def test_what_is_saved_answers_as_before(
+    tmp_path: Path, name: str, options: dict[str, Any]
+) -> None:
     known = factory()
     kinds = {f"e{row}": ("place" if row % 2 else "object") for row in range(ENTITIES)}
     live = isi.of(model_of(name, known, **options), known, kinds=kinds)
@@ -87,7 +112,12 @@ def test_what_is_saved_answers_as_before(tmp_path: Path, name: str, options: dic
     live.observe([("cup", "r2", "e7")])
     live.save(tmp_path / "home")
     again = isi.open(tmp_path / "home")
-    for question in (("cup", "r0", None), (None, "r1", "cup"), ("e3", None, "e4"), ("e0", "r2", None)):
+    for question in (
+        ("cup", "r0", None),
+        (None, "r1", "cup"),
+        ("e3", None, "e4"),
+        ("e0", "r2", None),
+    ):
         assert again.ask(*question, top=99) == live.ask(*question, top=99)
     assert again.base.kinds == live.base.kinds == [kinds[name] for name in live.base.entity_names]
     again.undo()
@@ -96,8 +126,12 @@ def test_what_is_saved_answers_as_before(tmp_path: Path, name: str, options: dic
     assert live.remove("cup").removed == ["cup"]
 
 
-@pytest.mark.parametrize(("name", "inverse"), [("rescal", False), ("distmult", True), ("transe", True)])
-def test_a_model_that_a_folder_cannot_hold_is_not_saved(tmp_path: Path, name: str, inverse: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "inverse"), [("rescal", False), ("distmult", True), ("transe", True)]
+)
+def test_a_model_that_a_folder_cannot_hold_is_not_saved(
+    tmp_path: Path, name: str, inverse: bool
+) -> None:
     known = factory(inverse)
     live = isi.of(model_of(name, known), known)
     with pytest.raises(InputError, match=r"^save"):
@@ -121,6 +155,9 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
 
 def test_kinds_that_match_no_label_are_named() -> None:
     known = factory()
-    with pytest.warns(UserWarning, match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind"):
+    with pytest.warns(
+        UserWarning,
+        match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
+    ):
         live = isi.of(model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"})
     assert live.base.kinds[live.base.entity_names.index("e1")] == "place"

@@ -7,7 +7,13 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.query_breakdown import break_down, query_sets_with_filters, rank_answers, ranks_of, used_coordinates
+from isi.analyses.query_breakdown import (
+    break_down,
+    query_sets_with_filters,
+    rank_answers,
+    ranks_of,
+    used_coordinates,
+)
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import with_vectors
@@ -21,12 +27,17 @@ POINT = ["model", "size", "seed", "scope", "filter"]
 
 
 def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, Embedding, dict[str, np.ndarray]]:
-    """Arguments of ``break_down`` with random embeddings: as Θ⁰ and joint model, and novel vectors by initializer."""
+    """Arguments of ``break_down`` with random embeddings:
+    as Θ⁰ and joint model, and novel vectors by initializer.
+    """
     points = points_of(random_graph(12, 3, 90), 2, seeds)
     joint, *others = (random_embedding(3, 12, 3, 8, seed=seed) for seed in range(3))
     theta = select(joint, torch.tensor(seeds))
     rows = torch.arange(len(seeds))[:, None], points.novel_in(1)
-    inserted = {name: other.entity[seeds][rows].numpy() for name, other in zip(("es", "rs"), others, strict=True)}
+    inserted = {
+        name: other.entity[seeds][rows].numpy()
+        for name, other in zip(("es", "rs"), others, strict=True)
+    }
     return points, theta, theta, inserted
 
 
@@ -35,7 +46,9 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     rows, novel = break_down(*task), points.novel_in(1)
     whole = combined(rows, POINT).set_index(POINT)
     plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
-    models = {name: with_vectors(theta0, novel, torch.as_tensor(own)) for name, own in inserted.items()}
+    models = {
+        name: with_vectors(theta0, novel, torch.as_tensor(own)) for name, own in inserted.items()
+    }
     compared = 0
     for scopes in query_sets_with_filters(points):
         for name, embedding in {**models, "joint": joint}.items():
@@ -43,32 +56,44 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
                 measures = evaluate(embedding, {"own": queries})["own"].measures
                 for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
                     found = whole.loc[name, 2, seed, scope, which]
-                    assert found[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
-                    assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
+                    assert found[list(MEASURES[:3])].tolist() == pytest.approx(
+                        expected[:3], abs=1e-6
+                    )
+                    assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(
+                        expected[3], abs=1e-6
+                    )
                     compared += 1
     assert compared == len(whole) == 3 * 3 * 3 * 2
 
 
-def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cells_groups_are_the_same_whatever_stands_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     together = break_down(*random_task([0, 1, 2]))
     alone = pd.concat([break_down(*random_task([seed])) for seed in (0, 1, 2)])
     monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
     pieces = break_down(*random_task([0, 1, 2]))
     for other, exact in ((alone, True), (pieces, False)):
-        one, two = (rows.sort_values("seed", kind="stable").reset_index(drop=True)
-                    for rows in (together, other))  # fmt: skip
+        one, two = (
+            rows.sort_values("seed", kind="stable").reset_index(drop=True)
+            for rows in (together, other)
+        )
         pd.testing.assert_frame_equal(one, two, check_exact=exact)
 
 
 #: f(h, r, t) = h · t. Entity 3 is novel, with one insert triple (3, 0, 0).
-GRAPH = graph_of({(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 1, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2)
+GRAPH = graph_of(
+    {(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 1, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2
+)
 SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
 
 
 def test_groups_by_hand() -> None:
     given = np.array([[1, 0, 0, 2]])  # (3, 0, 0)
     points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]), given)
-    entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
+    entity = torch.tensor(
+        [[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]]
+    )
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
     joint = Embedding(entity, relation, ANALOGY)
     rows = break_down(points, joint, joint, {})
@@ -94,21 +119,32 @@ def test_both_ends_are_novel() -> None:
     points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
     joint = random_embedding(1, 5, 2, 4)
     rows = break_down(points, joint, joint, {})
-    own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
-    assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
+    own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(
+        ["relation", "hidden"]
+    )
+    assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == [
+        "both",
+        "both",
+    ]
     assert own.loc[("relation 1", "relation"), "novel"] == "given"
     assert own.loc[("relation 0", "head"), "novel"] == "answer"
 
 
 def test_coordinates_above_a_thousandth_are_in_use() -> None:
     # four scalars, then x and y of two blocks, of two relations
-    relation = torch.tensor([[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0],
-                              [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]])  # fmt: skip
+    relation = torch.tensor(
+        [[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0], [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]]
+    )
     found = used_coordinates(ANALOGY, relation, [5], ["on", "in"])
-    assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna("any").to_numpy().tolist() == [
-        ["on", 2, 4], ["in", 1, 4], ["any", 2, 4],
-    ]  # fmt: skip
-    assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]  # sqrt(2) · 0.0008 is above
+    assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna(
+        "any"
+    ).to_numpy().tolist() == [
+        ["on", 2, 4],
+        ["in", 1, 4],
+        ["any", 2, 4],
+    ]
+    # sqrt(2) · 0.0008 is above
+    assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]
     assert set(found["seed"]) == {5}
     distmult = used_coordinates(make_model("distmult", {}, ""), relation, [5], ["on", "in"])
     assert set(distmult["part"]) == {"scalars"}
@@ -120,7 +156,17 @@ def test_coordinates_above_a_thousandth_are_in_use() -> None:
 
 #: Entities 0 to 3 are known; 5 is inserted, and 6 in a later session, if at all; 4 takes no part.
 SMALL_GRAPH = graph_of(
-    {(0, 0, 1): 3, (1, 0, 2): 1, (2, 1, 3): 2, (4, 0, 1): 7, (5, 0, 1): 6, (5, 0, 2): 8, (6, 0, 2): 9}, 7, 2
+    {
+        (0, 0, 1): 3,
+        (1, 0, 2): 1,
+        (2, 1, 3): 2,
+        (4, 0, 1): 7,
+        (5, 0, 1): 6,
+        (5, 0, 2): 8,
+        (6, 0, 2): 9,
+    },
+    7,
+    2,
 )
 SMALL_SPLITS = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
 INSERTED = GridPoints("home", SMALL_GRAPH, 1, [3], SMALL_SPLITS, np.array([[[5]]]))
@@ -131,7 +177,9 @@ IN_TWO_SESSIONS = replace(
 
 def test_candidates_outside_the_session_neither_rank_nor_answer() -> None:
     scores = torch.tensor([[[0.5, 0.9, 0.1, 0.5, 9.0, 0.7, 8.0]]])
-    assert ranks_of(scores, INSERTED.session(1).entities[:, None]).tolist() == [[[3, 1, 5, 4, 0, 2, 0]]]
+    assert ranks_of(scores, INSERTED.session(1).entities[:, None]).tolist() == [
+        [[3, 1, 5, 4, 0, 2, 0]]
+    ]
 
 
 def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
@@ -140,7 +188,9 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     table = theta0.entity[0].clone()
     table[5] = vectors[0, 0]
     candidates = [0, 1, 2, 3, 5]
-    score = {e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates}
+    score = {
+        e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates
+    }
     expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
     for points in (INSERTED, IN_TWO_SESSIONS):  # ranked after the first session in both
         found = rank_answers(points, theta0, "es", vectors.numpy(), relation=1)
@@ -163,17 +213,23 @@ def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
     return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
 
 
-def test_parts_weigh_queries_within_a_relation_and_observations_between_and_a_half_without_queries_is_null() -> None:
+def test_parts_weigh_queries_and_observations_and_a_half_without_queries_is_null() -> None:
     rows = rows_of(
-        ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
-        ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
-    )  # fmt: skip
+        ("on", "head", 2, 0.2, 3),
+        ("on", "tail", 1, 0.8, 3),
+        ("in", "tail", 5, 0.9, 1),
+        ("on", "relation", 1, 0.5, 3),
+        ("in", "relation", 3, 0.8, 1),
+    )
     (found,) = combined(rows, ["model", "size", "seed"]).to_dict("records")
     assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
     assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
     assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
-    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # a group of another role of the novel entity
-    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
+    # a group of another role of the novel entity
+    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])
+    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx(
+        [(3 * (4.4 / 7) + 0.9) / 4]
+    )
     by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
     rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
@@ -181,4 +237,6 @@ def test_parts_weigh_queries_within_a_relation_and_observations_between_and_a_ha
     (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
     assert entities["mrr_star_entity"] == 0.25
     assert relations["mrr_star_relation"] == 0.75
-    assert np.isnan([entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]).all()
+    assert np.isnan(
+        [entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]
+    ).all()

@@ -7,7 +7,12 @@ import pytest
 import torch
 from hypothesis import given
 
-from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set, validation
+from isi.evaluation.query_sets import (
+    entity_query_sets,
+    epoch_query_sets,
+    novel_query_set,
+    validation,
+)
 from isi.evaluation.ranking import Result, evaluate
 from isi.graph.sessions import TEST, TRAIN, VALID, session_at
 from isi.models.model import make_model
@@ -15,13 +20,16 @@ from isi.models.stack import Embedding
 from tests.small_graphs import Triple, graph_of
 from tests.small_worlds import World, worlds
 
-# Brute force, from docs/method.md alone: a triple, a split or a score is looked up, nothing is vectorized.
+# Brute force, from docs/method.md alone: a triple, a split or a score is looked up, nothing is
+# vectorized.
 
 
 def brute_force(
     world: World, model: int, queried: set[Triple], filtered: set[Triple], candidates: set[int]
 ) -> tuple[list[float], int]:
-    """MRR*, entity half, relation half and MRR; and the number of competitors tied with an answer."""
+    """MRR*, entity half, relation half and MRR;
+    and the number of competitors tied with an answer.
+    """
     if not queried:
         return [math.nan] * 4, 0
     score = world.score(model)
@@ -48,14 +56,18 @@ def brute_force(
     for h, r, t in queried:
         heads, tails = [(e, r, t) for e in candidates], [(h, r, e) for e in candidates]
         by_relation.setdefault(r, []).extend([terms((h, r, t), heads), terms((h, r, t), tails)])
-        relation_queries.append(terms((h, r, t), [(h, other, t) for other in range(world.relations)]))
+        relation_queries.append(
+            terms((h, r, t), [(h, other, t) for other in range(world.relations)])
+        )
     d1 = world.of(model, TRAIN, VALID, TEST)
     weights = {r: sum(world.counts[t] for t in d1 if t[1] == r) for r in by_relation}
     halves = []
     for which in (0, 1):
         means = {r: sum(term[which] for term in own) / len(own) for r, own in by_relation.items()}
         entity = sum(weights[r] * means[r] for r in means) / sum(weights.values())
-        halves.append((entity, sum(term[which] for term in relation_queries) / len(relation_queries)))
+        halves.append(
+            (entity, sum(term[which] for term in relation_queries) / len(relation_queries))
+        )
     (star_entity, star_relation), plain = halves
     return [(star_entity + star_relation) / 2, star_entity, star_relation, sum(plain) / 2], ties
 
@@ -72,11 +84,19 @@ def scopes(world: World, model: int) -> dict[str, tuple[set[Triple], set[Triple]
         "known": (old, learned, everyone),
         "known_closed": (old, learned, everyone - novel),
         "novel_heldout": (world.new(model, world.of(model, VALID, TEST)), train, everyone),
-        "novel": (world.new(model, d1) - inserted, (learned - world.new(model, learned)) | inserted, everyone),
+        "novel": (
+            world.new(model, d1) - inserted,
+            (learned - world.new(model, learned)) | inserted,
+            everyone,
+        ),
     }
 
 
-def check(world: World, result: Result, expected: Callable[[int], tuple[set[Triple], set[Triple], set[int]]]) -> None:
+def check(
+    world: World,
+    result: Result,
+    expected: Callable[[int], tuple[set[Triple], set[Triple], set[int]]],
+) -> None:
     """Check a result against brute force; ``expected``: (queries, filter, candidates) by model."""
     for model in range(len(world.splits)):
         queried, filtered, candidates = expected(model)
@@ -130,7 +150,7 @@ def test_validation_of_d0_leaves_novel_entities_out() -> None:
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
     products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
     result = evaluate(products, validation(session))["valid"]
-    # (0, 0, 2) alone is queried. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
-    # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
+    # (0, 0, 2) alone is queried. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so
+    # R_P = 1 + 1/2. Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
     assert result.queries.tolist() == [1]
     assert result.measures[0, 1].item() == pytest.approx((1 / 1.5 + 1 / 3) / 2)

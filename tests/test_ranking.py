@@ -17,21 +17,34 @@ NONE: frozenset[Triple] = frozenset()
 
 
 def measure(
-    counts: Mapping[Triple, int], embedding: Embedding, answers: Collection[Triple],
-    filtered: Collection[Triple] = NONE, candidates: Collection[int] | None = None,
-) -> list[float]:  # fmt: skip
-    """MRR*, entity half, relation half and MRR of the first model over the queries of ``answers``."""
+    counts: Mapping[Triple, int],
+    embedding: Embedding,
+    answers: Collection[Triple],
+    filtered: Collection[Triple] = NONE,
+    candidates: Collection[int] | None = None,
+) -> list[float]:
+    """MRR*, entity half, relation half and MRR of the first model over
+    the queries of ``answers``.
+    """
     _, entities, _ = embedding.entity.shape
-    session = session_of(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
-    queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (answers, filtered))
-    may_answer = torch.tensor([[candidates is None or entity in candidates for entity in range(entities)]])
+    session = session_of(
+        graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts))
+    )
+    queried, left_out = (
+        torch.tensor([[triple in chosen for triple in counts]]) for chosen in (answers, filtered)
+    )
+    may_answer = torch.tensor(
+        [[candidates is None or entity in candidates for entity in range(entities)]]
+    )
     queries = make_queries(session, padded_ids(queried), queried, left_out, may_answer)
     return evaluate(embedding, {"own": queries})["own"].measures[0].tolist()
 
 
 def scalar(entities: list[float], relations: list[float]) -> Embedding:
     """An embedding with f(h, r, t) = h · r · t: all coordinates but the first are zero."""
-    return Embedding(*(torch.tensor([[[x, 0, 0, 0] for x in table]]) for table in (entities, relations)), ANALOGY)
+    return Embedding(
+        *(torch.tensor([[[x, 0, 0, 0] for x in table]]) for table in (entities, relations)), ANALOGY
+    )
 
 
 #: Counts of tails of entity 0 under relation 0 are 0, 5, 2, 3; the query is for its tail 3.
@@ -41,7 +54,9 @@ QUERY: Triple = (0, 0, 3)
 
 @dataclass(frozen=True)
 class Case:
-    """Expected terms of MRR* and reciprocal ranks of the query; both are 1/2 for the relation slot."""
+    """Expected terms of MRR* and reciprocal ranks of the query;
+    both are 1/2 for the relation slot.
+    """
 
     tail: float
     head: float
@@ -55,21 +70,32 @@ class Case:
 
 
 CASES = {
-    # tail: 1 is seen more often, R_G = 2; 1 and 2 score higher, R_P = 3. Head: R_G = 1, all score higher, R_P = 4
+    # tail: 1 is seen more often, R_G = 2; 1 and 2 score higher, R_P = 3. Head: R_G = 1, all score
+    # higher, R_P = 4
     "plain": Case(tail=1 / 2, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4),
     # tail: 2 is no rival, R_G = 2 = R_P
-    "filtered rival": Case(tail=1, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 2)})),
+    "filtered rival": Case(
+        tail=1, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 2)})
+    ),
     # tail: R_G = 1 without 1, R_P = 2
-    "filtered better": Case(tail=1 / 2, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 1)})),
+    "filtered better": Case(
+        tail=1 / 2, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 1)})
+    ),
     "filtered answer stays": Case(
         tail=1 / 2, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4, filtered=frozenset({QUERY})
     ),
     # tail: R_P = 1 + 1 + 1/2 beside R_G = 2
-    "tie counts half": Case(tail=2 / 3, head=1 / 4, tail_rank=2 / 5, head_rank=1 / 4, values=(1, 4, 2, 2)),
+    "tie counts half": Case(
+        tail=2 / 3, head=1 / 4, tail_rank=2 / 5, head_rank=1 / 4, values=(1, 4, 2, 2)
+    ),
     # tail: 2 is interchangeable, R_P = 2 = R_G; but it counts for the plain rank
-    "equal counts": Case(tail=1, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4, counts=(((0, 0, 2), 3),)),
+    "equal counts": Case(
+        tail=1, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4, counts=(((0, 0, 2), 3),)
+    ),
     # tail: R_G = 1, R_P = 2; head: R_P = 3
-    "fewer candidates": Case(tail=1 / 2, head=1 / 3, tail_rank=1 / 2, head_rank=1 / 3, candidates=(0, 2, 3)),
+    "fewer candidates": Case(
+        tail=1 / 2, head=1 / 3, tail_rank=1 / 2, head_rank=1 / 3, candidates=(0, 2, 3)
+    ),
     # the answers are no candidates: tail R_G = 1 = R_P without competitors, head R_P = 1
     "answer always stays": Case(tail=1, head=1, tail_rank=1, head_rank=1, candidates=()),
 }
@@ -77,7 +103,13 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_mrr_star_by_hand(case: Case) -> None:
-    found = measure(COUNTS | dict(case.counts), scalar([*case.values], [1, 2]), [QUERY], case.filtered, case.candidates)
+    found = measure(
+        COUNTS | dict(case.counts),
+        scalar([*case.values], [1, 2]),
+        [QUERY],
+        case.filtered,
+        case.candidates,
+    )
     entity = (case.tail + case.head) / 2
     plain = ((case.tail_rank + case.head_rank) / 2 + 1 / 2) / 2
     assert found == pytest.approx([(entity + 1 / 2) / 2, entity, 1 / 2, plain])
@@ -85,7 +117,9 @@ def test_mrr_star_by_hand(case: Case) -> None:
 
 @pytest.mark.parametrize(("gap", "ahead"), [(9e-6, 0.5), (-9e-6, 0.5), (2e-5, 1.0), (-2e-5, 0.0)])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_scores_within_a_hundred_thousandth_of_the_largest_are_tied(gap: float, ahead: float, scale: float) -> None:
+def test_scores_within_a_hundred_thousandth_of_the_largest_are_tied(
+    gap: float, ahead: float, scale: float
+) -> None:
     scores = torch.tensor([[[0.25, 0.25 + gap, -1.0]]]) * scale
     assert compare(scores, torch.tensor([[0]]))[0, 0].tolist() == [0.5, ahead, 0.0]
 
@@ -104,10 +138,13 @@ def test_model_without_queries_gives_nan_and_leaves_others_alone() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 1e-25, 1.0, -3.0])
 def test_embedding_without_opinion_by_hand(value: float) -> None:
-    # tail: R_P = 1 + 3/2 beside R_G = 2; head: the same beside R_G = 1; relation: R_P = 3/2 beside R_G = 1
+    # tail: R_P = 1 + 3/2 beside R_G = 2; head: the same beside R_G = 1; relation: R_P = 3/2 beside
+    # R_G = 1
     entity = (1 / 1.5 + 1 / 2.5) / 2
     found = measure(COUNTS, scalar([value] * 4, [value] * 2), [QUERY])
-    assert found == pytest.approx([(entity + 1 / 1.5) / 2, entity, 1 / 1.5, (1 / 2.5 + 1 / 1.5) / 2])
+    assert found == pytest.approx(
+        [(entity + 1 / 1.5) / 2, entity, 1 / 1.5, (1 / 2.5 + 1 / 1.5) / 2]
+    )
 
 
 def test_queries_ranked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,7 +164,8 @@ def test_a_diverged_embedding_scores_as_one_that_knows_nothing(value: float) -> 
     points = points_of(random_graph(13, 3, 80), 2, [0, 1])
     queries = validation(points.last_session)
     lost, zero_vectors = (
-        Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value), ANALOGY) for value in (value, 0.0)
+        Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value), ANALOGY)
+        for value in (value, 0.0)
     )
     found, expected = (evaluate(embedding, queries)["valid"] for embedding in (lost, zero_vectors))
     assert torch.equal(found.measures, expected.measures)

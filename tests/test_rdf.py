@@ -35,7 +35,9 @@ def home(tmp_path: Path) -> Path:
     return written(tmp_path / "home.ttl", HOME)
 
 
-def test_triples_between_named_things_are_observations_and_the_others_are_counted(home: Path) -> None:
+def test_triples_between_named_things_are_observations_and_the_others_are_counted(
+    home: Path,
+) -> None:
     observed = observe("rdf", home)
     assert observed.rows("scene", "room", "instance", *TRIPLE, "count") == [
         (None, None, None, *row, 1) for row in EXPECTED
@@ -46,7 +48,11 @@ def test_triples_between_named_things_are_observations_and_the_others_are_counte
 def test_types_are_kinds_and_english_labels_are_phrases(home: Path) -> None:
     observed = observe("rdf", home)
     assert observed.kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "entity"}
-    assert observed.phrase_of() == {"kitchen": "kitchen", "mug": "coffee mug", "side table": "side table"}
+    assert observed.phrase_of() == {
+        "kitchen": "kitchen",
+        "mug": "coffee mug",
+        "side table": "side table",
+    }
 
 
 VOCABULARY = """
@@ -56,8 +62,13 @@ VOCABULARY = """
 """.replace("{long}", "o" * 300)
 
 
-def test_types_and_labels_of_what_is_no_entity_are_not_looked_at(home: Path, tmp_path: Path) -> None:
-    expected, observed = observe("rdf", home), observe("rdf", written(tmp_path / "more.ttl", HOME + VOCABULARY))
+def test_types_and_labels_of_what_is_no_entity_are_not_looked_at(
+    home: Path, tmp_path: Path
+) -> None:
+    expected, observed = (
+        observe("rdf", home),
+        observe("rdf", written(tmp_path / "more.ttl", HOME + VOCABULARY)),
+    )
     assert observed.rows(*TRIPLE) == expected.rows(*TRIPLE)
     assert observed.kinds.equals(expected.kinds)
 
@@ -66,7 +77,9 @@ def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path)
     expected = observe("rdf", home)
     Graph().parse(home).serialize(tmp_path / "home.nt", format="nt", encoding="utf-8")
     packed = written(tmp_path / "home.ttl.gz", gzip.compress(HOME.encode()))
-    commented = written(tmp_path / "more.nt", "# mine\r\n\r\n" + (tmp_path / "home.nt").read_text(encoding="utf-8"))
+    commented = written(
+        tmp_path / "more.nt", "# mine\r\n\r\n" + (tmp_path / "home.nt").read_text(encoding="utf-8")
+    )
     for path in (tmp_path / "home.nt", packed, commented):
         observed = observe("rdf", path)
         assert sorted(observed.rows(*TRIPLE)) == EXPECTED, path
@@ -77,21 +90,30 @@ def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path)
 def test_a_table_of_entities_goes_before_types_and_labels_and_these_before_relations(
     home: Path, tmp_path: Path
 ) -> None:
-    listed = written(tmp_path / "names.csv", "entity,kind,phrase\nmug,cup,beaker\nside table,table,\n")
+    listed = written(
+        tmp_path / "names.csv", "entity,kind,phrase\nmug,cup,beaker\nside table,table,\n"
+    )
     observed = observe("rdf", home, entities=str(listed))
     assert observed.kind_of() == {"kitchen": "Room", "mug": "cup", "side table": "table"}
     assert observed.phrase_of()["mug"] == "beaker"
     kinds = {"atLocation": {"head": "thing", "tail": "place"}}
-    assert observe("rdf", home, kinds=kinds).kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "place"}
+    assert observe("rdf", home, kinds=kinds).kind_of() == {
+        "kitchen": "Room",
+        "mug": "Object",
+        "side table": "place",
+    }
 
 
 @pytest.mark.parametrize(
     ("iri", "name"),
     [
-        ("http://a.example/b#c", "c"), ("http://a.example/b/", "b"), ("http://a.example/b/c:d", "c:d"),
-        ("urn:isi:x:entity:side%20table", "side table"), ("http://a.example/M%C3%B6bel", "Möbel"),
+        ("http://a.example/b#c", "c"),
+        ("http://a.example/b/", "b"),
+        ("http://a.example/b/c:d", "c:d"),
+        ("urn:isi:x:entity:side%20table", "side table"),
+        ("http://a.example/M%C3%B6bel", "Möbel"),
     ],
-)  # fmt: skip
+)
 def test_the_name_is_the_local_part_of_an_iri(iri: str, name: str) -> None:
     assert local_name(iri) == name
 
@@ -104,10 +126,14 @@ def test_two_things_of_one_name_are_refused_unless_they_go_by_their_iris(tmp_pat
 
 
 @given(st.lists(st.tuples(*[st.sampled_from("abcde")] * 3), min_size=1))
-def test_as_many_triples_as_rdflib_finds(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]) -> None:
+def test_as_many_triples_as_rdflib_finds(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]
+) -> None:
     graph = Graph()
     for row in rows:
-        graph.add(tuple(URIRef(f"urn:{prefix}:{name}") for prefix, name in zip("ere", row, strict=True)))
+        graph.add(
+            tuple(URIRef(f"urn:{prefix}:{name}") for prefix, name in zip("ere", row, strict=True))
+        )
     path = tmp_path_factory.getbasetemp() / "all.nt"
     graph.serialize(path, format="nt", encoding="utf-8")
     assert set(observe("rdf", path).rows(*TRIPLE)) == set(rows)
@@ -125,14 +151,18 @@ PREFIXES = """@prefix : <http://home.example/things#> .
 
 
 def test_predicates_of_rdfs_owl_and_shacl_are_no_facts_and_are_counted(tmp_path: Path) -> None:
-    more = """:at rdfs:domain :Thing ; rdfs:range :Room ; owl:inverseOf :holds ; a owl:ObjectProperty .
-:Mug rdfs:subClassOf :Thing ; owl:disjointWith :Room ; rdfs:seeAlso :manual . :shape sh:targetClass :Mug .
+    more = """:at rdfs:domain :Thing ; rdfs:range :Room ; owl:inverseOf :holds ; a \
+owl:ObjectProperty .
+:Mug rdfs:subClassOf :Thing ; owl:disjointWith :Room ; rdfs:seeAlso :manual . :shape \
+sh:targetClass :Mug .
 :mug owl:sameAs :cup ; owl:versionInfo "3" .
 """
     observed = observe("rdf", written(tmp_path / "a.ttl", PREFIXES + more))
     assert observed.rows(*TRIPLE) == [("mug", "at", "kitchen")]
     assert observed.counts == {STRUCTURE: 7, SAME: 1, LITERALS: 1}
-    message = refusal("rdf", written(tmp_path / "b.ttl", PREFIXES.replace(":mug :at :kitchen .", "") + more))
+    message = refusal(
+        "rdf", written(tmp_path / "b.ttl", PREFIXES.replace(":mug :at :kitchen .", "") + more)
+    )
     assert "7" in message
     assert STRUCTURE[:40] in message
 
@@ -140,16 +170,21 @@ def test_predicates_of_rdfs_owl_and_shacl_are_no_facts_and_are_counted(tmp_path:
 @pytest.mark.parametrize(
     ("types", "kind", "counted"),
     [
-        (":Mug, owl:Thing, owl:NamedIndividual", "Mug", 0), ("rdfs:Resource, :Mug", "Mug", 0),
-        (":Thing, :Mug", "Mug", 0), (":Artifact, :Mug, :Thing", "Mug", 0), (":Cup, :Mug", "Mug", 1),
-        (":Same, :Mug", "Mug", 1), ("owl:Thing", "entity", 0),
+        (":Mug, owl:Thing, owl:NamedIndividual", "Mug", 0),
+        ("rdfs:Resource, :Mug", "Mug", 0),
+        (":Thing, :Mug", "Mug", 0),
+        (":Artifact, :Mug, :Thing", "Mug", 0),
+        (":Cup, :Mug", "Mug", 1),
+        (":Same, :Mug", "Mug", 1),
+        ("owl:Thing", "entity", 0),
     ],
-)  # fmt: skip
+)
 def test_of_several_types_the_lowest_and_rarest_is_the_kind(
     tmp_path: Path, types: str, kind: str, counted: int
 ) -> None:
     more = f"""{PREFIXES} :mug a {types} . :kitchen a :Room . :cup :at :kitchen ; a :Cup .
-:Mug rdfs:subClassOf :Artifact, :Same . :Same rdfs:subClassOf :Mug . :Artifact rdfs:subClassOf :Thing .
+:Mug rdfs:subClassOf :Artifact, :Same . :Same rdfs:subClassOf :Mug . :Artifact rdfs:subClassOf \
+:Thing .
 """
     observed = observe("rdf", written(tmp_path / "a.ttl", more))
     assert observed.kind_of() == {"mug": kind, "kitchen": "Room", "cup": "Cup"}
@@ -158,20 +193,27 @@ def test_of_several_types_the_lowest_and_rarest_is_the_kind(
 
 
 def test_spaces_of_labels_are_collapsed_and_unusable_labels_are_counted(tmp_path: Path) -> None:
-    more = f'{PREFIXES} :mug rdfs:label " coffee\\n  mug " . :kitchen rdfs:label "", "x\\u0000" . :at rdfs:label " " .'
+    more = (
+        f'{PREFIXES} :mug rdfs:label " coffee\\n  mug " . :kitchen rdfs:label "", "x\\u0000" . '
+        ':at rdfs:label " " .'
+    )
     observed = observe("rdf", written(tmp_path / "a.ttl", more))
     assert observed.phrase_of() == {"mug": "coffee mug", "kitchen": "kitchen"}
     assert observed.counts[UNUSABLE] == 2
 
 
 def test_long_literals_of_ntriples_are_dropped_as_others_are(tmp_path: Path) -> None:
-    text = line("mug", "at", "kitchen") + f'<{NAMES}kitchen> <{NAMES}wkt> "{"POLYGON " * 150_000}" .\n'
+    text = (
+        line("mug", "at", "kitchen") + f'<{NAMES}kitchen> <{NAMES}wkt> "{"POLYGON " * 150_000}" .\n'
+    )
     observed = observe("rdf", written(tmp_path / "a.nt", text + line("pan", "at", "kitchen")))
     assert observed.rows(*TRIPLE) == [("mug", "at", "kitchen"), ("pan", "at", "kitchen")]
     assert observed.counts == {LITERALS: 1}
 
 
-def test_a_line_of_ntriples_may_be_too_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_of_ntriples_may_be_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("isi.sources.rdf.MOST", 1000)
     text = line("mug", "at", "kitchen") + line("mug", "at", "k" * 1000)
     refused("rdf", written(tmp_path / "a.nt", text), ["a.nt: line 2", "line longer than 1,000"])
@@ -185,6 +227,12 @@ def test_json_ld_is_read_without_the_network(home: Path, tmp_path: Path, file: s
     assert sorted(observed.rows(*TRIPLE)) == EXPECTED
     assert observed.kinds.equals(expected.kinds)
     assert guess(tmp_path / file) == "rdf"
-    for context in ('"https://schema.org"', '[{"a": "urn:x:a"}, "https://schema.org"]', '{"@import": "https://x.org"}'):
-        path = written(tmp_path / "remote.jsonld", f'{{"@context": {context}, "@id": "urn:x:b", "a": "c"}}')
+    for context in (
+        '"https://schema.org"',
+        '[{"a": "urn:x:a"}, "https://schema.org"]',
+        '{"@import": "https://x.org"}',
+    ):
+        path = written(
+            tmp_path / "remote.jsonld", f'{{"@context": {context}, "@id": "urn:x:b", "a": "c"}}'
+        )
         refused("rdf", path, ["remote.jsonld", "@context", "https://"])

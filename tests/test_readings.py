@@ -1,4 +1,6 @@
-"""Readings of the paper's metric against values by hand, the product's metric and loops, and the stage for them."""
+"""Readings of the paper's metric against values by hand, the product's metric and loops,
+and the stage for them.
+"""
 
 import math
 from collections import Counter
@@ -52,19 +54,25 @@ def test_a_name_lists_the_choices_and_a_reading_has_neighbours_that_differ_in_on
     assert Reading.of("test both relation halves learned all") in Reading().neighbours
 
 
-#: The triples A, B, C and D: count and split of each. The entity 3 is novel, so C alone is about a novel entity.
+#: The triples A, B, C and D: count and split of each. The entity 3 is novel, so C alone is about a
+#: novel entity.
 TRIPLES: dict[Triple, tuple[int, int]] = {
-    (0, 0, 1): (1, TRAIN), (0, 0, 2): (2, TEST), (0, 0, 3): (3, TEST), (1, 1, 2): (7, VALID),
-}  # fmt: skip
-#: f(h, r, t) = h · r · t. The tails 0, 1, 2, 3 of (0, 0, ?) score 1, 4, 3, 2, and 0 is the lowest head.
+    (0, 0, 1): (1, TRAIN),
+    (0, 0, 2): (2, TEST),
+    (0, 0, 3): (3, TEST),
+    (1, 1, 2): (7, VALID),
+}
+#: f(h, r, t) = h · r · t. The tails 0, 1, 2, 3 of (0, 0, ?) score 1, 4, 3, 2, and 0 is the lowest
+#: head.
 VECTORS = [1.0, 4.0, 3.0, 2.0], [1.0, 2.0]
 # Terms of MRR*, by ranking where it matters:
-#              head      relation   tail: none, all   learned, all   true, all   none, split   learned, split
-# A             1/4           1/2             1/3             1/3           1             1                1
-# B             1/4           1/2               1             1/2           1           1/2                1
-# C             1/4           1/2             1/3             1/2           1           1/2                1
-# D               1             1             1/2             1/2         1/2           1/2              1/2
-# B's tail 2: R_G = 2 (C), R_P = 2 (1); without A, R_P = 1; without C, too, R_G = 1. In its split, C counts as B does.
+#           head   relation  tail: none, all  learned, all  true, all  none, split  learned, split
+# A          1/4        1/2          1/3          1/3        1          1             1
+# B          1/4        1/2            1          1/2        1        1/2             1
+# C          1/4        1/2          1/3          1/2        1        1/2             1
+# D            1          1          1/2          1/2      1/2        1/2           1/2
+# B's tail 2: R_G = 2 (C), R_P = 2 (1); without A, R_P = 1; without C, too, R_G = 1. In its split, C
+# counts as B does.
 BY_HAND = {
     "test any triple alike learned all": (1 / 4 + 1 / 2 + 1 / 2) / 3,
     "test any relation halves learned all": ((1 / 4 + 1 / 2) / 2 + 1 / 2) / 2,
@@ -80,11 +88,18 @@ BY_HAND = {
     "train any triple entities learned split": (1 / 4 + 1) / 2,
     "train novel triple entities learned all": math.nan,
     # relation 0 has 6 observations and the queries B and C, relation 1 has 7 and D
-    "held_out any relation entities none all": ((3 / 4 + 3 / 4 + 7) / 13 + (3 * 1 + 3 / 3 + 7 / 2) / 13) / 2,
+    "held_out any relation entities none all": (
+        (3 / 4 + 3 / 4 + 7) / 13 + (3 * 1 + 3 / 3 + 7 / 2) / 13
+    )
+    / 2,
     # a query for a relation weighs as any other
     "held_out any relation halves none all": (8 / 13 + (1 / 2 + 1 / 2 + 1) / 3) / 2,
     "all any triple halves none split": (7 / 16 + 5 / 8) / 4 + 5 / 8 / 2,
-    "all any observations alike learned all": ((6 / 4 + 7) + (1 / 3 + 2 / 2 + 3 / 2 + 7 / 2) + (6 / 2 + 7)) / 13 / 3,
+    "all any observations alike learned all": (
+        (6 / 4 + 7) + (1 / 3 + 2 / 2 + 3 / 2 + 7 / 2) + (6 / 2 + 7)
+    )
+    / 13
+    / 3,
 }
 
 
@@ -111,13 +126,22 @@ def test_two_readings_are_the_metric_of_the_product(seed: int) -> None:
     results = evaluate(embedding, epoch_query_sets(points.session(1), points.novel_in(1)))
     for about, scope in (("any", "all"), ("known", "known")):
         (place,) = places_of([f"test {about} relation halves learned all"])
-        torch.testing.assert_close(values[:, place], results[scope].measures[:, 0], rtol=0, atol=1e-6, equal_nan=True)
+        torch.testing.assert_close(
+            values[:, place], results[scope].measures[:, 0], rtol=0, atol=1e-6, equal_nan=True
+        )
 
 
 def part_of(points: GridPoints, models: list[int]) -> GridPoints:
     """Some models of grid points."""
     seeds = [points.seeds[model] for model in models]
-    return GridPoints(points.experiment, points.graph, points.size, seeds, points.splits[models], points.novel[models])
+    return GridPoints(
+        points.experiment,
+        points.graph,
+        points.size,
+        seeds,
+        points.splits[models],
+        points.novel[models],
+    )
 
 
 @pytest.mark.parametrize("models", [[0], [2], [4], [1, 3], [3, 0, 2]])
@@ -142,20 +166,30 @@ def test_no_bit_depends_on_the_other_models_of_a_stack_or_on_pieces(
 
 SPLITS = {"test": {TEST}, "held_out": {VALID, TEST}, "all": {TRAIN, VALID, TEST}, "train": {TRAIN}}
 FILTERED = {"learned": {TRAIN, VALID}, "true": {TRAIN, VALID, TEST}, "none": set[int]()}
-SHARES = {"alike": (1 / 3, 1 / 3, 1 / 3), "entities": (1 / 2, 0, 1 / 2), "halves": (1 / 4, 1 / 2, 1 / 4)}
+SHARES = {
+    "alike": (1 / 3, 1 / 3, 1 / 3),
+    "entities": (1 / 2, 0, 1 / 2),
+    "halves": (1 / 4, 1 / 2, 1 / 4),
+}
 #: Terms of MRR* by filter, truth, queried triple and place of the hidden slot.
 Terms = dict[tuple[str, str, Triple, int], float]
 
 
 def terms_of(world: World, model: int) -> Terms:
     splits, score, terms = world.splits[model], world.score(model), Terms()
-    for filtering, truth, answer, slot in product(FILTERED, ("all", "split"), d1_of(world, model), range(3)):
+    for filtering, truth, answer, slot in product(
+        FILTERED, ("all", "split"), d1_of(world, model), range(3)
+    ):
 
         def count(triple: Triple, truth: str = truth, answer: Triple = answer) -> int:
             number = world.counts.get(triple, 0)
             if truth == "all" or not number:
                 return number
-            return (number if splits[triple] == TRAIN else 1) if splits[triple] == splits[answer] else 0
+            return (
+                (number if splits[triple] == TRAIN else 1)
+                if splits[triple] == splits[answer]
+                else 0
+            )
 
         true, predicted = 1.0, 1.0
         for candidate in sorted(world.members[model]) if slot != 1 else range(world.relations):
@@ -165,7 +199,9 @@ def terms_of(world: World, model: int) -> Terms:
                 continue
             ahead = score(*competitor) - score(*answer)
             true += count(competitor) > count(answer)
-            predicted += (count(competitor) != count(answer)) * (1 if ahead > 0 else 1 / 2 if ahead == 0 else 0)
+            predicted += (count(competitor) != count(answer)) * (
+                1 if ahead > 0 else 1 / 2 if ahead == 0 else 0
+            )
         terms[filtering, truth, answer, slot] = 1 / (abs(true - predicted) + 1)
     return terms
 
@@ -191,9 +227,15 @@ def value(world: World, model: int, terms: Terms, reading: Reading) -> float:
         for triple in queried:
             of_relation = 1.0 if slot == 1 else observed[triple[1]] / number[triple[1]]
             count = world.counts[triple]
-            weights.append({"triple": 1.0, "relation": of_relation, "observations": count}[reading.weights])
+            weights.append(
+                {"triple": 1.0, "relation": of_relation, "observations": count}[reading.weights]
+            )
         of_queries = [terms[reading.filter, reading.truth, triple, slot] for triple in queried]
-        total += share * sum(w * term for w, term in zip(weights, of_queries, strict=True)) / sum(weights)
+        total += (
+            share
+            * sum(w * term for w, term in zip(weights, of_queries, strict=True))
+            / sum(weights)
+        )
     return total
 
 
@@ -214,11 +256,17 @@ def curves(models: int = len(SEEDS)) -> tuple[ReadingQueries, list[Embedding], T
     """Queries, an embedding for each epoch from 0, and their MRR*; shape: (epochs, M, readings)."""
     embeddings = [random_embedding(models, 13, 3, 8, epoch) for epoch in range(LAST + 1)]
     queries = reading_queries(POINTS.session(1), POINTS.novel_in(1))
-    return queries, embeddings, torch.stack([of_points(POINTS, embedding) for embedding in embeddings])
+    return (
+        queries,
+        embeddings,
+        torch.stack([of_points(POINTS, embedding) for embedding in embeddings]),
+    )
 
 
 def targets_of(values: Tensor) -> Tensor:
-    """Random targets between the lowest and, now and then, above the highest MRR* of a run; shape: (M, readings)."""
+    """Random targets between the lowest and, now and then, above the highest MRR* of a run;
+    shape: (M, readings).
+    """
     low, high = values.amin(0), values.amax(0)
     share = torch.rand(low.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     return low + (high - low) * 1.3 * share
@@ -238,15 +286,20 @@ def run_watch(watch: ReadingWatch, embeddings: list[Embedding]) -> list[int]:
 
 
 NAMES = [reading.name for reading in readings.readings()]
-#: Of each reading, the places of those under which a run has to converge in one epoch: itself, or known and novel.
+#: Of each reading, the places of those under which a run has to converge in one epoch: itself, or
+#: known and novel.
 PARTS = [
-    [NAMES.index(name.replace("both", about)) for about in ("known", "novel")] if "both" in name else [place]
+    [NAMES.index(name.replace("both", about)) for about in ("known", "novel")]
+    if "both" in name
+    else [place]
     for place, name in enumerate(NAMES)
 ]
 
 
 def first_epochs(values: Tensor, target: Tensor, model: int) -> list[float]:
-    """By reading, the first epoch at which a run is at its target; ∞: there is none; NaN: no queries."""
+    """By reading, the first epoch at which a run is at its target; ∞: there is none;
+    NaN: no queries.
+    """
     epochs, by_epoch, goals = list[float](), values[:, model].tolist(), target[model].tolist()
     for parts in PARTS:
         asked = [part for part in parts if not math.isnan(goals[part])]
@@ -256,12 +309,16 @@ def first_epochs(values: Tensor, target: Tensor, model: int) -> list[float]:
 
 
 CONVERGING = [
-    "test any relation halves learned all", "test both triple alike learned all", "all novel triple halves none split",
-]  # fmt: skip
+    "test any relation halves learned all",
+    "test both triple alike learned all",
+    "all novel triple halves none split",
+]
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
-def test_a_run_ends_once_it_has_reached_every_target_and_open_readings_have_no_epochs(number: int) -> None:
+def test_a_run_ends_once_it_has_reached_every_target_and_open_readings_have_no_epochs(
+    number: int,
+) -> None:
     queries, embeddings, values = curves()
     target, places = targets_of(values), places_of(CONVERGING[:number])
     watch = ReadingWatch(queries, target, LAST, places, curves=False)
@@ -289,7 +346,9 @@ def test_known_and_novel_targets_have_to_be_reached_in_one_epoch() -> None:
     queries, embeddings, values = curves()
     watch = ReadingWatch(queries, targets_of(values), LAST, [], curves=True)
     run_watch(watch, embeddings)
-    both, known, novel = (watch.epochs[:, [about in name for name in NAMES]] for about in ("both", "known", "novel"))
+    both, known, novel = (
+        watch.epochs[:, [about in name for name in NAMES]] for about in ("both", "known", "novel")
+    )
     asked = np.isfinite(known) & np.isfinite(novel)
     assert (both >= np.maximum(known, novel))[asked].all()
     assert ((both > known) & (both > novel) & asked).any()
@@ -297,7 +356,8 @@ def test_known_and_novel_targets_have_to_be_reached_in_one_epoch() -> None:
 
 def test_a_run_with_curves_goes_on_to_the_last_epoch_and_shows_every_one() -> None:
     queries, embeddings, values = curves()
-    watch = ReadingWatch(queries, values.amin(0), LAST, places_of(CONVERGING), curves=True)  # all are reached at last
+    # all are reached at last
+    watch = ReadingWatch(queries, values.amin(0), LAST, places_of(CONVERGING), curves=True)
     assert run_watch(watch, embeddings) == [LAST] * len(SEEDS)
     assert torch.equal(torch.stack(watch.seen).nan_to_num(-1), values.nan_to_num(-1))
 
@@ -332,7 +392,9 @@ RunCase = Callable[..., Tables]
 
 @pytest.fixture
 def run_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunCase:
-    """A function that runs the stage with some of a case's settings changed; returns what it writes."""
+    """A function that runs the stage with some of a case's settings changed;
+    returns what it writes.
+    """
     small.lay_out(tmp_path, small.SMALL)
     monkeypatch.chdir(tmp_path)
     small.run(f"mine {small.NAME}")
@@ -353,15 +415,26 @@ BY = ["model", "k", "size", "seed"]
 
 
 def recomputed(ranks: pd.DataFrame, queries: str, about: str, weights: str) -> pd.DataFrame:
-    """Mean terms of MRR* of a group of queries from the table of ranks, by model, k, size and seed, and by slot.
+    """Mean terms of MRR* of a group of queries from the table of ranks, by model, k, size and seed,
+    and by slot.
 
     Columns: (term, hidden slot). There are no rows without queries.
     """
-    splits = {"test": ["test"], "held_out": ["valid", "test"], "all": ["train", "valid", "test"], "train": ["train"]}
+    splits = {
+        "test": ["test"],
+        "held_out": ["valid", "test"],
+        "all": ["train", "valid", "test"],
+        "train": ["train"],
+    }
     queried = ranks[ranks["split"].isin(splits[queries])]
     if about in ("known", "novel"):
         queried = queried[queried["novel"] == (about == "novel")]
-    observed = ranks[ranks["hidden"] == "tail"].groupby([*BY, "relation"])["count"].sum().rename("observed")
+    observed = (
+        ranks[ranks["hidden"] == "tail"]
+        .groupby([*BY, "relation"])["count"]
+        .sum()
+        .rename("observed")
+    )
     queried = queried.join(observed, on=[*BY, "relation"])
     number = queried.groupby([*BY, "hidden", "relation"])["count"].transform("size")
     share = (queried["observed"] / number).where(queried["hidden"] != "relation", 1.0)
@@ -383,18 +456,30 @@ def test_the_table_of_ranks_has_every_reading_in_it(run_case: RunCase) -> None:
     aspects = list(readings.ASPECTS)
     choices = list(product(SHARES, FILTERED, ("all", "split")))
     for group, rows in table.groupby(aspects[:3]):
-        numbers, means = rows.pivot(index=BY, columns=aspects[3:], values="mrr_star"), recomputed(ranks, *group)
-        expected = pd.DataFrame({
-            (slots, *ranking): means["_".join(["closeness", *ranking])][["head", "relation", "tail"]] @ SHARES[slots]
-            for slots, *ranking in choices
-        })  # fmt: skip
+        numbers, means = (
+            rows.pivot(index=BY, columns=aspects[3:], values="mrr_star"),
+            recomputed(ranks, *group),
+        )
+        expected = pd.DataFrame(
+            {
+                (slots, *ranking): means["_".join(["closeness", *ranking])][
+                    ["head", "relation", "tail"]
+                ]
+                @ SHARES[slots]
+                for slots, *ranking in choices
+            }
+        )
         there = numbers[choices].dropna()
         pd.testing.assert_frame_equal(there, expected, check_names=False, rtol=0, atol=1e-12)
 
 
-def test_epochs_are_those_of_the_curves_and_curves_begin_right_after_insertion(run_case: RunCase) -> None:
+def test_epochs_are_those_of_the_curves_and_curves_begin_right_after_insertion(
+    run_case: RunCase,
+) -> None:
     tables = run_case()
-    table = tables.readings.assign(reading=tables.readings[list(readings.ASPECTS)].agg(" ".join, axis=1))
+    table = tables.readings.assign(
+        reading=tables.readings[list(readings.ASPECTS)].agg(" ".join, axis=1)
+    )
     assert tables.curves.keys() == {f"{name}.size=03" for name in READING_CASE["initializers"]}
 
     def numbers(column: str, model: str, k: int = 0, size: int = 3) -> np.ndarray:
@@ -407,7 +492,9 @@ def test_epochs_are_those_of_the_curves_and_curves_begin_right_after_insertion(r
     for name in READING_CASE["initializers"]:
         curves = tables.curves[f"{name}.size=03"].double()
         assert curves.shape == (2, 3, len(NAMES))  # seeds, epochs
-        np.testing.assert_allclose(curves[:, 0], np.nan_to_num(numbers("mrr_star", name), nan=-1), atol=1e-6)
+        np.testing.assert_allclose(
+            curves[:, 0], np.nan_to_num(numbers("mrr_star", name), nan=-1), atol=1e-6
+        )
         target = torch.from_numpy(joint - READING_CASE["changes"]["convergence.margin"])
         by_epoch = curves.where(curves >= 0, math.nan).transpose(0, 1)
         expected = np.array([first_epochs(by_epoch, target, seed) for seed in range(2)]).clip(max=2)
@@ -422,11 +509,23 @@ def test_epochs_are_those_of_the_curves_and_curves_begin_right_after_insertion(r
 def test_a_size_that_is_not_fine_tuned_has_no_epochs(run_case: RunCase) -> None:
     tables = run_case(initializers=["xavier"], indicators={}, finetuned=[3], curves=[])
     assert tables.curves == {}
-    decided = tables.readings["epochs"].notna().groupby([tables.readings["model"], tables.readings["size"]]).any()
-    assert decided.to_dict() == {("joint", 2): False, ("joint", 3): False, ("xavier", 2): False, ("xavier", 3): True}
+    decided = (
+        tables.readings["epochs"]
+        .notna()
+        .groupby([tables.readings["model"], tables.readings["size"]])
+        .any()
+    )
+    assert decided.to_dict() == {
+        ("joint", 2): False,
+        ("joint", 3): False,
+        ("xavier", 2): False,
+        ("xavier", 3): True,
+    }
 
 
-def test_what_is_measured_depends_neither_on_workers_nor_on_the_height_of_stacks(run_case: RunCase) -> None:
+def test_what_is_measured_depends_neither_on_workers_nor_on_the_height_of_stacks(
+    run_case: RunCase,
+) -> None:
     fewer = {"initializers": ["xavier", "rs"], "indicators": {"rs": [2]}}
     first, *others = (run_case(*compute, **fewer) for compute in ((2, 1), (1, 2), (1, 1)))
     for other in others:
@@ -445,14 +544,21 @@ def test_verify_computes_the_readings_again_and_names_altered_numbers(run_case: 
         return compared
 
     compared = check()
-    assert compared.number == 2 * 2 * 2 * len(NAMES) // 18 + 2  # models, sizes, seeds, readings by queries; and ranks
+    # models, sizes, seeds, readings by queries; and ranks
+    assert compared.number == 2 * 2 * 2 * len(NAMES) // 18 + 2
     assert compared.disagreements == []
     assert compared.worst < 1e-7
-    chosen = (tables.readings[["queries", "about", "weights"]] == ["held_out", "known", "relation"]).all(axis=1)
-    altered = tables.readings.assign(mrr_star=tables.readings["mrr_star"] - 1e-4 * (chosen & ~chosen.cumsum().gt(5)))
+    chosen = (
+        tables.readings[["queries", "about", "weights"]] == ["held_out", "known", "relation"]
+    ).all(axis=1)
+    altered = tables.readings.assign(
+        mrr_star=tables.readings["mrr_star"] - 1e-4 * (chosen & ~chosen.cumsum().gt(5))
+    )
     READINGS.write(altered, "a_test", case="own")
     (line,) = check().disagreements
-    assert line.startswith("readings of MRR*, held_out known relation, joint, k 0, own, size 2, seed 0: ")
+    assert line.startswith(
+        "readings of MRR*, held_out known relation, joint, k 0, own, size 2, seed 0: "
+    )
     READINGS.write(tables.readings[1:], "a_test", case="own")
     assert len(check().disagreements) == 1
     READINGS.write(tables.readings, "a_test", case="own")
@@ -461,14 +567,21 @@ def test_verify_computes_the_readings_again_and_names_altered_numbers(run_case: 
         f"readings of MRR*, terms of {truth}, own" for truth in ("all", "split")
     ]
     train = tables.ranks["split"] == "train"
-    RANKS.write(tables.ranks.assign(closeness_none_all=tables.ranks["closeness_none_all"] ** (1 + train)), "a_test",
-                case="own")  # fmt: skip
+    RANKS.write(
+        tables.ranks.assign(closeness_none_all=tables.ranks["closeness_none_all"] ** (1 + train)),
+        "a_test",
+        case="own",
+    )
     assert {line.split()[3] for line in check().disagreements} == {"all", "train"}
 
 
 def test_a_case_may_look_up_other_words(run_case: RunCase) -> None:
     phrases, definitions = (
-        run_case(initializers=["es"], indicators={}, changes=READING_CASE["changes"] | {"words.text": text}).readings
+        run_case(
+            initializers=["es"],
+            indicators={},
+            changes=READING_CASE["changes"] | {"words.text": text},
+        ).readings
         for text in ("phrase", "definition")
     )
     differs = phrases.set_index("model")["mrr_star"] != definitions.set_index("model")["mrr_star"]
@@ -476,7 +589,12 @@ def test_a_case_may_look_up_other_words(run_case: RunCase) -> None:
     assert phrases[phrases["model"] == "joint"].equals(definitions[definitions["model"] == "joint"])
 
 
-def test_a_case_with_more_novel_entities_than_there_are_is_refused_by_its_key(run_case: RunCase) -> None:
-    with pytest.raises(SystemExit, match=r"^measure_readings: beyond/params\.yaml: readings\.own: .*sessions\.sizes: "):
+def test_a_case_with_more_novel_entities_than_there_are_is_refused_by_its_key(
+    run_case: RunCase,
+) -> None:
+    with pytest.raises(
+        SystemExit,
+        match=r"^measure_readings: beyond/params\.yaml: readings\.own: .*sessions\.sizes: ",
+    ):
         run_case(sessions=READING_CASE["sessions"] | {"sizes": [2, 3, 900]})
     assert not READINGS.path(case="own").parent.exists()

@@ -1,4 +1,6 @@
-"""Recordings of both formats are read; those of the recorder are written, cut short and continued."""
+"""Recordings of both formats are read; those of the recorder are written,
+cut short and continued.
+"""
 
 import errno
 import gzip
@@ -31,9 +33,15 @@ from isi.tables import paths
 ROOT = Path(__file__).parent.parent
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
 MUG = {
-    "objectId": "Mug|1", "objectType": "Mug", "parentReceptacles": ["Shelf|1"], "receptacleObjectIds": None,
-    "salientMaterials": ["Ceramic"], "pickupable": True, "openable": False, "position": {"x": 1.0},
-}  # fmt: skip
+    "objectId": "Mug|1",
+    "objectType": "Mug",
+    "parentReceptacles": ["Shelf|1"],
+    "receptacleObjectIds": None,
+    "salientMaterials": ["Ceramic"],
+    "pickupable": True,
+    "openable": False,
+    "position": {"x": 1.0},
+}
 #: What mining reads of it.
 READ = SceneObject("Mug|1", "mug", ["Shelf|1"], [], ["ceramic"], ["pick up", "put"])
 SIMULATOR = {"build": "thor-1", "package": "5.0.0"}
@@ -41,7 +49,9 @@ HEADER = FORMAT | SIMULATOR
 
 
 def package() -> dict[str, Any]:
-    """A recording in the package's format: thirty scenes per room and RoboTHOR's 75, empty except one."""
+    """A recording in the package's format: thirty scenes per room and RoboTHOR's 75,
+    empty except one.
+    """
     scenes: dict[str, Any] = {key: [[] for _ in range(30)] for key in KEYS}
     scenes["kitchens"][4] = [dict(MUG)]
     return scenes | {"robothor": [[] for _ in range(74)] + [[dict(MUG)]]}
@@ -60,22 +70,35 @@ def read_lines(path: Path, *lines: object, plans: tuple[FloorPlans, ...] = ITHOR
     return list(read_recording(path, None, plans))
 
 
-def scene(name: str = "FloorPlan5", spawn: object = None, objects: object = ()) -> dict[str, object]:
-    return {"scene": name, "spawn": spawn, "objects": list(objects) if isinstance(objects, tuple) else objects}
+def scene(
+    name: str = "FloorPlan5", spawn: object = None, objects: object = ()
+) -> dict[str, object]:
+    return {
+        "scene": name,
+        "spawn": spawn,
+        "objects": list(objects) if isinstance(objects, tuple) else objects,
+    }
 
 
 # As the package has it
 
 
-def test_scenes_of_the_package_bear_the_numbers_of_their_floor_plans_and_only_what_mining_reads(tmp_path: Path) -> None:
+def test_scenes_of_the_package_bear_the_numbers_of_their_floor_plans_and_only_what_mining_reads(
+    tmp_path: Path,
+) -> None:
     scenes = read(tmp_path / "recording.json", package())
     assert len(scenes) == 120
     ends = [(scenes[place].name, scenes[place].room) for place in (0, 29, 30, 59, 60, 89, 90, 119)]
     assert ends == [
-        ("FloorPlan1", "kitchen"), ("FloorPlan30", "kitchen"), ("FloorPlan201", "living room"),
-        ("FloorPlan230", "living room"), ("FloorPlan301", "bedroom"), ("FloorPlan330", "bedroom"),
-        ("FloorPlan401", "bathroom"), ("FloorPlan430", "bathroom"),
-    ]  # fmt: skip
+        ("FloorPlan1", "kitchen"),
+        ("FloorPlan30", "kitchen"),
+        ("FloorPlan201", "living room"),
+        ("FloorPlan230", "living room"),
+        ("FloorPlan301", "bedroom"),
+        ("FloorPlan330", "bedroom"),
+        ("FloorPlan401", "bathroom"),
+        ("FloorPlan430", "bathroom"),
+    ]
     assert all(scene.name == f"FloorPlan{scene.number}" for scene in scenes)
     assert scenes[4] == Scene("FloorPlan5", 5, "kitchen", [READ])
 
@@ -94,11 +117,16 @@ def test_scenes_of_the_recorder_come_in_its_order_with_their_layouts(tmp_path: P
 
 def test_apartments_have_their_names_or_in_the_package_their_places(tmp_path: Path) -> None:
     recorded = read_lines(
-        tmp_path / "r", HEADER, scene("FloorPlan_Train2_1"), scene("FloorPlan_Val3_5"), plans=ROBOTHOR
+        tmp_path / "r",
+        HEADER,
+        scene("FloorPlan_Train2_1"),
+        scene("FloorPlan_Val3_5"),
+        plans=ROBOTHOR,
     )
     assert [(scene.name, scene.number, scene.room) for scene in recorded] == [
-        ("FloorPlan_Train2_1", 506, "apartment"), ("FloorPlan_Val3_5", 575, "apartment"),
-    ]  # fmt: skip
+        ("FloorPlan_Train2_1", 506, "apartment"),
+        ("FloorPlan_Val3_5", 575, "apartment"),
+    ]
     packaged = read(tmp_path / "r.json", package(), ROBOTHOR)
     assert len(packaged) == 75
     assert packaged[-1] == Scene("RoboTHOR75", 575, "apartment", [READ])
@@ -106,7 +134,10 @@ def test_apartments_have_their_names_or_in_the_package_their_places(tmp_path: Pa
 
 def test_scenes_of_the_recorder_are_read_one_by_one(tmp_path: Path) -> None:
     path = tmp_path / "r"
-    path.write_bytes(b"".join(gzip.compress(json.dumps(line).encode() + b"\n") for line in (HEADER, scene())) + b"junk")
+    path.write_bytes(
+        b"".join(gzip.compress(json.dumps(line).encode() + b"\n") for line in (HEADER, scene()))
+        + b"junk"
+    )
     scenes = read_recording(path, None)
     assert next(scenes).name == "FloorPlan5"
     with pytest.raises(InputError, match="gzip"):
@@ -122,18 +153,28 @@ def write(path: Path, *layouts: Layout) -> None:
         recording.append(layout, [MUG])
 
 
-def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_is_read_again(tmp_path: Path) -> None:
+def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_is_read_again(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "folder" / "r.jsonl.gz"
     write(path, Layout(scene="FloorPlan5", spawn=None), Layout(scene="FloorPlan5", spawn=3))
     header, *scenes = (json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines())
     assert header == HEADER
-    assert scenes[1] == scene(spawn=3, objects=[{key: value for key, value in MUG.items() if key != "position"}])
+    assert scenes[1] == scene(
+        spawn=3, objects=[{key: value for key, value in MUG.items() if key != "position"}]
+    )
     assert [scene.name for scene in read_recording(path, None)] == ["FloorPlan5", "FloorPlan5#3"]
     assert Recording(path, SIMULATOR).names == {"FloorPlan5", "FloorPlan5#3"}
 
 
-def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_whole_one(tmp_path: Path) -> None:
-    path, first, second = tmp_path / "r", Layout(scene="FloorPlan1", spawn=None), Layout(scene="FloorPlan2", spawn=None)
+def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_whole_one(
+    tmp_path: Path,
+) -> None:
+    path, first, second = (
+        tmp_path / "r",
+        Layout(scene="FloorPlan1", spawn=None),
+        Layout(scene="FloorPlan2", spawn=None),
+    )
     write(path, first)
     first_line = path.read_bytes()
     write(path, second)
@@ -158,10 +199,13 @@ def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_
         (lambda _whole: b"a photograph, and nothing else", "byte 0: .*gzip"),
         (lambda whole: whole[:150] + b"????" + whole[154:], "byte .*gzip"),
         (lambda whole: whole + b"\0" * 40, "byte .*gzip"),
-        (lambda _whole: gzip.compress(b'{"format": "other"}\n'), "line 1: expected 'isi recording' as format"),
+        (
+            lambda _whole: gzip.compress(b'{"format": "other"}\n'),
+            "line 1: expected 'isi recording' as format",
+        ),
         (lambda whole: whole + gzip.compress(b"3\n"), "line 3: "),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_recording_is_refused_and_left_as_it_is(
     tmp_path: Path, damage: Callable[[bytes], bytes], place: str
 ) -> None:
@@ -174,7 +218,9 @@ def test_what_is_no_recording_is_refused_and_left_as_it_is(
     assert path.read_bytes() == broken
 
 
-def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tmp_path: Path) -> None:
+def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(
+    tmp_path: Path,
+) -> None:
     section = read_params(ROOT / paths.PARAMS)["recorder"]
     headers = []
     for folder in ("one", "other"):
@@ -185,7 +231,9 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
     digits = [hashlib.sha256(content).hexdigest()[:16] for content in (b"one", b"other")]
     assert [made["build"] for made in headers] == [f"thor-Linux64 {first}" for first in digits]
     Recording(tmp_path / "r", headers[0]).append(Layout(scene="FloorPlan1", spawn=None), [MUG])
-    expected = f"line 1: expected 'thor-Linux64 {digits[1]}' as build of the recording, got .*{digits[0]}"
+    expected = (
+        f"line 1: expected 'thor-Linux64 {digits[1]}' as build of the recording, got .*{digits[0]}"
+    )
     with pytest.raises(InputError, match=expected):
         Recording(tmp_path / "r", headers[1])
     program.unlink()
@@ -199,7 +247,9 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
         write(tmp_path / "file" / "r", Layout(scene="FloorPlan1", spawn=None))
 
 
-def test_a_line_that_cannot_be_cut_off_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_that_cannot_be_cut_off_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(_path: Path, _length: int) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 

@@ -23,15 +23,36 @@ from isi.report.sections.paper import comparison
 from isi.report.sections.run import table1
 from isi.report.tables import Column, Estimate, ReportTable
 from isi.report.words import colour, contenders, controls
-from tests.reports import GRAPHS, ROOT, frame_of, of_experiment, paper, small_results, svg_alone, with_settings
+from tests.reports import (
+    GRAPHS,
+    ROOT,
+    frame_of,
+    of_experiment,
+    paper,
+    small_results,
+    svg_alone,
+    with_settings,
+)
 from tests.reports import INITIALIZERS as SHIPPED
 from tests.variants import beyond_of
 
 REPORT = Page.of("report")
-ANALYSES = {"query-breakdown", "trajectory", "explorer", "indicators", "cross-validation", "embedding-models",
-            "affordances"}  # fmt: skip
-CASES = [(("home",), False), (("away",), False), (("moved",), False), (("moved", "home"), True),
-         (tuple(GRAPHS), True)]  # fmt: skip
+ANALYSES = {
+    "query-breakdown",
+    "trajectory",
+    "explorer",
+    "indicators",
+    "cross-validation",
+    "embedding-models",
+    "affordances",
+}
+CASES = [
+    (("home",), False),
+    (("away",), False),
+    (("moved",), False),
+    (("moved", "home"), True),
+    (tuple(GRAPHS), True),
+]
 
 
 @cache
@@ -47,13 +68,20 @@ def parts_of(results: Results) -> list[FilledSection]:
 
 def names(results: Results, kind: type[ReportTable] | type[Figure]) -> list[str]:
     return [
-        block.content.name for part in parts_of(results) for block in part.blocks if isinstance(block.content, kind)
+        block.content.name
+        for part in parts_of(results)
+        for block in part.blocks
+        if isinstance(block.content, kind)
     ]
 
 
 def table_of(results: Results, name: str) -> ReportTable:
-    (found,) = (block.content for part in parts_of(results) for block in part.blocks
-                if isinstance(block.content, ReportTable) and block.content.name == name)  # fmt: skip
+    (found,) = (
+        block.content
+        for part in parts_of(results)
+        for block in part.blocks
+        if isinstance(block.content, ReportTable) and block.content.name == name
+    )
     return found
 
 
@@ -64,18 +92,25 @@ def rendered(results: Results) -> str:
 
 
 @pytest.mark.parametrize(("experiments", "analyses"), CASES)
-def test_any_experiments_and_analyses_make_a_whole_page(experiments: tuple[str, ...], analyses: bool) -> None:
+def test_any_experiments_and_analyses_make_a_whole_page(
+    experiments: tuple[str, ...], analyses: bool
+) -> None:
     results = results_of(experiments, analyses)
     text, ids = rendered(results), {part.id for part in parts_of(results)}
     assert (ANALYSES & ids) == (ANALYSES if analyses else set())
     assert ("transfer" in ids) == ("moved" in experiments)
-    assert ({"immediate", "convergence", "paper"} <= ids) == any(name != "moved" for name in experiments)
+    assert ({"immediate", "convergence", "paper"} <= ids) == any(
+        name != "moved" for name in experiments
+    )
     found = re.findall(r'id="([^"]+)"', text)
     assert len(set(found)) == len(found)
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(found)
     for kind in (ReportTable, Figure):
         assert len(set(names(results, kind))) == len(names(results, kind))
-    assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {*SHIPPED, "joint"}
+    assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {
+        *SHIPPED,
+        "joint",
+    }
     assert "nan" not in re.sub(r"<[^>]*>", " ", text).lower().split()
 
 
@@ -84,7 +119,14 @@ def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     figures, tables = set(names(everything, Figure)), set(names(everything, ReportTable))
     for name in ("figure3a_immediate", "figure3b_curves", "forgetting"):
         assert {name, f"{name}_away"} <= figures
-    for name in ("immediate", "improvement", "table2_convergence", "differences", "graph_totals", "parts_of_the_gain"):
+    for name in (
+        "immediate",
+        "improvement",
+        "table2_convergence",
+        "differences",
+        "graph_totals",
+        "parts_of_the_gain",
+    ):
         assert {name, f"{name}_away"} <= tables
     assert "figure4_moved" in figures
     assert {"moved_mined", "moved_immediate", "table1_graph_statistics"} <= tables
@@ -94,9 +136,12 @@ def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     assert all(drawn.pop(name).empty for name in absent)
     assert set(drawn) == {
         *(f"immediate_{scope}{suffix}" for scope in ("all", "novel") for suffix in ("", "_away")),
-        *(f"{name}_{scope}{suffix}" for name, suffix in (("curves", ""), ("curves", "_away"), ("moved", ""))
-          for scope in ("all", "novel_heldout", "known", "known_closed")),
-    }  # fmt: skip
+        *(
+            f"{name}_{scope}{suffix}"
+            for name, suffix in (("curves", ""), ("curves", "_away"), ("moved", ""))
+            for scope in ("all", "novel_heldout", "known", "known_closed")
+        ),
+    }
 
 
 def test_training_with_nothing_inserted_stands_beside_the_others_where_it_ran() -> None:
@@ -107,8 +152,16 @@ def test_training_with_nothing_inserted_stands_beside_the_others_where_it_ran() 
         of_es = runs[(runs["model"] == "es") & (runs["scope"] == "known_closed")]
         alone = of_es.assign(mrr_star=of_es["mrr_star"] + 0.01).drop(columns="model")
         more = of_experiment(more, name, analyses={**analyses, "finetune_only": alone})
-    tables = [table_of(more, "forgetting"), table_of(more, "forgetting_away"), table_of(results, "forgetting")]
-    assert ["Nothing inserted" in set(table.frame["model"]) for table in tables] == [True, False, False]
+    tables = [
+        table_of(more, "forgetting"),
+        table_of(more, "forgetting_away"),
+        table_of(results, "forgetting"),
+    ]
+    assert ["Nothing inserted" in set(table.frame["model"]) for table in tables] == [
+        True,
+        False,
+        False,
+    ]
     ended = table_of(more, "moved_at_the_end").frame
     es = ended[(ended["first"] == "ES") & (ended["second"] == "Nothing inserted")]
     assert es["difference"].tolist() == pytest.approx([-1])
@@ -119,11 +172,17 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
     found = metrics(everything)
     home, moved = everything.experiments["home"], everything.experiments["moved"]
     own = home.immediate[(home.immediate["scope"] == "novel") & (home.immediate["model"] == "rs")]
-    assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * own["mrr_star"].mean(), abs=6e-3)
+    assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(
+        100 * own["mrr_star"].mean(), abs=6e-3
+    )
     assert found["graph"] == {"observations": 6, "unique_triples": 3, "entities": 4}
     assert list(found["away"]) == [name for name in found if name not in ("away", "moved")]
-    there = moved.immediate[(moved.immediate["scope"] == "all") & (moved.immediate["model"] == "es")]
-    assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=6e-3)
+    there = moved.immediate[
+        (moved.immediate["scope"] == "all") & (moved.immediate["model"] == "es")
+    ]
+    assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(
+        100 * there["mrr_star"].mean(), abs=6e-3
+    )
     assert {"drop_percent", "known_closed_at_the_end", "affordances_percent"} <= set(found["moved"])
     assert "affordances_percent" not in found  # they are those of the other study
 
@@ -138,29 +197,50 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     assert home["section 5.1", "household concepts: objects and rooms"] == 3
     for name, column in (("home", home), ("away", away)):
         cells = everything.experiments[name].convergence
-        for scope, words in (("all", ""), ("novel_heldout", ", on held-out triples of the novel entities instead")):
+        for scope, words in (
+            ("all", ""),
+            ("novel_heldout", ", on held-out triples of the novel entities instead"),
+        ):
             own = cells[(cells["scope"] == scope) & (cells["model"] == "es")]["epochs"]
-            assert column["Table 2", f"ES: epochs to convergence, mean{words}"] == pytest.approx(own.mean())
+            assert column["Table 2", f"ES: epochs to convergence, mean{words}"] == pytest.approx(
+                own.mean()
+            )
     # home, which is extended, has numbers of the transfer; away has none, and it has no scenes
     moved = [key for key in frame.index if key[0] in ("section 6.3", "Table 3")]
-    studied = [key for key in frame.index if "cross-validation" in key[1] or "the rule picks" in key[1]]
+    studied = [
+        key for key in frame.index if "cross-validation" in key[1] or "the rule picks" in key[1]
+    ]
     assert home[[*moved, *studied]].notna().all()
     assert away[[*moved, *studied]].isna().all()
     assert not [key for key in frame.index if "largest set" in key[1]]  # equal by construction
     for key, row in frame.iterrows():
         theirs, ours = row["paper"], row["this run"]
-        assert row["this run is"] == ("" if np.isnan(theirs) or np.isnan(ours) else "agrees"
-                                      if 0.9 * theirs <= ours <= 1.1 * theirs else
-                                      "larger" if ours > theirs else "smaller"), key  # fmt: skip
+        assert row["this run is"] == (
+            ""
+            if np.isnan(theirs) or np.isnan(ours)
+            else "agrees"
+            if 0.9 * theirs <= ours <= 1.1 * theirs
+            else "larger"
+            if ours > theirs
+            else "smaller"
+        ), key
     verdicts = ("plausible", "unlikely", "wrong")
-    assert sum(home["Table 3", f"RS: of 4 answers shown, how many are {verdict}"] for verdict in verdicts) == 4
+    assert (
+        sum(
+            home["Table 3", f"RS: of 4 answers shown, how many are {verdict}"]
+            for verdict in verdicts
+        )
+        == 4
+    )
     assert home["Table 1", "kitchen: rooms"] == 1
     assert np.isnan(away["Table 1", "kitchen: rooms"])
 
 
 def test_every_number_of_the_paper_has_a_row_whatever_was_run() -> None:
-    few, all_of_it = (table_of(found, "paper_against_this_run").frame[["where", "paper"]]
-                      for found in (results_of(("away",), False), results_of()))  # fmt: skip
+    few, all_of_it = (
+        table_of(found, "paper_against_this_run").frame[["where", "paper"]]
+        for found in (results_of(("away",), False), results_of())
+    )
     pd.testing.assert_frame_equal(few, all_of_it)
 
 
@@ -187,19 +267,26 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
 
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables/of_an_earlier_run.csv").touch()
-    sections = [ReportSection("none", lambda _: [], OWN), ReportSection("one", one, OWN),
-                ReportSection.of("immediate.immediate")]  # fmt: skip
+    sections = [
+        ReportSection("none", lambda _: [], OWN),
+        ReportSection("one", one, OWN),
+        ReportSection.of("immediate.immediate"),
+    ]
     Page("report", sections, REPORT.answer).write(tmp_path, results)
     text = (tmp_path / "index.html").read_text("utf-8")
     for part in (
-        '<section id="one"><details class="part" open><summary><h3>One</h3></summary>', "Of two rows.",
-        'There are 1 <code>experiments</code>; see nothing and <a href="#one">this</a>.', "<li>first &lt;b&gt;</li>",
-    ):  # fmt: skip
+        '<section id="one"><details class="part" open><summary><h3>One</h3></summary>',
+        "Of two rows.",
+        'There are 1 <code>experiments</code>; see nothing and <a href="#one">this</a>.',
+        "<li>first &lt;b&gt;</li>",
+    ):
         assert part in text
     assert 'id="none"' not in text
     assert text.index('href="#one"') < text.index('href="#immediate"')
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
-        f"{name}.{form}" for name in ("figure3a_immediate", "gain_and_cost", "answer") for form in ("svg", "png")
+        f"{name}.{form}"
+        for name in ("figure3a_immediate", "gain_and_cost", "answer")
+        for form in ("svg", "png")
     }
     assert (tmp_path / "tables/own_table.csv").read_text("utf-8") == "a\n1\n2\n"
     assert not (tmp_path / "tables/of_an_earlier_run.csv").exists()
@@ -210,8 +297,11 @@ def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> 
     results = results_of()
     parts = {part.id: part for part in parts_of(results)}
     for section in REPORT.sections:
-        made = {f"{name}{content.suffix}" for content in section.contents(results)
-                for name in (*content.tables, *content.figures)}  # fmt: skip
+        made = {
+            f"{name}{content.suffix}"
+            for content in section.contents(results)
+            for name in (*content.tables, *content.figures)
+        }
         part = parts.get(section.name.replace("_", "-"))
         contents = [block.content for block in part.blocks] if part else []
         placed = {content.name for content in contents if isinstance(content, ReportTable | Figure)}
@@ -229,9 +319,12 @@ def test_several_sessions_stand_apart_and_each_converges_against_its_own_joint_m
     results = results_of(("home",), False)
     home = results.experiments["home"]
     assert "sessions" not in names(results, ReportTable)
-    two = with_settings(results, "home", sessions=home.settings.sessions.model_copy(update={"steps": 2}))
+    two = with_settings(
+        results, "home", sessions=home.settings.sessions.model_copy(update={"steps": 2})
+    )
     runs = home.runs
-    second = runs.assign(session=2, mrr_star=runs["mrr_star"].mask(runs["model"] == "joint", 2.0))  # out of reach
+    # out of reach
+    second = runs.assign(session=2, mrr_star=runs["mrr_star"].mask(runs["model"] == "joint", 2.0))
     other = replace(two.experiments["home"], runs=pd.concat([runs, second]))
     assert other.convergence.groupby("session")["converged"].mean()[2] == 0
     first = other.convergence[other.convergence["session"] == 1].reset_index(drop=True)
@@ -251,23 +344,35 @@ def test_runs_that_params_do_not_list_take_no_part() -> None:
 
 
 def test_table_1_has_the_rooms_and_relations_of_its_source() -> None:
-    rows = [("s1", "cellar", "wine", "liesIn", "rack"), ("s1", "cellar", "rack", "atLocation", "cellar"),
-            ("s2", "kitchen", "cup", "atLocation", "kitchen"), ("s2", "kitchen", "jug", "atLocation", "kitchen"),
-            ("s3", "kitchen", "cup", "atLocation", "kitchen")]  # fmt: skip
+    rows = [
+        ("s1", "cellar", "wine", "liesIn", "rack"),
+        ("s1", "cellar", "rack", "atLocation", "cellar"),
+        ("s2", "kitchen", "cup", "atLocation", "kitchen"),
+        ("s2", "kitchen", "jug", "atLocation", "kitchen"),
+        ("s3", "kitchen", "cup", "atLocation", "kitchen"),
+    ]
     observations = pd.DataFrame(rows, columns=["scene", "room", "head", "relation", "tail"])
     values, vocabulary = paper()
     table = table1(observations, values["graph"]["median_per_environment"], vocabulary["relations"])
     frame = frame_of(table).set_index("room")
     assert list(frame.index) == ["kitchen", "cellar", "all"]
-    assert frame.loc["kitchen", ["location", "location (paper)", "liesIn", "object types", "rooms"]].tolist() == [
-        1.5, 59.5, 0, 1.5, 2,
-    ]  # fmt: skip
+    assert frame.loc[
+        "kitchen", ["location", "location (paper)", "liesIn", "object types", "rooms"]
+    ].tolist() == [
+        1.5,
+        59.5,
+        0,
+        1.5,
+        2,
+    ]
     assert frame.loc["cellar", ["location", "liesIn", "rooms"]].tolist() == [1, 1, 1]
     assert np.isnan(frame.loc["cellar", "location (paper)"])
     assert "liesIn (paper)" not in frame
 
 
-def test_ones_own_initializers_take_spare_colours_and_all_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ones_own_initializers_take_spare_colours_and_all_differ(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     own = ["own", "another"]
     for name in own:
         plain = Registered(name, lambda insertion: insertion, name.capitalize(), "own", None)
@@ -293,14 +398,18 @@ def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
     assert one == other
 
 
-def test_the_report_does_not_know_the_second_pipeline_whose_page_is_a_function_of_results(tmp_path: Path) -> None:
+def test_the_report_does_not_know_the_second_pipeline_whose_page_is_a_function_of_results(
+    tmp_path: Path,
+) -> None:
     plain = results_of(("home",), False)
     with svg_alone():
         for folder, results in (("plain", plain), ("more", beyond_of(plain))):
             REPORT.write(tmp_path / folder, results)
         for folder in ("one", "other"):
             Page.of("beyond").write(tmp_path / folder, beyond_of(plain))
-    plain_files, more, one, other = (files_of(tmp_path / folder) for folder in ("plain", "more", "one", "other"))
+    plain_files, more, one, other = (
+        files_of(tmp_path / folder) for folder in ("plain", "more", "one", "other")
+    )
     assert plain_files == more
     assert one == other
     assert {Path("index.html"), Path("tables/causes.csv"), Path("figures/graphs.svg")} <= one.keys()
@@ -312,7 +421,12 @@ def test_the_page_beyond_the_paper_has_a_part_for_each_group_that_was_run() -> N
     sections = [section.name for section in Page.of("beyond").sections]
     parts = [part for section in Page.of("beyond").sections if (part := section.filled(results))]
     assert [part.id.replace("-", "_") for part in parts] == sections
-    drawn = [block.content.name for part in parts for block in part.blocks if isinstance(block.content, Figure)]
+    drawn = [
+        block.content.name
+        for part in parts
+        for block in part.blocks
+        if isinstance(block.content, Figure)
+    ]
     text = Page.of("beyond").html(parts, None, dict.fromkeys(drawn, Markup("<svg></svg>")), results)
     ids = re.findall(r'id="([^"]+)"', text)
     assert len(set(ids)) == len(ids)
@@ -327,31 +441,61 @@ def test_the_places_of_the_papers_figures_and_tables_are_those_of_the_page() -> 
     text = rendered(results_of())
     (strip,) = re.findall(r'<p class="places">.*?</p>', text)
     assert dict(re.findall(r'<a href="#([^"]+)">([^<]+)</a>', strip)) == {
-        place: str(title) for title, place in places.items() if not place.endswith(("4_transfer", "transfer_immediate"))
-    }  # fmt: skip
+        place: str(title)
+        for title, place in places.items()
+        if not place.endswith(("4_transfer", "transfer_immediate"))
+    }
     few = rendered(results_of(("away",), False))
-    assert set(re.findall(r'href="#([^"]+)"', re.findall(r'<p class="places">.*?</p>', few)[0])) < set(places.values())
+    assert set(
+        re.findall(r'href="#([^"]+)"', re.findall(r'<p class="places">.*?</p>', few)[0])
+    ) < set(places.values())
 
 
 # Tables
 
 
-@pytest.mark.parametrize(("paper_has", "ours", "said"), [
-    (10, 10, "agrees"), (10, 11, "agrees"), (10, 9, "agrees"), (10, 11.1, "larger"), (10, 8.9, "smaller"),
-    (0, 0, "agrees"), (0, 1, "larger"), (-10, -10.5, "agrees"), (-10, -5, "larger"), (-10, -20, "smaller"),
-    (np.nan, 1, ""), (1, np.nan, ""),
-])  # fmt: skip
-def test_a_number_agrees_within_a_tenth_of_the_papers(paper_has: float, ours: float, said: str) -> None:
+@pytest.mark.parametrize(
+    ("paper_has", "ours", "said"),
+    [
+        (10, 10, "agrees"),
+        (10, 11, "agrees"),
+        (10, 9, "agrees"),
+        (10, 11.1, "larger"),
+        (10, 8.9, "smaller"),
+        (0, 0, "agrees"),
+        (0, 1, "larger"),
+        (-10, -10.5, "agrees"),
+        (-10, -5, "larger"),
+        (-10, -20, "smaller"),
+        (np.nan, 1, ""),
+        (1, np.nan, ""),
+    ],
+)
+def test_a_number_agrees_within_a_tenth_of_the_papers(
+    paper_has: float, ours: float, said: str
+) -> None:
     assert comparison(paper_has, ours) == said
 
 
 def test_the_best_of_a_column_is_among_models_but_the_joint_one() -> None:
-    rows = [("Xavier", 40.04, 70, 9, 1), ("ES", 40.01, 60, 2, 2), ("RS", 39, None, 5, 3), ("Joint", 90, 95, None, 4)]
+    rows = [
+        ("Xavier", 40.04, 70, 9, 1),
+        ("ES", 40.01, 60, 2, 2),
+        ("RS", 39, None, 5, 3),
+        ("Joint", 90, 95, None, 4),
+    ]
     names = ("model", "all", "novel", "mean", "other")
-    table = ReportTable.of("t", [
-        {"model": model} | {name: value and Estimate(value) for name, value in zip(names[1:], values, strict=True)}
-        for model, *values in rows
-    ])  # fmt: skip
+    table = ReportTable.of(
+        "t",
+        [
+            {"model": model}
+            | {
+                name: value and Estimate(value)
+                for name, value in zip(names[1:], values, strict=True)
+            }
+            for model, *values in rows
+        ],
+    )
     # all: both are shown as 40.0; epochs (mean): the lowest; a column of another name has no best
     assert best_rows(table) == {1: {0, 1}, 2: {0}, 3: {1}}
 
@@ -359,14 +503,21 @@ def test_the_best_of_a_column_is_among_models_but_the_joint_one() -> None:
 def test_a_column_of_one_model_and_a_table_of_other_rows_have_no_best() -> None:
     alone = [{"model": "ES", "all": Estimate(40.0)}, {"model": "Joint", "all": Estimate(90.0)}]
     assert best_rows(ReportTable.of("t", alone)) == {}
-    of_scopes = [{"scope": scope, "model": "ES", "all": Estimate(40.0)} for scope in ("all", "novel")]
+    of_scopes = [
+        {"scope": scope, "model": "ES", "all": Estimate(40.0)} for scope in ("all", "novel")
+    ]
     assert best_rows(ReportTable.of("t", of_scopes)) == {}
-    assert best_rows(ReportTable.of("t", [{"model": "ES", "all": 40.0}, {"model": "RS", "all": 50.0}])) == {}
+    assert (
+        best_rows(ReportTable.of("t", [{"model": "ES", "all": 40.0}, {"model": "RS", "all": 50.0}]))
+        == {}
+    )
 
 
 def test_the_papers_value_stands_below_ours_on_the_page_and_beside_it_in_files() -> None:
-    rows = [{"model": "ES", "mean": 5.0, Column("mean", "paper", below=True): 16.6},
-            {"model": "Mean", "mean": 7.0, Column("mean", "paper", below=True): None}]  # fmt: skip
+    rows = [
+        {"model": "ES", "mean": 5.0, Column("mean", "paper", below=True): 16.6},
+        {"model": "Mean", "mean": 7.0, Column("mean", "paper", below=True): None},
+    ]
     table = ReportTable.of("t", rows)
     layout = [(place, column.name, below) for place, column, below in table.layout]
     assert layout == [(0, "model", None), (1, "mean", 2)]
@@ -379,8 +530,11 @@ def test_the_papers_value_stands_below_ours_on_the_page_and_beside_it_in_files()
 
 def test_further_graphs_have_links_to_their_files_alone() -> None:
     blocks = [block for part in parts_of(results_of()) for block in part.blocks]
-    further = [block for block in blocks if isinstance(block.content, ReportTable | Figure)
-               and block.content.name.endswith("_away")]  # fmt: skip
+    further = [
+        block
+        for block in blocks
+        if isinstance(block.content, ReportTable | Figure) and block.content.name.endswith("_away")
+    ]
     assert {block.kind for block in further} == {"data"}
     text = rendered(results_of())
     assert 'href="tables/immediate_away.csv"' in text
@@ -393,4 +547,7 @@ def test_the_page_of_this_repository_is_small() -> None:
         pytest.skip("the pipeline has not run")
     text = path.read_text("utf-8")
     assert path.stat().st_size <= 1_200_000
-    assert len(re.findall(r"<[a-z]", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))) <= 15_000
+    assert (
+        len(re.findall(r"<[a-z]", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)))
+        <= 15_000
+    )

@@ -11,10 +11,19 @@ from tests.reports import runs
 
 def drawn(title: str = "a < b") -> mpl.figure.Figure:
     """Two panels of three lines each, with a second axis above and a legend below."""
-    rows = runs([(model, scope, size, seed, 0, 0.2 + size / 10 + seed / 20) for model in ("xavier", "es", "joint")
-                 for scope in ("all", "novel") for size in (1, 2) for seed in (0, 1)])  # fmt: skip
+    rows = runs(
+        [
+            (model, scope, size, seed, 0, 0.2 + size / 10 + seed / 20)
+            for model in ("xavier", "es", "joint")
+            for scope in ("all", "novel")
+            for size in (1, 2)
+            for seed in (0, 1)
+        ]
+    )
     with mpl.rc_context(figures.STYLE):
-        canvas = figures.by_size(rows, ["xavier", "es", "joint"], ("all", "novel"), ("mrr_star",), entities=50)
+        canvas = figures.by_size(
+            rows, ["xavier", "es", "joint"], ("all", "novel"), ("mrr_star",), entities=50
+        )
         canvas.axes[0].set_title(title)
     return canvas
 

@@ -15,16 +15,23 @@ from tests.reports import small_results
 def test_headers_and_cells_are_words_on_the_page() -> None:
     scope = Column("scope", words=SCOPES)
     table = ReportTable.of(
-        "t", [{scope: "known", Column("entity half", "all"): 1, Column("away", title="the graph"): 2}]
+        "t",
+        [{scope: "known", Column("entity half", "all"): 1, Column("away", title="the graph"): 2}],
     )
-    assert [page.header(column) for column in table.columns] == ["queries", "entity prediction", "the graph"]
+    assert [page.header(column) for column in table.columns] == [
+        "queries",
+        "entity prediction",
+        "the graph",
+    ]
     assert page.column_groups(table) == [("", 1), ("all queries", 1), ("", 1)]
     assert page.column_groups(ReportTable.of("t", [{"a": 1}])) == []
     assert table.columns[0].words["known"] == "earlier knowledge"
 
 
 def test_a_word_is_marked_where_it_first_stands_in_a_part_and_only_as_a_word() -> None:
-    marker = Marker([Term("seed", "One repeat.", ("seeds",)), Term("Mean", "The centre.", in_text=False)])
+    marker = Marker(
+        [Term("seed", "One repeat.", ("seeds",)), Term("Mean", "The centre.", in_text=False)]
+    )
     link = '<a class="term" href="#term-seed">seeds</a>'
     assert marker.text("Over seeds, by seed.") == f"Over {link}, by seed."
     assert marker.anew() == ""
@@ -50,9 +57,13 @@ def test_every_word_has_a_place_of_its_own_and_every_initializer_is_explained() 
 
 
 def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
-    text = "**Yes.** See [this](#one), [that](#two) and [a paper](https://arxiv.org/abs/1); 2 * 3 ** 2."
+    text = (
+        "**Yes.** See [this](#one), [that](#two) and [a paper](https://arxiv.org/abs/1); "
+        "2 * 3 ** 2."
+    )
     assert page.marked_up(text, {"one"}) == (
-        '<strong>Yes.</strong> See <a href="#one">this</a>, that and <a href="https://arxiv.org/abs/1">a paper</a>; '
+        '<strong>Yes.</strong> See <a href="#one">this</a>, '
+        'that and <a href="https://arxiv.org/abs/1">a paper</a>; '
         "2 * 3 ** 2."
     )
 
@@ -65,7 +76,9 @@ def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
         (b"phrase,definition\nmug,a c\xffp\n", "line 2: expected .*UTF-8"),
     ],
 )
-def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+def test_definitions_that_are_broken_are_one_line(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
     path = tmp_path / "definitions.csv"
     path.write_bytes(content)
     with pytest.raises(InputError, match=rf"^{path}: {said}[^\n]*$"):

@@ -18,7 +18,8 @@ from isi.models.stack import Embedding
 from tests.small_embedding import ENTITIES, TRIPLES, call
 
 KNOWN_IDS = 10
-#: New entities 10 to 14: 11 is next to a known one, 10 next to 11, 12 next to 10; 13 and 14 have each other alone.
+#: New entities 10 to 14: 11 is next to a known one, 10 next to 11, 12 next to 10; 13 and 14 have
+#: each other alone.
 CHAIN = np.array([[11, 0, 3], [10, 1, 11], [12, 0, 10], [13, 1, 14], [12, 0, 12]])
 
 
@@ -27,7 +28,10 @@ def test_layers_are_distances_from_known_entities() -> None:
 
 
 def test_entities_are_inserted_behind_those_on_which_they_depend_and_then_together() -> None:
-    steps = [(ids.tolist(), np.flatnonzero(seen).tolist()) for ids, seen in schedule(CHAIN, KNOWN_IDS, 5, False)]
+    steps = [
+        (ids.tolist(), np.flatnonzero(seen).tolist())
+        for ids, seen in schedule(CHAIN, KNOWN_IDS, 5, False)
+    ]
     assert steps[:3] == [([11, 13, 14], [0]), ([10], [1]), ([12], [2])]
     assert steps[3:] == [([10, 11, 12, 13, 14], [0, 1, 2, 3])] * (ROUNDS - 1)
 
@@ -59,21 +63,28 @@ def test_an_entity_that_only_a_new_one_knows_is_inserted_from_it() -> None:
 
     def score(of: Any, head: np.ndarray) -> float:
         relation = torch.from_numpy(of.relations[0]).float()
-        return float(of.model.score(torch.from_numpy(head).float(), relation, torch.from_numpy(mug).float()))
+        return float(
+            of.model.score(torch.from_numpy(head).float(), relation, torch.from_numpy(mug).float())
+        )
 
     assert score(done, spoon) > score(done, alone.entities[ENTITIES])
 
 
 def planted(relations: int) -> tuple[Embedding, np.ndarray]:
-    """A random DistMult embedding of 40 entities, and the 30 triples of each relation with the highest scores."""
+    """A random DistMult embedding of 40 entities,
+    and the 30 triples of each relation with the highest scores.
+    """
     generator = torch.Generator().manual_seed(4)
     theta = Embedding(
-        torch.randn(1, 40, 6, generator=generator), torch.randn(1, relations, 6, generator=generator),
+        torch.randn(1, 40, 6, generator=generator),
+        torch.randn(1, relations, 6, generator=generator),
         make_model("distmult", {}, ""),
-    )  # fmt: skip
+    )
     triples = []
     for relation in range(relations):
-        score = torch.einsum("hd,d,td->ht", theta.entity[0], theta.relation[0, relation], theta.entity[0])
+        score = torch.einsum(
+            "hd,d,td->ht", theta.entity[0], theta.relation[0, relation], theta.entity[0]
+        )
         triples += [(int(i) // 40, relation, int(i) % 40) for i in score.flatten().topk(30).indices]
     return theta, np.array(triples)
 
@@ -82,9 +93,14 @@ def test_a_new_relation_ranks_its_own_triples_first() -> None:
     theta, triples = planted(5)
     of_new = triples[:, 1] == 4
     done = isi.insert(
-        theta.entity[0].numpy(), theta.relation[0, :4].numpy(), triples[of_new][::2], new=0, new_relations=1,
-        model="distmult", known_triples=triples[~of_new],
-    )  # fmt: skip
+        theta.entity[0].numpy(),
+        theta.relation[0, :4].numpy(),
+        triples[of_new][::2],
+        new=0,
+        new_relations=1,
+        model="distmult",
+        known_triples=triples[~of_new],
+    )
     assert (done.new, done.new_relations, done.relations.shape) == ([], [4], (5, 6))
     np.testing.assert_array_equal(done.relations[:4], theta.relation[0, :4])
     assert "new relations: 4" in repr(done)
@@ -94,14 +110,18 @@ def test_a_new_relation_ranks_its_own_triples_first() -> None:
     vectors = torch.from_numpy(done.entities)
     score = torch.einsum("hd,d,td->ht", vectors, torch.from_numpy(done.relations[4]), vectors)
     held_out = triples[of_new][1::2]
-    above = (score.flatten()[None] >= score[held_out[:, 0], held_out[:, 2]][:, None]).float().mean(1)
+    above = (
+        (score.flatten()[None] >= score[held_out[:, 0], held_out[:, 2]][:, None]).float().mean(1)
+    )
     assert above.median() < 0.1  # of all pairs; of a random row about half
 
 
 def test_a_relations_row_is_what_a_general_minimizer_finds() -> None:
     theta, triples = planted(4)
     of_new, known = triples[triples[:, 1] == 3][:4], triples[triples[:, 1] < 3]
-    fitted = relations.fit_relations(theta, 40, 3, torch.from_numpy(of_new), torch.from_numpy(known), 2.0, 3, 1.5)
+    fitted = relations.fit_relations(
+        theta, 40, 3, torch.from_numpy(of_new), torch.from_numpy(known), 2.0, 3, 1.5
+    )
     entity, rows = theta.entity[0].double().numpy(), theta.relation[0, :3].double()
     precision, mean = np.linalg.inv(relations.covariance(rows).numpy()), rows.mean(0).numpy()
     weighted = [(1.0, head, tail) for head, _, tail in of_new]
@@ -110,7 +130,10 @@ def test_a_relations_row_is_what_a_general_minimizer_finds() -> None:
     weighted += [(-1.5 * 3 * (4 * 3 / 90) / 3, head, tail) for head, _, tail in known]
 
     def objective(row: np.ndarray) -> float:
-        loss = sum(abs(w) * np.logaddexp(0, -np.sign(w) * (entity[h] * row) @ entity[t]) for w, h, t in weighted)
+        loss = sum(
+            abs(w) * np.logaddexp(0, -np.sign(w) * (entity[h] * row) @ entity[t])
+            for w, h, t in weighted
+        )
         return float(loss + 2.0 / 2 * (row - mean) @ precision @ (row - mean))
 
     best = scipy.optimize.minimize(objective, mean, method="BFGS", options={"gtol": 1e-6})
@@ -130,13 +153,16 @@ def test_an_entity_and_a_relation_may_arrive_together() -> None:
     np.testing.assert_array_equal(done.relations[: len(without.relations)], without.relations)
 
 
-@pytest.mark.parametrize(("changes", "says"), [
-    ({"triples": [("e1", "in", "e2")]}, "a new entity or relation"),
-    ({"triples": [("mug", "holds", "e2")]}, "relation"),
-    ({"new_relations": ["in"]}, "argument 'new_relations': 'in': .*known already"),
-    ({"known_triples": [("e1", "holds", "e2")], "new_relations": ["holds"]}, "known_triples"),
-    ({"new": [], "triples": []}, "argument 'new'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"triples": [("e1", "in", "e2")]}, "a new entity or relation"),
+        ({"triples": [("mug", "holds", "e2")]}, "relation"),
+        ({"new_relations": ["in"]}, "argument 'new_relations': 'in': .*known already"),
+        ({"known_triples": [("e1", "holds", "e2")], "new_relations": ["holds"]}, "known_triples"),
+        ({"new": [], "triples": []}, "argument 'new'"),
+    ],
+)
 def test_mistakes_name_the_argument(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         call(**changes)

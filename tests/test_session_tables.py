@@ -21,8 +21,12 @@ TWO_SOURCES = ["a", "b", *["a", "b"] * (NUMBER // 2 - 1)]
 ADDED = set(range(1, NUMBER, 2))
 
 
-def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **changed: Any) -> dict[Table, pd.DataFrame]:
-    entities = pd.DataFrame({"kind": ["object", "room", "material"] * (NUMBER // 3), "source": sources})
+def sessions(
+    graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **changed: Any
+) -> dict[Table, pd.DataFrame]:
+    entities = pd.DataFrame(
+        {"kind": ["object", "room", "material"] * (NUMBER // 3), "source": sources}
+    )
     values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **changed}
     return session_tables(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
 
@@ -34,7 +38,11 @@ def refusal(**changed: Any) -> tuple[object, ...]:
 
 
 def test_a_graph_without_triples_is_refused_by_its_key() -> None:
-    assert refusal(graph=GRAPH.part(np.array([], dtype=int))) == ("params.yaml", KEY, "expected a graph with triples")
+    assert refusal(graph=GRAPH.part(np.array([], dtype=int))) == (
+        "params.yaml",
+        KEY,
+        "expected a graph with triples",
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,14 +59,18 @@ def test_a_graph_without_triples_is_refused_by_its_key() -> None:
 def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(
     changed: dict[str, Any], candidates: int
 ) -> None:
-    few = f"expected a lower size · steps: {candidates} candidates; one must stay known unless novel: added"
+    few = (
+        f"expected a lower size · steps: {candidates} candidates; "
+        "one must stay known unless novel: added"
+    )
     assert refusal(**changed) == ("params.yaml", f"{KEY}.sizes", few)
 
 
 def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone() -> None:
     tables = sessions(novel=["room", "material"], seeds=20)
     assert set(tables[NOVEL]["entity"]) == {row for row in range(NUMBER) if row % 3}
-    assert (tables[SPLITS].groupby("seed").size() == len(GRAPH.triples)).all()  # other entities are known
+    # other entities are known
+    assert (tables[SPLITS].groupby("seed").size() == len(GRAPH.triples)).all()
 
 
 def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise() -> None:
@@ -66,7 +78,7 @@ def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise
     assert len(sessions(sizes=[11], seeds=1)[NOVEL]) == 11
 
 
-def test_added_are_those_of_another_source_than_the_first_and_take_no_part_where_they_are_not_drawn() -> None:
+def test_added_are_those_of_another_source_and_take_no_part_where_they_are_not_drawn() -> None:
     tables = sessions(novel="added", steps=2)
     assert set(tables[NOVEL]["entity"]) == ADDED
     ends = GRAPH.triples[:, [0, 2]].numpy()

@@ -34,12 +34,20 @@ from isi.graph.sessions import (
 from isi.random import stream
 from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
 
-GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
+GRAPHS = st.builds(
+    random_graph,
+    st.integers(4, 9),
+    st.integers(1, 3),
+    st.integers(9, 40),
+    seed=st.integers(0, 10_000),
+)
 SEEDS = st.integers(0, 10_000)
 
 
 @given(GRAPHS, SEEDS, st.floats(0.05, 0.6), st.floats(0.05, 0.6))
-def test_every_entity_and_relation_is_in_train(graph: Graph, seed: int, valid: float, test: float) -> None:
+def test_every_entity_and_relation_is_in_train(
+    graph: Graph, seed: int, valid: float, test: float
+) -> None:
     splits = split(graph, 0, seed, valid, test)
     train = graph.triples.numpy()[splits == TRAIN]
     assert set(train[:, [0, 2]].ravel()) == set(range(len(graph.entities)))
@@ -50,15 +58,28 @@ def test_every_entity_and_relation_is_in_train(graph: Graph, seed: int, valid: f
 def test_shares_are_as_asked(seed: int, valid: int, test: int) -> None:
     graph = random_graph(5, 2, 50)  # at least 43 triples are free to leave train
     splits = split(graph, 0, seed, valid / 50, test / 50)
-    assert [int((splits == part).sum()) for part in (TRAIN, VALID, TEST)] == [50 - valid - test, valid, test]
+    assert [int((splits == part).sum()) for part in (TRAIN, VALID, TEST)] == [
+        50 - valid - test,
+        valid,
+        test,
+    ]
 
 
 @pytest.mark.parametrize(
-    ("valids", "tests", "enough"), [(10, 20, True), (9, 20, False), (10, 19, False), (11, 21, True), (0, 20, False)]
+    ("valids", "tests", "enough"),
+    [(10, 20, True), (9, 20, False), (10, 19, False), (11, 21, True), (0, 20, False)],
 )
-def test_a_split_that_holds_out_less_than_asked_is_refused(valids: int, tests: int, enough: bool) -> None:
-    splits = np.array([VALID] * valids + [TEST] * tests + [TRAIN] * (100 - valids - tests), dtype=np.int8)
-    with nullcontext() if enough else pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
+def test_a_split_that_holds_out_less_than_asked_is_refused(
+    valids: int, tests: int, enough: bool
+) -> None:
+    splits = np.array(
+        [VALID] * valids + [TEST] * tests + [TRAIN] * (100 - valids - tests), dtype=np.int8
+    )
+    with (
+        nullcontext()
+        if enough
+        else pytest.raises(InputError, match=r"sessions\.valid, sessions\.test")
+    ):
         check_held_out(splits, 0.1, 0.2)
 
 
@@ -144,12 +165,15 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
     novel = sample_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
     for session in range(1, steps + 1):
         pairs = sample_insert_triples(graph, splits, novel, session, 0, seed, fraction)
-        unknown = set(novel[session - 1 :].ravel().tolist())  # entities of earlier sessions are known
+        # entities of earlier sessions are known
+        unknown = set(novel[session - 1 :].ravel().tolist())
         assert len(set(pairs)) == len(pairs)
         assert {entity for entity, _ in pairs} <= set(novel[session - 1].tolist())
         for entity in novel[session - 1].tolist():
             ends = graph.triples[:, [0, 2]].numpy()
-            known_end = ((ends == entity).sum(1) == 1) & ~np.isin(ends, list(unknown - {entity})).any(1)
+            known_end = ((ends == entity).sum(1) == 1) & ~np.isin(
+                ends, list(unknown - {entity})
+            ).any(1)
             usable = set(np.flatnonzero(known_end & (splits == TRAIN)).tolist())
             own = {triple for of, triple in pairs if of == entity}
             assert own <= usable
@@ -157,11 +181,15 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
 
 
 def test_a_novel_entity_tied_only_to_novel_ones_has_no_insert_triple() -> None:
-    graph, splits = graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1), np.zeros(3, dtype=np.int8)
+    graph, splits = (
+        graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1),
+        np.zeros(3, dtype=np.int8),
+    )
     assert sample_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
     one_by_one = np.array([[1], [0]])
     assert sample_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
-    assert sample_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]  # 1 came the session before
+    # 1 came the session before
+    assert sample_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]
 
 
 # What draws depend on
@@ -191,7 +219,10 @@ def test_novel_sets_are_drawn_uniformly_without_repeats(size: int, steps: int) -
     assert (np.diff(np.sort(draws.reshape(1500, -1)), axis=1) > 0).all()
     expected = 1500 * size / 6
     for session in range(steps):
-        assert np.abs(np.bincount(draws[:, session].ravel(), minlength=6) - expected).max() < 5 * expected**0.5
+        assert (
+            np.abs(np.bincount(draws[:, session].ravel(), minlength=6) - expected).max()
+            < 5 * expected**0.5
+        )
 
 
 def test_novel_sets_are_drawn_from_the_candidates_alone() -> None:
@@ -203,24 +234,38 @@ def test_novel_sets_are_drawn_from_the_candidates_alone() -> None:
 
 
 @pytest.mark.parametrize(("size", "seed"), [(1, 0), (4, 7)])
-def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(size: int, seed: int) -> None:
+def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(
+    size: int, seed: int
+) -> None:
     graph = random_graph(12, 2, 70)
     splits, novel = split(graph, 0, seed, 0.2, 0.2), drawn_novel(12, 0, size, seed)
-    assert novel.tolist() == sorted(generator("novel", size, seed).choice(12, size, replace=False).tolist())
+    assert novel.tolist() == sorted(
+        generator("novel", size, seed).choice(12, size, replace=False).tolist()
+    )
     rng, expected = generator("insert triples", size, seed), []
     for entity in novel.tolist():
         alone = touching(graph, {entity}) & (np.isin(graph.triples[:, [0, 2]], novel).sum(1) == 1)
         own = np.flatnonzero(alone & (splits == TRAIN))
-        chosen = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if len(own) else []
+        chosen = (
+            sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist())
+            if len(own)
+            else []
+        )
         expected += [(entity, triple) for triple in chosen]
     assert sample_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
-    assert points_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
+    assert points_of(graph, size, [seed, seed + 1]).keys().tolist() == [
+        [size, seed],
+        [size, seed + 1],
+    ]
 
 
 def test_a_later_session_has_streams_of_its_own() -> None:
     graph = random_graph(12, 2, 100)
     points = points_of(graph, 1, [5], steps=2)
-    assert (points.keys(*later_key(1)).tolist(), points.keys(*later_key(2)).tolist()) == ([[1, 5]], [[1, 5, 2]])
+    assert (points.keys(*later_key(1)).tolist(), points.keys(*later_key(2)).tolist()) == (
+        [[1, 5]],
+        [[1, 5, 2]],
+    )
     novel, entity = points.novel[0], int(points.novel[0, 1, 0])
     ends = graph.triples[:, [0, 2]].numpy()
     own = np.flatnonzero(((ends == entity).sum(1) == 1) & (points.splits[0] == TRAIN))
@@ -245,11 +290,17 @@ SHARES = Shares(valid=0.2, test=0.2, insert_fraction=0.5)
 def store_of(graph: Graph, sources: list[str] | None = None, **sessions: Any) -> Store:
     """A store in memory of a graph and the sessions sampled for it."""
     names = np.array(graph.entities)
-    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": sources or "here"})
+    entities = pd.DataFrame(
+        {"entity": names, "phrase": names, "kind": "object", "source": sources or "here"}
+    )
     head, relation, tail = graph.triples.numpy().T
-    triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
+    triples = pd.DataFrame(
+        {"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]}
+    )
     triples = triples.assign(count=graph.counts.numpy().astype(np.int32), source="here")
-    drawn = session_tables(graph, entities, SessionsOf(**sessions), SHARES, 0, "experiments.home.sessions")
+    drawn = session_tables(
+        graph, entities, SessionsOf(**sessions), SHARES, 0, "experiments.home.sessions"
+    )
     ordered = {table: frame.sort_values(list(table.key)) for table, frame in drawn.items()}
     return Store("home", {ENTITIES: entities, TRIPLES: triples, **ordered})
 
@@ -259,7 +310,12 @@ def test_grid_points_are_read_as_they_were_drawn(steps: int) -> None:
     graph = as_stored(random_graph(13, 2, 90))
     store = store_of(graph, novel="any", sizes=[3, 1], seeds=3, steps=steps)
     grid = store.grid(2)
-    assert [(points.size, points.seeds) for points in grid] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
+    assert [(points.size, points.seeds) for points in grid] == [
+        (1, [0, 1]),
+        (1, [2]),
+        (3, [0, 1]),
+        (3, [2]),
+    ]
     for points in grid:
         drawn = points_of(graph, points.size, points.seeds, steps=steps)
         assert torch.equal(points.graph.triples, graph.triples)
@@ -272,18 +328,27 @@ def test_grid_points_are_read_as_they_were_drawn(steps: int) -> None:
 
 def test_triples_without_a_row_have_no_split() -> None:
     names = [("a", "on", "b"), ("b", "of", "a"), ("b", "on", "a")]
-    triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
+    triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(
+        count=1, source="here"
+    )
     rows = [(0, 0, "train"), (0, 1, "valid"), (1, 0, "train"), (1, 2, "test")]
     splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
     read = Store("home", {TRIPLES: triples, SPLITS: splits}).splits()
-    assert {seed: codes.tolist() for seed, codes in read.items()} == {0: [0, 1, OUT], 1: [0, OUT, 2]}
+    assert {seed: codes.tolist() for seed, codes in read.items()} == {
+        0: [0, 1, OUT],
+        1: [0, OUT, 2],
+    }
 
 
 def test_added_entities_are_novel_or_take_no_part() -> None:
     graph, sources = as_stored(random_graph(14, 2, 120)), ["here"] * 8 + ["there"] * 6
     for size, steps in ((3, 2), (2, 1)):
-        (points,) = store_of(graph, sources, novel="added", sizes=[size], seeds=4, steps=steps).grid(4)
+        (points,) = store_of(
+            graph, sources, novel="added", sizes=[size], seeds=4, steps=steps
+        ).grid(4)
         for model, novel in enumerate(points.novel):
-            before, after = (points.session(number).entities[model].numpy() for number in (0, steps))
+            before, after = (
+                points.session(number).entities[model].numpy() for number in (0, steps)
+            )
             assert set(np.flatnonzero(before)) == set(range(8))
             assert set(np.flatnonzero(after)) == set(range(8)) | set(novel.ravel().tolist())

@@ -1,4 +1,6 @@
-"""The site of the documentation: links to files outside of docs/, scripts as pages, and a build without a network."""
+"""The site of the documentation: links to files outside of docs/, scripts as pages,
+and a build without a network.
+"""
 
 import importlib
 import os
@@ -30,9 +32,22 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in ("material", "mkdocstrings"):
         pytest.importorskip(package, reason="make site")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-c", WITHOUT_NETWORK, "build", "--quiet", "--strict", "--site-dir", str(folder)]
+    command = [
+        sys.executable,
+        "-c",
+        WITHOUT_NETWORK,
+        "build",
+        "--quiet",
+        "--strict",
+        "--site-dir",
+        str(folder),
+    ]
     done = subprocess.run(
-        command, cwd=docs.ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+        command,
+        cwd=docs.ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")
     return folder
@@ -46,9 +61,13 @@ def test_pages_of_the_site_load_nothing_from_elsewhere(built: Path) -> None:
             loaded = source or ("" if "canonical" in link else link)
             assert "//" not in loaded, (page.name, loaded)
             if source and not source.startswith("data:"):
-                assert (page.parent / source.partition("?")[0]).exists() or page.name == "404.html", source
+                assert (
+                    page.parent / source.partition("?")[0]
+                ).exists() or page.name == "404.html", source
     for style in built.rglob("*.css"):
-        assert not re.search(r"url\(['\"]?(?:https?:)?//|@import", style.read_text(encoding="utf-8")), style.name
+        assert not re.search(
+            r"url\(['\"]?(?:https?:)?//|@import", style.read_text(encoding="utf-8")
+        ), style.name
 
 
 def test_the_site_has_the_signatures_and_the_index_of_its_search(built: Path) -> None:
@@ -77,7 +96,10 @@ def test_links_lead_to_pages_of_the_site(link: str, expected: str) -> None:
 
 
 def test_links_of_files_outside_of_docs_lead_to_the_same_pages() -> None:
-    assert site.rewritten("[a](../docs/method.md)", docs.ROOT / "examples/README.md") == "[a](../../method.md)"
+    assert (
+        site.rewritten("[a](../docs/method.md)", docs.ROOT / "examples/README.md")
+        == "[a](../../method.md)"
+    )
     assert site.rewritten("[a](home.csv)", docs.ROOT / "examples/README.md") == "[a](home.csv.md)"
     for path in (DOCS / "method.md", docs.ROOT / "params.yaml", docs.ROOT / "SECURITY.md"):
         assert site.path_of(site.name_of(path) or "") == path
@@ -86,13 +108,19 @@ def test_links_of_files_outside_of_docs_lead_to_the_same_pages() -> None:
 def test_a_script_becomes_prose_and_code(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
-        '"""What it does."""\n\n# %%\nimport sys\n\n# %% [markdown]\n# A *note*.\n\n# %% Then\nsys.exit()\n'
+        '"""What it does."""\n\n# %%\nimport sys\n\n# %% [markdown]\n# A *note*.\n\n# %% Then\n'
+        "sys.exit()\n"
     )
-    expected = "What it does.\n\n\n```python\nimport sys\n```\n\nA *note*.\n\n**Then**\n\n```python\nsys.exit()\n```\n"
+    expected = (
+        "What it does.\n\n\n```python\nimport sys\n```\n\nA *note*.\n\n**Then**\n\n```python\n"
+        "sys.exit()\n```\n"
+    )
     assert site.as_page(script).endswith(expected)
 
 
-@pytest.mark.parametrize("name", re.findall(r"^::: (\S+)$", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE))
+@pytest.mark.parametrize(
+    "name", re.findall(r"^::: (\S+)$", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE)
+)
 def test_the_reference_names_what_there_is(name: str) -> None:
     if ".pykeen." in name:
         pytest.importorskip("pykeen")
@@ -102,17 +130,30 @@ def test_the_reference_names_what_there_is(name: str) -> None:
 
 def test_the_page_of_initializers_describes_all_with_their_options_and_needs() -> None:
     sections = dict(
-        re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", (DOCS / "initializers.md").read_text("utf-8"), re.M | re.S)
+        re.findall(
+            r"^### (\w+)\n(.*?)(?=^##|\Z)",
+            (DOCS / "initializers.md").read_text("utf-8"),
+            re.M | re.S,
+        )
     )
     assert set(sections) == set(INITIALIZERS.names())
-    words = {"words": "words", "insert_triples": "facts", "inverse": "inverse", "linear_score": "linear score"}
+    words = {
+        "words": "words",
+        "insert_triples": "facts",
+        "inverse": "inverse",
+        "linear_score": "linear score",
+    }
     for name, text in sections.items():
         registered = INITIALIZERS.get(name, name)
         options = re.search(r"^- Options: (.*)", text, re.M)
         shown = re.findall(r"`(\w+)`[^(]*\(([\d.]+)\)", options[1] if options else "")
-        assert {key: float(value) for key, value in shown} == pytest.approx(dict(registered.defaults or {})), name
+        assert {key: float(value) for key, value in shown} == pytest.approx(
+            dict(registered.defaults or {})
+        ), name
         needs = re.search(r"^- Needs: (.*)", text, re.M)
         assert needs, name
-        assert {need for need, word in words.items() if word in needs[1]} == set(registered.needs), name
+        assert {need for need, word in words.items() if word in needs[1]} == set(
+            registered.needs
+        ), name
         ((function, path),) = re.findall(r"^- Code: \[`(\w+)`\]\(\.\./(.*)\)$", text, re.MULTILINE)
         assert f"def {function}(" in (docs.ROOT / path).read_text(encoding="utf-8"), name

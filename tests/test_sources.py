@@ -1,4 +1,6 @@
-"""Sources as data: registered in one place, with settings from signatures, and named in error messages."""
+"""Sources as data: registered in one place, with settings from signatures,
+and named in error messages.
+"""
 
 import gzip
 from collections.abc import Callable, Iterator
@@ -10,13 +12,29 @@ import pytest
 
 from isi.config import Count, read
 from isi.errors import InputError
-from isi.sources import READERS, Mining, Observation, Source, procthor_houses, reader, readers, recordings, settings_of
+from isi.sources import (
+    READERS,
+    Mining,
+    Observation,
+    Source,
+    procthor_houses,
+    reader,
+    readers,
+    recordings,
+    settings_of,
+)
 from isi.sources.names import household
 from isi.tables import paths
 from tests.observing import source_of
 
 MP3D = read(paths.PARAMS)["sources"]["mp3d"]
-HOUSES = {**MP3D, "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}}
+HOUSES = {
+    **MP3D,
+    "reader": "mp3d_houses",
+    "folder": "houses",
+    "category": "mpcat40",
+    "rooms": {"k": "kitchen"},
+}
 
 
 def of_kind(triples: pd.DataFrame, rooms: set[str]) -> pd.DataFrame:
@@ -38,7 +56,10 @@ def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.Monk
     monkeypatch.setattr("isi.sources.CHUNK", 2)
     source = Source({"reader": "pretended", "fish": 3}, "sources.mine", 0)
     assert [list(frame["head"]) for frame in source.frames()] == [["cod"] * 2, ["cod"]]
-    assert source.kinds.to_numpy().tolist() == [["cod", "animal", "cod"], ["crab", "animal", "crab"]]
+    assert source.kinds.to_numpy().tolist() == [
+        ["cod", "animal", "cod"],
+        ["crab", "animal", "crab"],
+    ]
     assert source.counts == {"fish": 3}
 
 
@@ -57,13 +78,17 @@ def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.Monk
         ({key: value for key, value in HOUSES.items() if key != "folder"}, "folder: "),
     ],
 )
-def test_settings_that_a_source_does_not_take_are_refused_by_their_key(values: object, key: str) -> None:
+def test_settings_that_a_source_does_not_take_are_refused_by_their_key(
+    values: object, key: str
+) -> None:
     with pytest.raises(InputError, match=rf"^params\.yaml: sources\.mine[.:]{key}"):
         settings_of(values, "sources.mine")
 
 
 @pytest.mark.parametrize(
-    ("kinds", "name"), [(["cod"], "crab"), (["cod", "crab", "cod"], "cod")], ids=["none of it", "two of it"]
+    ("kinds", "name"),
+    [(["cod"], "crab"), (["cod", "crab", "cod"], "cod")],
+    ids=["none of it", "two of it"],
 )
 def test_a_source_must_give_each_entity_one_kind_and_before_its_observations_are_whole(
     kinds: list[str], name: str
@@ -80,13 +105,18 @@ def test_a_source_must_give_each_entity_one_kind_and_before_its_observations_are
     [
         ([], "expected observations, got none"),
         ([("mug", 1), ("mu\tg", 1)], r"expected a name without .*'mu\\tg'"),
-        ([("mug", 600_000_000), ("cup", 600_000_000)], "expected at most 1,000,000,000 observations"),
+        (
+            [("mug", 600_000_000), ("cup", 600_000_000)],
+            "expected at most 1,000,000,000 observations",
+        ),
     ],
 )
 def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
     rows: list[tuple[str, int]], expected: str
 ) -> None:
-    source = source_of((None, None, None, head, "atLocation", "kitchen", count) for head, count in rows)
+    source = source_of(
+        (None, None, None, head, "atLocation", "kitchen", count) for head, count in rows
+    )
     with pytest.raises(InputError, match=f"^sources.given: {expected}"):
         list(source.frames())
 
@@ -96,10 +126,15 @@ def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
 
 @pytest.mark.parametrize(
     ("find", "expected"),
-    [(lambda: list(READERS.get("behavior").read(Mining(0), "package", [], {}, {})), "package bddl: not installed"),
-     (lambda: recordings.locate("recording"), "package procthor: not installed"),
-     (procthor_houses.asset_types, "package procthor: not installed")],
-)  # fmt: skip
+    [
+        (
+            lambda: list(READERS.get("behavior").read(Mining(0), "package", [], {}, {})),
+            "package bddl: not installed",
+        ),
+        (lambda: recordings.locate("recording"), "package procthor: not installed"),
+        (procthor_houses.asset_types, "package procthor: not installed"),
+    ],
+)
 def test_a_package_must_be_there_to_be_read(
     monkeypatch: pytest.MonkeyPatch, find: Callable[[], object], expected: str
 ) -> None:
@@ -131,11 +166,20 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_held(
 
 def test_entities_of_a_home_are_in_alphabetical_order_with_their_kind_and_one_row_a_name() -> None:
     triples = [
-        ("mug", "hasMaterial", "wood"), ("mug", "atLocation", "kitchen"), ("mug", "hasAffordance", "fill"),
-        ("mug", "atLocation", "cabinet"), ("cabinet", "atLocation", "kitchen"),
-    ]  # fmt: skip
-    entities = household(pd.DataFrame(triples, columns=["head", "relation", "tail"]), {"kitchen", "bedroom"})
+        ("mug", "hasMaterial", "wood"),
+        ("mug", "atLocation", "kitchen"),
+        ("mug", "hasAffordance", "fill"),
+        ("mug", "atLocation", "cabinet"),
+        ("cabinet", "atLocation", "kitchen"),
+    ]
+    entities = household(
+        pd.DataFrame(triples, columns=["head", "relation", "tail"]), {"kitchen", "bedroom"}
+    )
     assert entities[["entity", "kind"]].to_numpy().tolist() == [
-        ["cabinet", "object"], ["fill", "affordance"], ["kitchen", "room"], ["mug", "object"], ["wood", "material"],
-    ]  # fmt: skip
+        ["cabinet", "object"],
+        ["fill", "affordance"],
+        ["kitchen", "room"],
+        ["mug", "object"],
+        ["wood", "material"],
+    ]
     assert entities["phrase"].equals(entities["entity"])

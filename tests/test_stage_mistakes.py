@@ -1,4 +1,6 @@
-"""A user's mistake ends a stage in one line that names the file and the place; earlier outputs stay."""
+"""A user's mistake ends a stage in one line that names the file and the place;
+earlier outputs stay.
+"""
 
 import os
 import re
@@ -50,8 +52,14 @@ __all__ = ["says", "workspace"]  # fixtures
     [
         ("\nseed:", "\nsede:", "mine ai2thor", "sede: "),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
-        ("min_count: 1 ", f"min_count: 1{'0' * 30}", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
-        ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),  # a file of that name
+        (
+            "min_count: 1 ",
+            f"min_count: 1{'0' * 30}",
+            "build_graph ai2thor",
+            "experiments.ai2thor.graph.min_count",
+        ),
+        # a file of that name
+        ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
     ],
 )
@@ -92,13 +100,35 @@ def test_an_unknown_name_is_refused_with_a_similar_one(
 @pytest.mark.parametrize(
     "text",
     [
-        "a: " + "[" * 20_000, "- " * 20_000 + "a", "a: " + "9" * 5000, "a: 2023-02-30", "a: !!bool maybe",
-        "a: !!python/object/apply:os.system [touch run]", "a: b: c", "a: 1\na: 2", "seed: 1".encode("utf-16"),
-        b"seed: \x00", b"",
+        "a: " + "[" * 20_000,
+        "- " * 20_000 + "a",
+        "a: " + "9" * 5000,
+        "a: 2023-02-30",
+        "a: !!bool maybe",
+        "a: !!python/object/apply:os.system [touch run]",
+        "a: b: c",
+        "a: 1\na: 2",
+        "seed: 1".encode("utf-16"),
+        b"seed: \x00",
+        b"",
     ],
-    ids=["brackets", "dashes", "digits", "date", "tag", "object", "colons", "twice", "UTF-16", "NUL", "empty"],
-)  # fmt: skip
-def test_broken_yaml_is_one_short_line_and_runs_nothing(workspace: Path, says: Says, text: str | bytes) -> None:
+    ids=[
+        "brackets",
+        "dashes",
+        "digits",
+        "date",
+        "tag",
+        "object",
+        "colons",
+        "twice",
+        "UTF-16",
+        "NUL",
+        "empty",
+    ],
+)
+def test_broken_yaml_is_one_short_line_and_runs_nothing(
+    workspace: Path, says: Says, text: str | bytes
+) -> None:
     (workspace / paths.PARAMS).write_bytes(text.encode() if isinstance(text, str) else text)
     assert re.match(r"params\.yaml: .*expected (YAML|UTF-8|a mapping)", says("build_graph ai2thor"))
     assert not (workspace / "run").exists()
@@ -117,16 +147,22 @@ def test_a_sound_file_after_a_broken_one_replaces_the_earlier_output(
     with chdir(workspace):
         small.run("build_graph ai2thor")
     assert capsys.readouterr().err == ""
-    assert ENTITIES.read_file(workspace / ENTITIES.path(experiment="ai2thor"))["entity"].tolist() == ["kitchen", "mug"]
+    assert ENTITIES.read_file(workspace / ENTITIES.path(experiment="ai2thor"))[
+        "entity"
+    ].tolist() == ["kitchen", "mug"]
     tables = (OBSERVATIONS, KIND_TABLE, ENTITIES, TRIPLES)
     files = [table.path(source="ai2thor", experiment="ai2thor") for table in tables]
     assert set(outputs(workspace)) == set(map(str, files))  # and no temporary file
 
 
-def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_rows(workspace: Path) -> None:
+def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_rows(
+    workspace: Path,
+) -> None:
     set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
     graph(workspace, "ai2thor")
-    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
+    row = pd.DataFrame(
+        {"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]}
+    )
     for table in (SPLITS, NOVEL, INSERT_TRIPLES):
         write(workspace, table.path(experiment="ai2thor"), row, table)
     write(workspace, RUNS.path(experiment="ai2thor", model="joint"), concat([], RUNS), RUNS)
@@ -136,7 +172,12 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
     for table in (RUNS, TIES, INSERTED):
         path = table.path(experiment="ai2thor", model="es", initializer="es")
         assert table.read_file(workspace / path).empty
-    assert io.read_tensors(workspace / INITIAL_VECTORS.path(experiment="ai2thor", initializer="es"), []) == {}
+    assert (
+        io.read_tensors(
+            workspace / INITIAL_VECTORS.path(experiment="ai2thor", initializer="es"), []
+        )
+        == {}
+    )
 
 
 # Too early, or outside the project
@@ -145,13 +186,21 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
 @pytest.mark.parametrize(
     ("command", "names"),
     [
-        ("build_graph ai2thor", "data/observations/ai2thor.parquet: missing: run `dvc repro mine@ai2thor`"),
-        ("make_sessions ai2thor", "data/graph/ai2thor/entities.parquet: missing: run `dvc repro build_graph@ai2thor`"),
+        (
+            "build_graph ai2thor",
+            "data/observations/ai2thor.parquet: missing: run `dvc repro mine@ai2thor`",
+        ),
+        (
+            "make_sessions ai2thor",
+            "data/graph/ai2thor/entities.parquet: missing: run `dvc repro build_graph@ai2thor`",
+        ),
         ("insert ai2thor es", "missing: run `dvc repro "),
         ("report", "missing: run `dvc repro "),
     ],
 )
-def test_a_stage_before_its_inputs_names_the_stage_that_makes_them(says: Says, command: str, names: str) -> None:
+def test_a_stage_before_its_inputs_names_the_stage_that_makes_them(
+    says: Says, command: str, names: str
+) -> None:
     assert names in says(command)
 
 
@@ -160,11 +209,17 @@ def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.Monkey
     for path, stage in (
         (THETA0.path(experiment="transfer", size=5), "train_theta0@transfer"),
         (INITIAL_VECTORS.path(experiment="transfer", initializer="es"), "insert@transfer-es"),
-        (INSERTED.path(experiment="transfer", initializer="es_permuted"), "insert@transfer-es_permuted"),
+        (
+            INSERTED.path(experiment="transfer", initializer="es_permuted"),
+            "insert@transfer-es_permuted",
+        ),
         (VARIANT_RUNS.path(variant="insert_triples_0"), "beyond/dvc.yaml:vary@insert_triples_0"),
-        (Path("reports/metrics.json"), "report"), (Path("reports/tables/differences.csv"), "report"),
-        (Path("data/runs"), None), (Path("/data/runs"), None), (Path("gone"), None),
-    ):  # fmt: skip
+        (Path("reports/metrics.json"), "report"),
+        (Path("reports/tables/differences.csv"), "report"),
+        (Path("data/runs"), None),
+        (Path("/data/runs"), None),
+        (Path("gone"), None),
+    ):
         expected = f"missing: run `dvc repro {stage}`, which makes it" if stage else "no such file"
         assert str(missing(path)) == f"{path}: {expected}"
 
@@ -181,7 +236,9 @@ def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
         ),
     ):
         command = [sys.executable, *arguments]
-        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
+        ended = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, env=environment
+        )
         (line,) = ended.stderr.splitlines()
         assert (ended.returncode, ended.stdout) == (1, "")
         assert re.search(expected, line)
@@ -210,7 +267,13 @@ def test_a_message_is_short_and_in_one_line_whatever_it_repeats() -> None:
     deep: list[object] = []
     for _ in range(2000):
         deep = [deep]
-    for value in ("x" * 5000, deep, list(range(10**6)), {n: n for n in range(10**5)}, int("f" * 5000, 16)):
+    for value in (
+        "x" * 5000,
+        deep,
+        list(range(10**6)),
+        {n: n for n in range(10**5)},
+        int("f" * 5000, 16),
+    ):
         assert len(short(value)) < 100
     assert suggestion("xaver", ["es", "xavier"]) == "; did you mean 'xavier'?"
     assert suggestion("mug", ["es", "xavier"]) == ""

@@ -1,4 +1,6 @@
-"""The pipelines' descriptions against the code: imports, params, locks and arguments of every stage."""
+"""The pipelines' descriptions against the code:
+imports, params, locks and arguments of every stage.
+"""
 
 import ast
 import operator
@@ -34,10 +36,30 @@ OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Packages whose modules are imported by name, and the params that name them.
 PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sources": "sources"}
 #: Stages on which all other results depend.
-MAKING = ("mine", "build_graph", "embed_words", "make_sessions", "train_theta0", "train_joint", "insert")
-#: Code that changes for other reasons: messages, the command, the page, tables that only the report reads.
-APART = ("isi/errors.py", "isi/process.py", "isi/pipeline.py", "isi/stage.py", "isi/params.py", "isi/cli",
-         "isi/report", "isi/analyses", "isi/bundle", "isi/insertion", "isi/pykeen")  # fmt: skip
+MAKING = (
+    "mine",
+    "build_graph",
+    "embed_words",
+    "make_sessions",
+    "train_theta0",
+    "train_joint",
+    "insert",
+)
+#: Code that changes for other reasons: messages, the command, the page, tables that only the report
+#: reads.
+APART = (
+    "isi/errors.py",
+    "isi/process.py",
+    "isi/pipeline.py",
+    "isi/stage.py",
+    "isi/params.py",
+    "isi/cli",
+    "isi/report",
+    "isi/analyses",
+    "isi/bundle",
+    "isi/insertion",
+    "isi/pykeen",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +91,9 @@ def parsed(path: Path) -> ast.Module:
 def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
     folder = (paths.PIPELINE if name in FIRST else paths.BEYOND_PIPELINE).parent
     assert (ROOT / folder / STAGES[name].get("wdir", ".")).resolve() == ROOT
-    shipped = [OPEN.sub("*", dep) for dep in STAGES[name]["deps"] if re.match("isi|stages|data/raw", dep)]
+    shipped = [
+        OPEN.sub("*", dep) for dep in STAGES[name]["deps"] if re.match("isi|stages|data/raw", dep)
+    ]
     assert not [pattern for pattern in shipped if not list(ROOT.glob(pattern))]
 
 
@@ -79,7 +103,9 @@ def code_of(name: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_modules_params_name(name: str) -> None:
+def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_modules_params_name(
+    name: str,
+) -> None:
     """Indirect imports count, too."""
     files, depended = closure(Path(f"stages/{name}.py")), code_of(name)
     keys = [key.split(".")[0] for key in STAGES[name].get("params", []) if isinstance(key, str)]
@@ -89,14 +115,26 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_m
             files = files | closure(*Path(package).rglob("*.py"))
     missing = [file for file in files if not any(file.is_relative_to(dep) for dep in depended)]
     starting = Path("stages/__init__.py")
-    assert not [str(file) for file in missing if len(parsed(file).body) > 1 and file != starting]  # more than text
+    # more than text
+    assert not [str(file) for file in missing if len(parsed(file).body) > 1 and file != starting]
 
 
-@pytest.mark.parametrize("name", sorted(set(STAGES) - {"report", "report_beyond", "report_readings"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(STAGES) - {"report", "report_beyond", "report_readings"})
+)
 def test_no_stage_depends_on_what_changes_for_other_reasons(name: str) -> None:
-    """Messages, the command, the page, and, for training and insertion, tables that only the report reads."""
-    apart = {*PLUMBING, Path("isi/cli"), Path("isi/report")} | (set(map(Path, APART)) if name in MAKING else set())
-    assert not [dep for dep in code_of(name) for path in apart if path.is_relative_to(dep) or dep.is_relative_to(path)]
+    """Messages, the command, the page, and, for training and insertion,
+    tables that only the report reads.
+    """
+    apart = {*PLUMBING, Path("isi/cli"), Path("isi/report")} | (
+        set(map(Path, APART)) if name in MAKING else set()
+    )
+    assert not [
+        dep
+        for dep in code_of(name)
+        for path in apart
+        if path.is_relative_to(dep) or dep.is_relative_to(path)
+    ]
 
 
 def test_the_door_of_the_package_imports_nothing_of_it() -> None:
@@ -113,13 +151,16 @@ def test_a_stage_lists_params_that_there_are_and_none_that_change_no_result(name
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_is_called_by_its_arguments_and_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
+def test_a_stage_is_called_by_its_arguments_and_takes_the_place_of_the_shell_that_starts_it(
+    name: str,
+) -> None:
     tops = parsed(Path(f"stages/{name}.py")).body
     (body,) = (node for node in tops if isinstance(node, ast.FunctionDef) and node.name == name)
     _context, *arguments = [argument.arg for argument in body.args.args]
     assert [*STAGES[name].get("matrix", {})] == arguments
     items = [f"${{item.{argument}}}" for argument in arguments]
-    assert STAGES[name]["cmd"].split() == ["exec", "python", "-m", f"stages.{name}", *items]  # or it outlives DVC
+    # or it outlives DVC
+    assert STAGES[name]["cmd"].split() == ["exec", "python", "-m", f"stages.{name}", *items]
 
 
 @pytest.mark.parametrize("name", STAGES)
@@ -147,7 +188,11 @@ def test_the_lock_has_the_stages_that_there_are(stages: dict[str, dict[str, Any]
     lock = LOCKS[0] if stages is FIRST else LOCKS[1]
     if not (ROOT / lock).exists():
         pytest.skip("the pipeline has not run")
-    there = {"@".join(filter(None, [name, "-".join(items.values())])) for name in stages for items in cases(name)}
+    there = {
+        "@".join(filter(None, [name, "-".join(items.values())]))
+        for name in stages
+        for items in cases(name)
+    }
     assert set(read(lock)["stages"]) == there
 
 

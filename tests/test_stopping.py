@@ -1,4 +1,6 @@
-"""Stopped commands, and a second run in the same folder: one line of output, and no process stays."""
+"""Stopped commands, and a second run in the same folder:
+one line of output, and no process stays.
+"""
 
 import os
 import shlex
@@ -45,7 +47,9 @@ stage.wait()
 WITH_CODE = ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+SIGNALS = pytest.mark.parametrize(
+    ("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
 
 
 def session(leader: int) -> set[int]:
@@ -59,12 +63,20 @@ def session(leader: int) -> set[int]:
 
 
 @contextmanager
-def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iterator[subprocess.Popen[str]]:
+def running(
+    command: list[str], folder: Path, begun: Callable[[], bool]
+) -> Iterator[subprocess.Popen[str]]:
     """A command in a new session, after it has begun; all its processes are killed in the end."""
     with subprocess.Popen(
-        command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=WITH_CODE, preexec_fn=_heed_ctrl_c,
-    ) as process:  # fmt: skip
+        command,
+        cwd=folder,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=WITH_CODE,
+        preexec_fn=_heed_ctrl_c,
+    ) as process:
         try:
             assert wait_for(lambda: begun() or process.poll() is not None)
             assert process.poll() is None, process.communicate()
@@ -74,7 +86,9 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
 
 
 def kill_all(leader: int) -> set[int]:
-    """Kill the living processes in the session of a leader; returns their ids, some of which may end by themselves."""
+    """Kill the living processes in the session of a leader;
+    returns their ids, some of which may end by themselves.
+    """
     found = session(leader)
     for left in found:
         with suppress(ProcessLookupError):  # it ended meanwhile
@@ -89,12 +103,18 @@ def _heed_ctrl_c() -> None:
 
 def asleep(folder: Path) -> Callable[[], bool]:
     """A function that tells whether all workers of ``sleepers`` sleep."""
-    return lambda: len([path for path in folder.iterdir() if path.name.isdigit()]) == sleepers.WORKERS
+    return lambda: (
+        len([path for path in folder.iterdir() if path.name.isdigit()]) == sleepers.WORKERS
+    )
 
 
 @pytest.mark.parametrize(
     ("signalled", "status", "whom"),
-    [(signal.SIGINT, 130, "all"), (signal.SIGINT, 130, "the stage"), (signal.SIGTERM, 143, "the stage")],
+    [
+        (signal.SIGINT, 130, "all"),
+        (signal.SIGINT, 130, "the stage"),
+        (signal.SIGTERM, 143, "the stage"),
+    ],
 )
 def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
     tmp_path: Path, signalled: signal.Signals, status: int, whom: str
@@ -103,13 +123,18 @@ def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
         (os.killpg if whom == "all" else os.kill)(stage.pid, signalled)  # a terminal signals all
         out, err = stage.communicate(timeout=PATIENCE)
         assert (stage.returncode, out) == (status, "")
-        assert err == f"sleepers: stopped by {signalled.name}; no file is half-written; run it again\n"
+        assert (
+            err == f"sleepers: stopped by {signalled.name}; no file is half-written; run it again\n"
+        )
         assert wait_for(lambda: not session(stage.pid)), session(stage.pid)
 
 
 def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> None:
     with running([sys.executable, "-c", SLEEP, "."], tmp_path, asleep(tmp_path)) as stage:
-        os.kill(int(next(path.name for path in tmp_path.iterdir() if path.name.isdigit())), signal.SIGKILL)
+        os.kill(
+            int(next(path.name for path in tmp_path.iterdir() if path.name.isdigit())),
+            signal.SIGKILL,
+        )
         _, err = stage.communicate(timeout=PATIENCE)
         assert stage.returncode == 1
         assert len(err.splitlines()) == 1
@@ -120,7 +145,10 @@ def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> N
 def test_no_process_of_a_stage_outlives_it_or_its_parent(tmp_path: Path, killed: str) -> None:
     with running([sys.executable, "-c", PARENT, SLEEP, "."], tmp_path, asleep(tmp_path)) as parent:
         assert parent.stdout
-        stage, workers = int(parent.stdout.readline()), {int(p.name) for p in tmp_path.iterdir() if p.name.isdigit()}
+        stage, workers = (
+            int(parent.stdout.readline()),
+            {int(p.name) for p in tmp_path.iterdir() if p.name.isdigit()},
+        )
         assert {parent.pid, stage} | workers <= session(parent.pid)
         os.kill(parent.pid if killed == "parent" else stage, signal.SIGKILL)
         assert wait_for(lambda: not session(parent.pid)), session(parent.pid)
@@ -178,7 +206,9 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
         _, err = dvc.communicate(timeout=PATIENCE)
         assert dvc.returncode not in (0, None)
         assert "Traceback" not in err
-        assert "sleepers: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
+        assert (
+            "sleepers: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
+        )
         assert len([line for line in err.splitlines() if line]) == 2  # DVC's own: the stage failed
         assert wait_for(lambda: not session(dvc.pid)), session(dvc.pid)
 
@@ -197,7 +227,9 @@ def test_make_repro_that_is_stopped_ends_in_one_line_with_all_its_processes(
 
 
 @pytest.mark.parametrize("first", [DVC, REPRO], ids=["dvc", "make"])
-def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: Path, first: list[str]) -> None:
+def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(
+    pipeline: Path, first: list[str]
+) -> None:
     with running(first, pipeline, asleep(pipeline / "asleep")) as running_first:
         before = session(running_first.pid)
         second = subprocess.run(first, cwd=pipeline, capture_output=True, text=True, env=WITH_CODE)

@@ -1,4 +1,6 @@
-"""The report on valid but unusual results: a dash, a sentence or a one-line error, never a traceback."""
+"""The report on valid but unusual results:
+a dash, a sentence or a one-line error, never a traceback.
+"""
 
 import re
 from collections.abc import Collection
@@ -22,15 +24,23 @@ from tests.strange import STRANGE, changed, of_experiments, tied
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
 
 
-def few_results(studies: bool = True, names: Collection[str] = ("xavier", "es", "rs", "mean")) -> data.Results:
-    """Results of one experiment with few initializers; a report of all initializers takes three times as long."""
+def few_results(
+    studies: bool = True, names: Collection[str] = ("xavier", "es", "rs", "mean")
+) -> data.Results:
+    """Results of one experiment with few initializers;
+    a report of all initializers takes three times as long.
+    """
     models = {name: SHIPPED[name] for name in INITIALIZERS if name in names}
-    return small_results(["home"], studies, initializers=models, **{"sweep.initializers": {"es": {}}})
+    return small_results(
+        ["home"], studies, initializers=models, **{"sweep.initializers": {"es": {}}}
+    )
 
 
 def words(folder: Path) -> str:
     """The text of the page in a folder, without scripts."""
-    text = re.sub(r"<(script|style).*?</\1>", " ", (folder / "index.html").read_text("utf-8"), flags=re.DOTALL)
+    text = re.sub(
+        r"<(script|style).*?</\1>", " ", (folder / "index.html").read_text("utf-8"), flags=re.DOTALL
+    )
     return re.sub(r"<[^>]*>", " ", text)
 
 
@@ -50,21 +60,33 @@ def strange(draw: st.DrawFn) -> data.Results:
     names = draw(st.sampled_from([("home",), ("moved",), ("away",), ("home", "moved")]))
     chosen = draw(st.sets(st.sampled_from(INITIALIZERS), min_size=1, max_size=3))
     models = {name: SHIPPED[name] for name in INITIALIZERS if name in chosen}
-    found = small_results(names, False, initializers=models, plots={"initializers": [next(iter(models))]})
+    found = small_results(
+        names, False, initializers=models, plots={"initializers": [next(iter(models))]}
+    )
     for what in draw(st.sets(st.sampled_from(sorted(STRANGE)), max_size=3)):
         found = STRANGE[what](found)
     return found
 
 
-@settings(max_examples=3, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate],
-          suppress_health_check=list(HealthCheck))  # fmt: skip
+@settings(
+    max_examples=3,
+    deadline=None,
+    derandomize=True,
+    phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
 @given(found=strange())
-@example(found=few_results(studies=False, names=("es", "mean")))  # without Xavier to compare them with
-def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFactory, found: data.Results) -> None:
+# without Xavier to compare them with
+@example(found=few_results(studies=False, names=("es", "mean")))
+def test_strange_results_make_a_whole_report(
+    tmp_path_factory: pytest.TempPathFactory, found: data.Results
+) -> None:
     written(tmp_path_factory.mktemp("report"), found)
 
 
-@pytest.mark.parametrize("what", ["there are no queries", "a paper that states nothing", "studies without rows"])
+@pytest.mark.parametrize(
+    "what", ["there are no queries", "a paper that states nothing", "studies without rows"]
+)
 def test_analyses_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
     assert "–" in words(written(tmp_path, STRANGE[what](few_results())))
 
@@ -83,9 +105,16 @@ def noisy(found: data.Results, size: float) -> data.Results:
     rng = np.random.default_rng(5)
 
     def change(frame: pd.DataFrame) -> pd.DataFrame:
-        columns = [name for name in frame if str(name).startswith(("mrr", "valid_mrr")) or name in ("x", "y")]
+        columns = [
+            name
+            for name in frame
+            if str(name).startswith(("mrr", "valid_mrr")) or name in ("x", "y")
+        ]
         return frame.assign(
-            **{str(name): frame[name] * (1 + size * rng.uniform(-1, 1, len(frame))) for name in columns}
+            **{
+                str(name): frame[name] * (1 + size * rng.uniform(-1, 1, len(frame)))
+                for name in columns
+            }
         )
 
     return changed(found, change)
@@ -95,12 +124,15 @@ def lines(folder: Path) -> dict[tuple[str, int], str]:
     """All lines of the text files of a report, by file and line number."""
     return {
         (str(path.relative_to(folder)), number): line
-        for path in sorted(folder.rglob("*.*")) if path.suffix != ".png"
+        for path in sorted(folder.rglob("*.*"))
+        if path.suffix != ".png"
         for number, line in enumerate(path.read_text("utf-8").splitlines())
-    }  # fmt: skip
+    }
 
 
-def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_roundings(tmp_path: Path) -> None:
+def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_roundings(
+    tmp_path: Path,
+) -> None:
     plain = few_results()
     folders = [tmp_path / name for name in ("plain", "little", "more")]
     with svg_alone():
@@ -135,7 +167,9 @@ def test_the_papers_values_are_refused_in_one_line_where_it_is_broken(
     path = tmp_path / f"{name}.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(InputError) as refused:
-        paper_values.read(path, paper_values.VALUES if name == "values" else paper_values.VOCABULARY)
+        paper_values.read(
+            path, paper_values.VALUES if name == "values" else paper_values.VOCABULARY
+        )
     assert str(path) in str(refused.value)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -144,7 +178,10 @@ def test_the_papers_values_are_refused_in_one_line_where_it_is_broken(
 def test_any_part_of_the_papers_values_may_be_missing(tmp_path: Path) -> None:
     whole = yaml.safe_load((ROOT / paths.PAPER).read_text("utf-8"))
     plain, path = small_results(["home"], studies=False), tmp_path / "values.yaml"
-    names = {part: [None, *(values if isinstance(values, dict) else [])] for part, values in whole.items()}
+    names = {
+        part: [None, *(values if isinstance(values, dict) else [])]
+        for part, values in whole.items()
+    }
     for key, within in ((part, name) for part in names for name in names[part]):
         less = {**whole, key: {**whole[key], within: None} if within else None}
         path.write_text(yaml.safe_dump(less), "utf-8")

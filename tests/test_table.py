@@ -29,7 +29,10 @@ EXPECTED = [
     (None, None, None, "TVStand", "hasMaterial", "wood", 2),
 ]
 COLUMNS = ("scene", "room", "instance", *TRIPLE, "count")
-HOMELY = {"atLocation": {"head": "thing", "tail": "place"}, "hasMaterial": {"head": "thing", "tail": "stuff"}}
+HOMELY = {
+    "atLocation": {"head": "thing", "tail": "place"},
+    "hasMaterial": {"head": "thing", "tail": "stuff"},
+}
 
 
 @pytest.fixture
@@ -45,7 +48,9 @@ def test_every_row_is_an_observation(log: Path) -> None:
 
 
 def test_forms_of_the_same_table_give_the_same(tmp_path: Path) -> None:
-    rows = pd.DataFrame([line.split(",") for line in LOG.splitlines()[1:]], columns=LOG.splitlines()[0].split(","))
+    rows = pd.DataFrame(
+        [line.split(",") for line in LOG.splitlines()[1:]], columns=LOG.splitlines()[0].split(",")
+    )
     as_parquet = rows.replace("", None).astype({"count": "int16", "head": "category"})
     as_parquet.to_parquet(tmp_path / "log.parquet", index=False)
     others = [
@@ -64,7 +69,9 @@ def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_p
     assert observe("table", path).rows(*TRIPLE, "count") == [("c", "d", "a, b", 1)]
 
 
-def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_table_is_read_chunk_by_chunk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("isi.sources.CHUNK", 500)
     monkeypatch.setattr("isi.sources.readers.BATCH", 500)
     path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * 10_001 + "a,r\n")
@@ -75,7 +82,9 @@ def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path, monkeypatch: pytest
 
 
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S"])
-NAMES = st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
+NAMES = (
+    st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
+)
 
 
 @given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
@@ -90,10 +99,17 @@ def test_names_of_any_script_come_through(
 # How entities are named
 
 
-def test_without_more_all_entities_are_of_one_kind_and_their_phrases_are_the_words_of_their_names(log: Path) -> None:
+def test_without_more_all_entities_are_of_one_kind_and_their_phrases_are_the_words_of_their_names(
+    log: Path,
+) -> None:
     observed = observe("table", log)
     assert set(observed.kind_of().values()) == {"entity"}
-    assert observed.phrase_of() == {"TVStand": "tv stand", "kitchen": "kitchen", "mug": "mug", "wood": "wood"}
+    assert observed.phrase_of() == {
+        "TVStand": "tv stand",
+        "kitchen": "kitchen",
+        "mug": "mug",
+        "wood": "wood",
+    }
     assert [phrase(name) for name in ("side_table", "_", "Ölfaß")] == ["side table", "_", "ölfaß"]
 
 
@@ -109,11 +125,22 @@ def test_rooms_of_homes_are_the_names_in_their_column(log: Path) -> None:
 
 def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) -> None:
     listed = written(
-        tmp_path / "names.tsv", "entity\tkind\tphrase\nmug\tcup\tcoffee mug\nkitchen\t\tgalley\nunseen\tx\t\n"
+        tmp_path / "names.tsv",
+        "entity\tkind\tphrase\nmug\tcup\tcoffee mug\nkitchen\t\tgalley\nunseen\tx\t\n",
     )
     observed = observe("table", log, kinds=HOMELY, entities=str(listed))
-    assert observed.kind_of() == {"TVStand": "thing", "kitchen": "place", "mug": "cup", "wood": "stuff"}
-    assert observed.phrase_of() == {"TVStand": "tv stand", "kitchen": "galley", "mug": "coffee mug", "wood": "wood"}
+    assert observed.kind_of() == {
+        "TVStand": "thing",
+        "kitchen": "place",
+        "mug": "cup",
+        "wood": "stuff",
+    }
+    assert observed.phrase_of() == {
+        "TVStand": "tv stand",
+        "kitchen": "galley",
+        "mug": "coffee mug",
+        "wood": "wood",
+    }
 
 
 # What is refused
@@ -127,7 +154,10 @@ def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) ->
         ({"relation": ["b"], "tail": [["c"]]}, ["Parquet table"]),
         ({"relation": ["b"], "tail": [None]}, ["row 1", "got none"]),
         ({"relation": ["b"], "tail": pa.array([None], pa.string())}, ["row 1", "got none"]),
-        ({"relation": ["b"], "tail": ["c"], "count": pa.array([None], pa.int8())}, ["row 1", "count"]),
+        (
+            {"relation": ["b"], "tail": ["c"], "count": pa.array([None], pa.int8())},
+            ["row 1", "count"],
+        ),
         ({"relation": ["b"], "tail": ["c"], "count": [-1]}, ["row 1", "from 1"]),
     ],
 )
@@ -143,15 +173,24 @@ def test_a_broken_parquet_table_is_refused_by_its_row(
 
 @pytest.mark.parametrize(
     ("field", "name"),
-    [('"Weird Al" poster', '"Weird Al" poster'), ('5" pipe', '5" pipe'), ('"open quote', '"open quote'),
-     ('"mug"', '"mug"'), ('"tv 55"" "', 'tv 55"'), ('"""Weird Al"" poster"', '"Weird Al" poster')],
-)  # fmt: skip
+    [
+        ('"Weird Al" poster', '"Weird Al" poster'),
+        ('5" pipe', '5" pipe'),
+        ('"open quote', '"open quote'),
+        ('"mug"', '"mug"'),
+        ('"tv 55"" "', 'tv 55"'),
+        ('"""Weird Al"" poster"', '"Weird Al" poster'),
+    ],
+)
 def test_quotes_are_text_where_tabs_part_columns_unless_pandas_has_doubled_them(
     tmp_path: Path, field: str, name: str
 ) -> None:
     for header in ("head\trelation\ttail\n", ""):
         path = written(tmp_path / "a.tsv", f"{header}{field}\tat\tkitchen\nmug\tat\tkitchen\n")
-        assert observe("table", path).rows(*TRIPLE) == [(name, "at", "kitchen"), ("mug", "at", "kitchen")]
+        assert observe("table", path).rows(*TRIPLE) == [
+            (name, "at", "kitchen"),
+            ("mug", "at", "kitchen"),
+        ]
 
 
 @given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
@@ -169,7 +208,9 @@ def test_a_table_of_tabs_whose_header_is_quoted_is_quoted(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("file", ["train.txt", "a.tsv", "A.TSV", "a.CSV", "a.Txt", "a.CSV.GZ"])
-def test_three_columns_without_a_header_are_a_triple_and_suffixes_have_any_case(tmp_path: Path, file: str) -> None:
+def test_three_columns_without_a_header_are_a_triple_and_suffixes_have_any_case(
+    tmp_path: Path, file: str
+) -> None:
     rows = [("mug", "isA", "object"), ("head", "at", "kitchen")]
     separator = "," if "csv" in file.lower() else "\t"
     content = "".join(separator.join(row) + "\n" for row in rows).encode()
@@ -188,11 +229,16 @@ def test_columns_have_any_case(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "content", "remedy"),
-    [("a.csv", "subject,object,predicate\na,b,c\n", "add the line head,relation,tail"),
-     ("a.csv", "from,to,rel\na,b,c\n", "add the line head,relation,tail"), ("a.csv", "0,1,2\na,b,c\n", "0"),
-     ("a.csv", "a;at;b\n", "write , between columns"), ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
-     ("a.csv", "a,at,b,3\n", "add the line head,relation,tail"), ("a.csv", "", "line 1")],
-)  # fmt: skip
+    [
+        ("a.csv", "subject,object,predicate\na,b,c\n", "add the line head,relation,tail"),
+        ("a.csv", "from,to,rel\na,b,c\n", "add the line head,relation,tail"),
+        ("a.csv", "0,1,2\na,b,c\n", "0"),
+        ("a.csv", "a;at;b\n", "write , between columns"),
+        ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
+        ("a.csv", "a,at,b,3\n", "add the line head,relation,tail"),
+        ("a.csv", "", "line 1"),
+    ],
+)
 def test_a_table_with_another_header_is_refused_with_a_remedy(
     tmp_path: Path, file: str, content: str, remedy: str
 ) -> None:
@@ -201,7 +247,11 @@ def test_a_table_with_another_header_is_refused_with_a_remedy(
 
 def test_a_line_that_is_too_long_and_a_missing_file_are_called_so(tmp_path: Path) -> None:
     long = "head,relation,tail\na,at,b\na,at," + "x" * 2**20
-    refused("table", written(tmp_path / "a.csv", long), ["a.csv: line 3", "line longer than 1,048,576 bytes"])
+    refused(
+        "table",
+        written(tmp_path / "a.csv", long),
+        ["a.csv: line 3", "line longer than 1,048,576 bytes"],
+    )
     refused("table", tmp_path / "nope.csv", ["nope.csv: no such file"])
     refused("rooms", tmp_path / "nope.json", ["nope.json: no such file"])
     refused("rdf", tmp_path / "nope.nt", ["nope.nt: no such file"])
@@ -220,4 +270,9 @@ def test_names_of_the_table_of_entities_that_match_nothing_are_counted(tmp_path:
     observed = observe("table", path, entities=str(listed))
     assert observed.counts == {f"{UNMATCHED}: Mugg, cup": 2}
     assert observed.phrase_of() == {"mug": "mug", "kitchen": "galley"}
-    refused("table", path, ["Mugg"], entities=str(written(tmp_path / "f.csv", "entity,phrase\nMugg,big mug\n")))
+    refused(
+        "table",
+        path,
+        ["Mugg"],
+        entities=str(written(tmp_path / "f.csv", "entity,phrase\nMugg,big mug\n")),
+    )

@@ -59,13 +59,19 @@ def test_bytes_do_not_depend_on_chunks_or_categories(tmp_path: Path, cut: int, k
     ENTITIES.write_file(tmp_path / "whole.parquet", rows, MADE)
     ENTITIES.write_file(tmp_path / "parts.parquet", pd.concat(parts), MADE)
     assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
-    assert plain(ENTITIES.read_file(tmp_path / "parts.parquet")) == list(rows.itertuples(index=False, name=None))
+    assert plain(ENTITIES.read_file(tmp_path / "parts.parquet")) == list(
+        rows.itertuples(index=False, name=None)
+    )
 
 
 def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
-    plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
+    plain_strings = pa.table(
+        {"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]}
+    )
     pq.write_table(plain_strings, tmp_path / "entities.parquet")
-    assert plain(ENTITIES.read_file(tmp_path / "entities.parquet")) == [("mug", "object", "x", "mug")]
+    assert plain(ENTITIES.read_file(tmp_path / "entities.parquet")) == [
+        ("mug", "object", "x", "mug")
+    ]
 
 
 def part(*entities: str) -> pd.DataFrame:
@@ -76,7 +82,11 @@ def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path:
     parts = [part("mug", "bed"), part("cup", "sofa", "fan"), part("tap")]
     assert KINDS.write_parts(tmp_path / "t.parquet", iter(parts), MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
-    assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
+    assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [
+        2,
+        3,
+        1,
+    ]
     KINDS.write_file(tmp_path / "whole.parquet", pd.concat(parts), MADE)
     whole = KINDS.read_file(tmp_path / "whole.parquet")
     pd.testing.assert_frame_equal(KINDS.read_file(tmp_path / "t.parquet"), whole)
@@ -113,7 +123,10 @@ def test_equal_tensors_are_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_a_missing_column_and_a_missing_tensor_are_named(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"size": pa.array([1], pa.int32()), "seed": pa.array([1], pa.int32())}), tmp_path / "t")
+    pq.write_table(
+        pa.table({"size": pa.array([1], pa.int32()), "seed": pa.array([1], pa.int32())}),
+        tmp_path / "t",
+    )
     with pytest.raises(InputError, match=rf"{tmp_path / 't'}: column 'entity': missing"):
         NOVEL.read_file(tmp_path / "t")
     io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
@@ -123,7 +136,12 @@ def test_a_missing_column_and_a_missing_tensor_are_named(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("column", "kind", "content"),
-    [("count", "int64", [1]), ("count", "double", [1.0]), ("count", "string", ["1"]), ("head", "int32", [1])],
+    [
+        ("count", "int64", [1]),
+        ("count", "double", [1.0]),
+        ("count", "string", ["1"]),
+        ("head", "int32", [1]),
+    ],
 )
 def test_a_column_of_another_type_is_named_with_both_types(
     tmp_path: Path, column: str, kind: str, content: list[Any]
@@ -131,8 +149,13 @@ def test_a_column_of_another_type_is_named_with_both_types(
     TRIPLES.write_file(tmp_path / "t.parquet", rows_of(TRIPLES)[:1], MADE)
     table = pq.read_table(tmp_path / "t.parquet")
     place = table.schema.get_field_index(column)
-    pq.write_table(table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))), tmp_path / "t.parquet")
-    with pytest.raises(InputError, match=rf"t\.parquet: column '{column}': expected .*(int32|string).*, got {kind}"):
+    pq.write_table(
+        table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))),
+        tmp_path / "t.parquet",
+    )
+    with pytest.raises(
+        InputError, match=rf"t\.parquet: column '{column}': expected .*(int32|string).*, got {kind}"
+    ):
         TRIPLES.read_file(tmp_path / "t.parquet")
 
 
@@ -154,7 +177,10 @@ def test_tensors_come_back_as_they_were_written_even_views(tmp_path: Path) -> No
 
 def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Path) -> None:
     before = novel(tmp_path / "novel.parquet").read_bytes()
-    for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]}):
+    for unfit in (
+        {"size": [1], "seed": [0]},
+        {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]},
+    ):
         with pytest.raises((KeyError, pa.ArrowException)):
             NOVEL.write_file(tmp_path / "novel.parquet", pd.DataFrame(unfit), MADE)
     assert (tmp_path / "novel.parquet").read_bytes() == before
@@ -181,14 +207,21 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "t.safetensors"
     io.write_tensors(path, {"entity": torch.ones(3)}, MADE)
-    with pytest.raises(InputError, match=r"tensor 'entity': expected a type that NumPy has, got torch\.bfloat16"):
+    with pytest.raises(
+        InputError, match=r"tensor 'entity': expected a type that NumPy has, got torch\.bfloat16"
+    ):
         io.write_tensors(path, {"entity": torch.ones(3).bfloat16()}, MADE)
     assert torch.equal(io.read_tensors(path, ["entity"])["entity"], torch.ones(3))
     assert names(tmp_path) == ["t.safetensors"]
 
 
 def test_keep_only_removes_files_of_earlier_and_killed_runs_but_no_folder(tmp_path: Path) -> None:
-    for name in ("size=01.safetensors", "size=02.safetensors", "size=10.safetensors", ".size=01.safetensors.7.tmp"):
+    for name in (
+        "size=01.safetensors",
+        "size=02.safetensors",
+        "size=10.safetensors",
+        ".size=01.safetensors.7.tmp",
+    ):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "folder").mkdir()
     io.keep_only(tmp_path, [tmp_path / "size=01.safetensors", tmp_path / "size=02.safetensors"])

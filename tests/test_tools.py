@@ -30,10 +30,16 @@ ROOT = Path(__file__).parent.parent
 
 @pytest.mark.parametrize(
     "gone",
-    [[], ["initializers.gaussian", "initializers.mean"], ["experiments.published", "sources.published"]],
+    [
+        [],
+        ["initializers.gaussian", "initializers.mean"],
+        ["experiments.published", "sources.published"],
+    ],
     ids=["nothing", "initializers", "an experiment"],
 )
-def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: Path, gone: list[str]) -> None:
+def test_the_quick_grid_fits_params_from_which_something_was_left_out(
+    tmp_path: Path, gone: list[str]
+) -> None:
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     workspace.change_all(params, dict.fromkeys(gone, workspace.DROP))
     workspace.change_all(params, workspace.QUICK)
@@ -46,7 +52,10 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: 
 
 def of_run(**novel: float) -> dict[str, Any]:
     """Headline numbers of a run, with another experiment in it."""
-    part = {"immediate_mrr_star": {"novel": novel}, "epochs_to_convergence": {"all": {"xavier": 12.0}}}
+    part = {
+        "immediate_mrr_star": {"novel": novel},
+        "epochs_to_convergence": {"all": {"xavier": 12.0}},
+    }
     return part | {"away": part}
 
 
@@ -60,17 +69,21 @@ def test_the_headline_says_what_changed_since_the_last_run_with_other_numbers(
         (tmp_path / "reports/metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
         headline.main(tmp_path / "reports")
         lines = map(str.split, capsys.readouterr().out.splitlines())
-        return [line for line in lines if line and line[0] in ("xavier", "es") and line[1][0] in "+-"]
+        return [
+            line for line in lines if line and line[0] in ("xavier", "es") and line[1][0] in "+-"
+        ]
 
     assert changes(of_run(xavier=47.5, es=64.81)) == []
-    two = [["es", "-0.76"], ["es", "-0.76"]]  # of each experiment, without the model that stayed or its epochs
+    # of each experiment, without the model that stayed or its epochs
+    two = [["es", "-0.76"], ["es", "-0.76"]]
     assert changes(of_run(xavier=47.5, es=64.05)) == two
     assert changes(of_run(xavier=47.5, es=64.05)) == two  # nothing ran
     assert changes(of_run(xavier=47.5)) == []  # what is in one alone
     assert changes(of_run(xavier=47.75)) == [["xavier", "+0.25"]] * 2
     (tmp_path / headline.KEPT).write_text("[{", encoding="utf-8")
     assert changes(of_run(xavier=48.0)) == []
-    assert changes({"immediate_mrr_star": {"novel": {"xavier": 49.0}}}) == [["xavier", "+1.00"]]  # the other is gone
+    # the other is gone
+    assert changes({"immediate_mrr_star": {"novel": {"xavier": 49.0}}}) == [["xavier", "+1.00"]]
 
 
 def test_a_params_file_that_was_edited_in_a_workspace_stays(
@@ -83,12 +96,17 @@ def test_a_params_file_that_was_edited_in_a_workspace_stays(
     def indicators(**changes: Any) -> tuple[int, bool]:
         """k of ES, and whether a line says that the file stays."""
         capsys.readouterr()
-        workspace.make_checked(tmp_path, {f"initializers.es.{key}": value for key, value in changes.items()})
+        workspace.make_checked(
+            tmp_path, {f"initializers.es.{key}": value for key, value in changes.items()}
+        )
         return load(path).initializers["es"]["k"], bool(capsys.readouterr().out)
 
     assert indicators(k=4) == (4, False)
     assert indicators() == (8, False)
-    path.write_text(path.read_text(encoding="utf-8").replace("candidates: 30", "candidates: 29"), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("candidates: 30", "candidates: 29"),
+        encoding="utf-8",
+    )
     assert indicators() == (8, True)
     assert indicators(k=5) == (5, True)
     before = path.read_bytes()
@@ -107,9 +125,15 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
     listed = {"verify": {"tools.recomputed"}, "recomputed": set()}
     for name, allowed in listed.items():
         nodes = list(ast.walk(ast.parse((ROOT / f"tools/{name}.py").read_text(encoding="utf-8"))))
-        imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+        imported = {
+            alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names
+        }
         imported |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
-        assert {module for module in imported if module.split(".")[0] in ("isi", "stages", "tools", "tests")} == allowed
+        assert {
+            module
+            for module in imported
+            if module.split(".")[0] in ("isi", "stages", "tools", "tests")
+        } == allowed
         assert not {module.split(".")[0] for module in imported} & {"torch", "pandas", "importlib"}
 
 
@@ -119,13 +143,23 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
         ("Running stage 'train_joint@published':", "train_joint@published", True),
         ("Running stage 'beyond/dvc.yaml:vary@insert_triples_0':", "vary@insert_triples_0", True),
         ("Stage 'mine@ai2thor' didn't change, skipping", "mine@ai2thor", False),
-        ("Stage 'beyond/dvc.yaml:vary@insert_triples_0' didn't change, skipping", "vary@insert_triples_0", False),
-        ("Stage 'beyond/dvc.yaml:vary@a' is cached - skipping run, checking out outputs", "vary@a", False),
+        (
+            "Stage 'beyond/dvc.yaml:vary@insert_triples_0' didn't change, skipping",
+            "vary@insert_triples_0",
+            False,
+        ),
+        (
+            "Stage 'beyond/dvc.yaml:vary@a' is cached - skipping run, checking out outputs",
+            "vary@a",
+            False,
+        ),
         ("> exec python -m stages.vary insert_triples_0", None, None),
         ("Updating lock file 'beyond/dvc.lock'", None, None),
     ],
 )
-def test_what_dvc_says_names_a_stage_of_either_pipeline(line: str, stage: str | None, runs: bool | None) -> None:
+def test_what_dvc_says_names_a_stage_of_either_pipeline(
+    line: str, stage: str | None, runs: bool | None
+) -> None:
     match = repro.BEGINS.match(line)
     assert (match and (match["stage"] or match["same"])) == stage
     assert (match and bool(match["stage"])) == runs
@@ -149,14 +183,23 @@ stages:
 @pytest.mark.parametrize(
     ("before", "left", "whole"),
     [
-        (LOCK, 0, False), (LOCK, 30, False), (LOCK, LOCK.index("  report"), False), (LOCK, len(LOCK), True),
-        (None, 0, False), (None, 30, False), (None, len(LOCK), True),
+        (LOCK, 0, False),
+        (LOCK, 30, False),
+        (LOCK, LOCK.index("  report"), False),
+        (LOCK, len(LOCK), True),
+        (None, 0, False),
+        (None, 30, False),
+        (None, len(LOCK), True),
     ],
-)  # fmt: skip
+)
 def test_a_lock_file_that_was_cut_short_is_as_before_and_a_whole_one_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], before: str | None, left: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    before: str | None,
+    left: int,
     whole: bool,
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / ".dvc/tmp").mkdir(parents=True)
     path, now = tmp_path / "dvc.lock", LOCK.replace("4428", "4429")
@@ -202,10 +245,17 @@ def test_half_of_the_training_triples_of_hidden_entities_are_insert_triples() ->
         assert session == 1
         assert pseudo.splits[model, triple] == TRAIN
         assert pseudo.novel[model, 0, place] in (head, tail)
-    number, ends = pd.DataFrame(pseudo.insert_triples).groupby([1, 2]).size(), pseudo.graph.triples[:, [0, 2]].numpy()
+    number, ends = (
+        pd.DataFrame(pseudo.insert_triples).groupby([1, 2]).size(),
+        pseudo.graph.triples[:, [0, 2]].numpy(),
+    )
     for (model, place), count in number.items():  # type: ignore[misc]
         of_entity = (ends == pseudo.novel[model, 0, place]).any(1)
-        usable = of_entity & (np.isin(ends, pseudo.novel[model, 0]).sum(1) == 1) & (pseudo.splits[model] == TRAIN)
+        usable = (
+            of_entity
+            & (np.isin(ends, pseudo.novel[model, 0]).sum(1) == 1)
+            & (pseudo.splits[model] == TRAIN)
+        )
         assert count == max(1, usable.sum() // 2)
 
 
@@ -237,11 +287,16 @@ DATA = (
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """WordNet's files for nouns: ``mug`` with two senses; the second is also the only sense of ``cup``."""
+    """WordNet's files for nouns: ``mug`` with two senses;
+    the second is also the only sense of ``cup``.
+    """
     offsets = [DATA.index(start) for start in ("00000051", "00000087")]
     (tmp_path / "data.noun").write_text(DATA, encoding="latin-1")
     (tmp_path / "index.noun").write_text(
-        f"  1 A licence.\ncup n 1 0 1 0 {offsets[1]:08d}  \nmug n 2 1 @ 2 1 {offsets[0]:08d} {offsets[1]:08d}  \n",
+        (
+            f"  1 A licence.\ncup n 1 0 1 0 {offsets[1]:08d}  \n"
+            f"mug n 2 1 @ 2 1 {offsets[0]:08d} {offsets[1]:08d}  \n"
+        ),
         encoding="latin-1",
     )
     return tmp_path
@@ -249,13 +304,21 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("synset", "expected"),
-    [("mug.n.01", "a face"), ("mug.n.02", "with a handle; holds tea"), ("cup.n.01", "with a handle; holds tea")],
+    [
+        ("mug.n.01", "a face"),
+        ("mug.n.02", "with a handle; holds tea"),
+        ("cup.n.01", "with a handle; holds tea"),
+    ],
 )
-def test_a_definition_is_the_gloss_of_a_sense_without_its_examples(folder: Path, synset: str, expected: str) -> None:
+def test_a_definition_is_the_gloss_of_a_sense_without_its_examples(
+    folder: Path, synset: str, expected: str
+) -> None:
     assert wordnet.definition(folder, synset) == expected
 
 
-@pytest.mark.parametrize("synset", ["mug.n.03", "mug.n.00", "jug.n.01", "mug", "mug.x.01", "mug.n.1"])
+@pytest.mark.parametrize(
+    "synset", ["mug.n.03", "mug.n.00", "jug.n.01", "mug", "mug.x.01", "mug.n.1"]
+)
 def test_a_sense_that_wordnet_lacks_is_refused(folder: Path, synset: str) -> None:
     with pytest.raises(InputError, match=rf"wordnet\.csv: synset '{synset}'"):
         wordnet.definition(folder, synset)
@@ -274,13 +337,17 @@ def test_the_shipped_phrases_of_wordnet_are_whole_and_have_vectors_of_unit_lengt
 
 
 def test_options_in_params_are_compared_first_and_once() -> None:
-    settings = settings_of(["mean", "class_noise"], {"class_noise": {"fraction": 0.25}, "es": {"k": 8}})
+    settings = settings_of(
+        ["mean", "class_noise"], {"class_noise": {"fraction": 0.25}, "es": {"k": 8}}
+    )
     assert settings[:2] == [("mean", {}), ("class_noise", {"fraction": 0.25})]
     assert [options["fraction"] for _, options in settings[1:]] == [0.25, 0.1, 0.5, 1.0]
 
 
 def test_the_comparison_of_hidden_entities_by_hand() -> None:
-    """Differences of known ends .1, .2 and .3: mean .2, half width 4.303 · .1 / √3 = .248, so not significant."""
+    """Differences of known ends .1, .2 and .3:
+    mean .2, half width 4.303 · .1 / √3 = .248, so not significant.
+    """
     pytest.importorskip("pykeen")
     from tools.hidden import by_seed, interval, loss, summary
 
@@ -291,8 +358,13 @@ def test_the_comparison_of_hidden_entities_by_hand() -> None:
                 ("insert", told, seed, "known", default),
                 ("insert", told, seed, "earlier", 0.4 + 0.05 * (not told)),
             ]
-        rows += [("retrained", None, seed, "known", again), ("retrained", None, seed, "earlier", 0.5)]
-    results = pd.DataFrame(rows, columns=["method", "told", "seed", "asked", "mrr"]).astype({"told": "Int64"})
+        rows += [
+            ("retrained", None, seed, "known", again),
+            ("retrained", None, seed, "earlier", 0.5),
+        ]
+    results = pd.DataFrame(rows, columns=["method", "told", "seed", "asked", "mrr"]).astype(
+        {"told": "Int64"}
+    )
     mrr = by_seed(results)
     mean, half = interval(mrr.loc["insert"]["all", "known"] - mrr.loc["retrained"]["all", "known"])
     assert (mean, half) == pytest.approx((0.2, 0.2484), abs=1e-4)

@@ -1,4 +1,6 @@
-"""``isi train``: the choice of a model, its measures beside simple ones, and the bundle that the command writes."""
+"""``isi train``: the choice of a model, its measures beside simple ones,
+and the bundle that the command writes.
+"""
 
 import json
 import shlex
@@ -40,7 +42,17 @@ from tests.documented import DOCS
 from tests.small_graphs import graph_of, points_of, random_graph
 
 EXAMPLES = DOCS.parent / "examples"
-BLOCKED = "numba", "gensim", "pyarrow", "dvc", "rdflib", "pykeen", "procthor", "ai2thor", "matplotlib"
+BLOCKED = (
+    "numba",
+    "gensim",
+    "pyarrow",
+    "dvc",
+    "rdflib",
+    "pykeen",
+    "procthor",
+    "ai2thor",
+    "matplotlib",
+)
 
 
 def home() -> pd.DataFrame:
@@ -48,7 +60,9 @@ def home() -> pd.DataFrame:
 
 
 def named(heads: int, seed: int, random: bool) -> list[tuple[str, str, str]]:
-    """Triples of two kinds of things, which have each place and use of their kind; or as many at random."""
+    """Triples of two kinds of things, which have each place and use of their kind;
+    or as many at random.
+    """
     rng, triples = np.random.default_rng(seed), list[tuple[str, str, str]]()
     for head in range(heads):
         for relation in ("in", "for"):
@@ -62,8 +76,11 @@ def named(heads: int, seed: int, random: bool) -> list[tuple[str, str, str]]:
 def test_a_tiny_graph_has_the_ranks_that_a_hand_computes() -> None:
     graph = graph_of({(0, 0, 1): 1, (0, 0, 2): 1, (3, 0, 1): 1}, 4, 1)
     queries = queries_of(graph, torch.tensor([[2]]))
-    # (?, 0, 1): answer 3 has no triple in train, as 1 and 2; (3, 0, ?): answer 1 has one, as 2; 0 and 3 have none
-    ranks = reciprocal_ranks(queries, frequencies(graph, torch.tensor([True, True, False]), queries))
+    # (?, 0, 1): answer 3 has no triple in train, as 1 and 2; (3, 0, ?): answer 1 has one, as 2; 0
+    # and 3 have none
+    ranks = reciprocal_ranks(
+        queries, frequencies(graph, torch.tensor([True, True, False]), queries)
+    )
     assert ranks.tolist() == pytest.approx([1 / 2, 1 / 1.5])
     assert random_ranks(~queries.right, queries).tolist() == pytest.approx(
         [(1 + 1 / 2 + 1 / 3) / 3, (1 + 1 / 2 + 1 / 3 + 1 / 4) / 4]
@@ -84,7 +101,9 @@ def test_measures_agree_with_brute_force() -> None:
             wrong = [other for other in others if tuple(other) not in known]
             own = numbers[slot, triple[1], triple[slot]]
             counts = [numbers[slot, triple[1], other[slot]] for other in wrong]
-            by_frequency.append(1 / (1 + sum(count > own for count in counts) + counts.count(own) / 2))
+            by_frequency.append(
+                1 / (1 + sum(count > own for count in counts) + counts.count(own) / 2)
+            )
             at_random.append(np.mean(1 / (1 + rng.integers(0, len(wrong) + 1, 20_000))))
     ranks = reciprocal_ranks(queries, frequencies(graph, trained, queries))
     assert ranks.tolist() == pytest.approx(by_frequency)
@@ -112,8 +131,11 @@ def random_pairs(seed: int) -> Named:
     """150 random triples of each of two relations between 40 entities."""
     rng = np.random.default_rng(seed)
     ids = [rng.choice(40 * 40, 150, replace=False) for _ in range(2)]
-    return [(f"e{pair // 40}", "r0" if first else "r1", f"e{pair % 40}")
-            for first, part in zip((True, False), ids, strict=True) for pair in part.tolist()]  # fmt: skip
+    return [
+        (f"e{pair // 40}", "r0" if first else "r1", f"e{pair % 40}")
+        for first, part in zip((True, False), ids, strict=True)
+        for pair in part.tolist()
+    ]
 
 
 def inverse(triples: Named) -> Named:
@@ -143,7 +165,9 @@ def test_triples_that_repeat_each_other_have_one_split(
 ) -> None:
     graph = graph_of_named(more(random_pairs(0)))
     repeated = repeated_relations(graph)
-    assert [[graph.relations[relation] for relation in together] for together in repeated] == expected
+    assert [
+        [graph.relations[relation] for relation in together] for together in repeated
+    ] == expected
     splits = held_out(graph, groups_of(graph, repeated), 0, 3)
     listed = graph.triples.tolist()
     for row in splits:
@@ -185,17 +209,26 @@ def test_relations_that_do_not_repeat_each_other_leave_every_triple_alone() -> N
 def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) -> None:
     tables = tables_of(home())
     for name in "ab":
-        bundle, summary = train_bundle(tables, model="analogy", learning_rate=0.1, dimension=32, budget=1)
+        bundle, summary = train_bundle(
+            tables, model="analogy", learning_rate=0.1, dimension=32, budget=1
+        )
         folder.write(tmp_path / name, bundle)
     assert {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()} == {
         path.name: path.read_bytes() for path in (tmp_path / "b").iterdir()
     }
-    assert (summary.entities, summary.relations, summary.triples, summary.observations) == (85, 3, 401, 480)
+    assert (summary.entities, summary.relations, summary.triples, summary.observations) == (
+        85,
+        3,
+        401,
+        480,
+    )
     assert summary.mrr is not None and summary.frequency is not None and summary.chance is not None  # noqa: PT018
     assert summary.mrr > summary.frequency + 0.1 > summary.frequency > summary.chance
     assert summary.batch_size == 48
     assert summary.warning is None
-    other, _ = train_bundle(tables, model="analogy", learning_rate=0.1, dimension=32, budget=1, seed=1)
+    other, _ = train_bundle(
+        tables, model="analogy", learning_rate=0.1, dimension=32, budget=1, seed=1
+    )
     assert not np.array_equal(other.entities, bundle.entities)
 
 
@@ -209,7 +242,9 @@ def test_what_can_be_learned_is_and_what_is_random_warns() -> None:
 
 
 def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measured() -> None:
-    bundle, summary = train_bundle(tables_of([("cup", "in", "kitchen"), ("bed", "in", "bedroom")]), dimension=8)
+    bundle, summary = train_bundle(
+        tables_of([("cup", "in", "kitchen"), ("bed", "in", "bedroom")]), dimension=8
+    )
     assert bundle.entities.shape == (4, 8)
     assert summary.test_triples == 0
     assert summary.mrr is None
@@ -218,7 +253,9 @@ def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measu
 
 def test_forms_of_triples_give_the_same_graph() -> None:
     rows = [("cup", "in", "kitchen"), ("bed", "in", "bedroom"), ("cup", "in", "kitchen")]
-    frame = pd.DataFrame({"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"})
+    frame = pd.DataFrame(
+        {"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"}
+    )
     mapping = {"cup": {"in": "kitchen"}, "bed": {"in": ["bedroom"]}}
     listed = tables_of(rows)
     for form in (np.array(rows), frame):
@@ -233,7 +270,10 @@ def test_forms_of_triples_give_the_same_graph() -> None:
         ([("cup", "in", "kitchen"), ("cup", "in", "")], "triple 1"),
         ([("cup", "in", 5)], "triple 0"),
         ([], ""),
-        (pd.DataFrame({"head": ["cup"], "relation": ["in"], "tail": ["kitchen"], "count": [0]}), "count"),
+        (
+            pd.DataFrame({"head": ["cup"], "relation": ["in"], "tail": ["kitchen"], "count": [0]}),
+            "count",
+        ),
     ],
 )
 def test_wrong_triples_are_named(triples: object, place: str) -> None:
@@ -244,7 +284,13 @@ def test_wrong_triples_are_named(triples: object, place: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"model": "analgy"}, {"dimension": 30, "model": "analogy"}, {"budget": 0}, {"learning_rate": -1.0}]
+    "wrong",
+    [
+        {"model": "analgy"},
+        {"dimension": 30, "model": "analogy"},
+        {"budget": 0},
+        {"learning_rate": -1.0},
+    ],
 )
 def test_wrong_options_are_named(wrong: dict[str, float | str]) -> None:
     with pytest.raises(InputError, match=next(iter({"model"} & wrong.keys() or wrong))):
@@ -261,7 +307,16 @@ def test_the_command_writes_a_bundle_that_answers(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     kinds = str(EXAMPLES / "home_kinds.csv")
-    command = ["train", str(EXAMPLES / "home.csv"), "--kinds", kinds, "--out", "home", "--budget", "1"]
+    command = [
+        "train",
+        str(EXAMPLES / "home.csv"),
+        "--kinds",
+        kinds,
+        "--out",
+        "home",
+        "--budget",
+        "1",
+    ]
     main([*command, "--dimension", "32"])
     shown = capsys.readouterr().out
     assert "85 entities" in shown
@@ -279,14 +334,32 @@ def test_printed_commands_can_be_pasted(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names = 'the "$(touch made)" cup', "is in", "mother's kitchen"
-    frame = pd.DataFrame([names, (names[0], "near", names[2])], columns=["head", "relation", "tail"])
+    frame = pd.DataFrame(
+        [names, (names[0], "near", names[2])], columns=["head", "relation", "tail"]
+    )
     frame.to_csv("home.csv", index=False)
     kinds = pd.DataFrame({"entity": ["Mother's Kitchen", "mug"], "kind": ["room", "object"]})
     kinds.to_csv("kinds.csv", index=False)
     out = "new home/it's $HOME"
-    main(["train", "home.csv", "--kinds", "kinds.csv", "--out", out, "--dimension", "8", "--budget", "0.1"])
+    main(
+        [
+            "train",
+            "home.csv",
+            "--kinds",
+            "kinds.csv",
+            "--out",
+            out,
+            "--dimension",
+            "8",
+            "--budget",
+            "0.1",
+        ]
+    )
     shown = capsys.readouterr().out
-    assert "Warning: kinds.csv: 1 of 2 names match no entity ('mug'); 1 of 2 entities have no kind" in shown
+    assert (
+        "Warning: kinds.csv: 1 of 2 names match no entity ('mug'); 1 of 2 entities have no kind"
+        in shown
+    )
     ask, insert = (shlex.split(line) for line in shown.splitlines() if line.startswith("  isi "))
     assert ask == ["isi", "ask", *names[:2], "--embedding", out]
     assert insert == ["isi", "insert", "NEW NAME", "--fact", *names[1:], "--embedding", out]
@@ -295,9 +368,14 @@ def test_printed_commands_can_be_pasted(
 
 def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
     tables, path = tables_of([("cup", "in", "kitchen")]), tmp_path / "entities.csv"
-    path.write_text("entity,kind,phrase\nCup,object,\nkitchen,,the kitchen\nsofa,object,\n", "utf-8")
+    path.write_text(
+        "entity,kind,phrase\nCup,object,\nkitchen,,the kitchen\nsofa,object,\n", "utf-8"
+    )
     named, note = described(tables, path)
-    assert named.entities[["kind", "phrase"]].values.tolist() == [["object", "cup"], ["entity", "the kitchen"]]
+    assert named.entities[["kind", "phrase"]].values.tolist() == [
+        ["object", "cup"],
+        ["entity", "the kitchen"],
+    ]
     assert "1 of 3 names match no entity ('sofa')" in note
     assert "1 of 2 entities have no kind ('kitchen')" in note
     path.write_text("entity,kind\nsofa,object\n", "utf-8")
@@ -305,7 +383,12 @@ def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
         described(tables, path)
 
 
-HOMES = [("cup", "in", "kitchen"), ("Mug", "in", "kitchen"), ("mug", "in", "bedroom"), ("tea_pot", "in", "kitchen")]
+HOMES = [
+    ("cup", "in", "kitchen"),
+    ("Mug", "in", "kitchen"),
+    ("mug", "in", "bedroom"),
+    ("tea_pot", "in", "kitchen"),
+]
 
 
 @pytest.mark.parametrize(
@@ -315,7 +398,12 @@ HOMES = [("cup", "in", "kitchen"), ("Mug", "in", "kitchen"), ("mug", "in", "bedr
         ({"mug": "object", "MUG": "toy"}, {"mug": "object", "Mug": "toy"}, [], 4),
         ({"MUG": "object", "cup": "object"}, {"cup": "object"}, ["MUG"], 5),
         ({"cup": "object", "Cup": "toy", "Mugg": "object"}, {"cup": "object"}, ["Cup", "Mugg"], 5),
-        ({"Tea pot": "a", "tea-pot": "b", "cup": "object"}, {"cup": "object"}, ["Tea pot", "tea-pot"], 5),
+        (
+            {"Tea pot": "a", "tea-pot": "b", "cup": "object"},
+            {"cup": "object"},
+            ["Tea pot", "tea-pot"],
+            5,
+        ),
     ],
 )
 def test_kinds_are_matched_by_any_spelling_and_the_rest_is_named(
@@ -331,12 +419,19 @@ def test_kinds_are_matched_by_any_spelling_and_the_rest_is_named(
 
 
 @pytest.mark.parametrize("as_file", [False, True])
-def test_kinds_given_in_python_count_for_triples_and_for_a_file(tmp_path: Path, as_file: bool) -> None:
+def test_kinds_given_in_python_count_for_triples_and_for_a_file(
+    tmp_path: Path, as_file: bool
+) -> None:
     path = tmp_path / "home.csv"
     pd.DataFrame(HOMES, columns=["head", "relation", "tail"]).to_csv(path, index=False)
     options: dict[str, Any] = {"dimension": 8, "budget": 0.1}
-    with pytest.warns(UserWarning, match="kinds: 1 of 2 names match no entity.*'cupp'.*5 of 6 entities have no kind"):
-        home = isi.train(path if as_file else HOMES, kinds={"Kitchen": "room", "cupp": "object"}, **options)
+    with pytest.warns(
+        UserWarning,
+        match="kinds: 1 of 2 names match no entity.*'cupp'.*5 of 6 entities have no kind",
+    ):
+        home = isi.train(
+            path if as_file else HOMES, kinds={"Kitchen": "room", "cupp": "object"}, **options
+        )
     assert home.base.kinds[home.base.entity_names.index("kitchen")] == "room"
     with pytest.raises(InputError, match="argument 'kinds'"):
         isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
@@ -344,10 +439,18 @@ def test_kinds_given_in_python_count_for_triples_and_for_a_file(tmp_path: Path, 
 
 @pytest.mark.parametrize(
     "arguments",
-    [["nothing.csv"], ["home.csv", "--model", "no"], ["home.csv", "--kinds", "no.csv"], ["home.csv", "--budget", "0"]],
+    [
+        ["nothing.csv"],
+        ["home.csv", "--model", "no"],
+        ["home.csv", "--kinds", "no.csv"],
+        ["home.csv", "--budget", "0"],
+    ],
 )
 def test_mistakes_take_one_line_and_write_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "home.csv").write_text("head,relation,tail\ncup,in,kitchen\n", "utf-8")
@@ -361,11 +464,25 @@ def test_mistakes_take_one_line_and_write_nothing(
 
 def test_core_packages_suffice(tmp_path: Path) -> None:
     program = (
-        f"import sys; sys.modules.update(dict.fromkeys({BLOCKED!r})); from isi.cli import main; main(sys.argv[1:])"
+        f"import sys; sys.modules.update(dict.fromkeys({BLOCKED!r})); from isi.cli import main; "
+        "main(sys.argv[1:])"
     )
-    command = ["train", str(EXAMPLES / "home.csv"), "--out", "home", "--model", "complex", "--budget", "1"]
+    command = [
+        "train",
+        str(EXAMPLES / "home.csv"),
+        "--out",
+        "home",
+        "--model",
+        "complex",
+        "--budget",
+        "1",
+    ]
     done = subprocess.run(
-        [sys.executable, "-c", program, *command], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "-c", program, *command],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "home" / folder.MANIFEST).exists()
@@ -375,10 +492,17 @@ def test_core_packages_suffice(tmp_path: Path) -> None:
 def test_a_batch_of_all_observations_warns(size: int, capsys: pytest.CaptureFixture[str]) -> None:
     points = points_of(random_graph(12, 3, 60), 2, [5, 6])
     training = Training(
-        batch_size=size, learning_rate=0.1, weight_decay=0.0, max_epochs=1, evaluate_every=1, patience=1
+        batch_size=size,
+        learning_rate=0.1,
+        weight_decay=0.0,
+        max_epochs=1,
+        evaluate_every=1,
+        patience=1,
     )
     warn_of_batch(
         points,
-        TrainConfig(0, DistMult(), 8, 0.01, Negatives(mode="expected", ratio=1, head_pool="all"), training),
+        TrainConfig(
+            0, DistMult(), 8, 0.01, Negatives(mode="expected", ratio=1, head_pool="all"), training
+        ),
     )
     assert ("batch_size" in capsys.readouterr().err) == (size > 1)

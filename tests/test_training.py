@@ -35,7 +35,9 @@ TUNING = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epo
 
 def loss(entity: Tensor, relation: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
     """Σ -log σ(y · f)."""
-    scores = ANALOGY.score(entity[:, None, :, None], relation[:, :, None, None], entity[:, None, None])
+    scores = ANALOGY.score(
+        entity[:, None, :, None], relation[:, :, None, None], entity[:, None, None]
+    )
     return -(positives * logsigmoid(scores) + negatives * logsigmoid(-scores)).sum()
 
 
@@ -53,11 +55,19 @@ def same(one: Embedding, other: Embedding) -> bool:
 
 def test_loss_gradient_is_that_of_autograd() -> None:
     embedding = random_embedding(2, 4, 3, 8)
-    entity, relation = (table.double().requires_grad_() for table in (embedding.entity, embedding.relation))
+    entity, relation = (
+        table.double().requires_grad_() for table in (embedding.entity, embedding.relation)
+    )
     generator = torch.Generator().manual_seed(3)
-    positives, negatives = (torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2))
-    by_entity, by_relation = torch.autograd.grad(loss(entity, relation, positives, negatives), (entity, relation))
-    result = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives))
+    positives, negatives = (
+        torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2)
+    )
+    by_entity, by_relation = torch.autograd.grad(
+        loss(entity, relation, positives, negatives), (entity, relation)
+    )
+    result = loss_gradient(
+        Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives)
+    )
     torch.testing.assert_close(result.entity, by_entity)
     torch.testing.assert_close(result.relation, by_relation)
 
@@ -66,29 +76,40 @@ def test_adagrad_is_that_of_torch() -> None:
     begin = random_embedding(1, 5, 2, 8)
     state = start(begin)
     tables = [table.clone().requires_grad_() for table in (begin.entity, begin.relation)]
-    optimizer = torch.optim.Adagrad(tables, lr=0.1, weight_decay=1e-3, initial_accumulator_value=1e-6, eps=0.0)
+    optimizer = torch.optim.Adagrad(
+        tables, lr=0.1, weight_decay=1e-3, initial_accumulator_value=1e-6, eps=0.0
+    )
     settings = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
     generator = torch.Generator().manual_seed(5)
     for _ in range(6):
-        positives, negatives = (torch.randint(3, (1, 2, 5, 5), generator=generator).float() for _ in range(2))
+        positives, negatives = (
+            torch.randint(3, (1, 2, 5, 5), generator=generator).float() for _ in range(2)
+        )
         optimizer.zero_grad()
         (loss(*tables, positives, negatives) / positives.sum()).backward()
         optimizer.step()
         gradient = loss_gradient(state.embedding, DenseBatch(positives, negatives))
         number = positives.sum((1, 2, 3)).long()
         adagrad(state, gradient, number, torch.zeros(1, 5, dtype=torch.bool), settings)
-    for result, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
+    for result, expected in zip(
+        (state.embedding.entity, state.embedding.relation), tables, strict=True
+    ):
         torch.testing.assert_close(result, expected.detach(), rtol=1e-4, atol=1e-5)
     assert not torch.allclose(state.embedding.entity, begin.entity, atol=0.1)
 
 
-def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graph_too_large_for_tables_learns_the_same_from_lists(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     small, large = start(start_of(points)), start(start_of(points))
     run_epoch(small, data, SAMPLED, TUNING, 0, 1)
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
-    assert all(isinstance(batch, ListBatch) for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1))
+    assert all(
+        isinstance(batch, ListBatch)
+        for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1)
+    )
     run_epoch(large, data, SAMPLED, TUNING, 0, 1)
     torch.testing.assert_close(large.embedding.entity, small.embedding.entity, rtol=1e-3, atol=1e-3)
 
@@ -105,7 +126,9 @@ def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
     assert (state.embedding.entity != before)[members].all()
 
 
-FITTING = Training(batch_size=60, learning_rate=0.1, weight_decay=1e-3, max_epochs=30, evaluate_every=2, patience=2)
+FITTING = Training(
+    batch_size=60, learning_rate=0.1, weight_decay=1e-3, max_epochs=30, evaluate_every=2, patience=2
+)
 
 
 def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, pd.DataFrame]:
@@ -117,7 +140,11 @@ def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, p
 
 def validations_of(model: int, looks: pd.DataFrame) -> list[tuple[int, float, bool]]:
     """Rows (epoch, MRR*, whether it was the best) of one model."""
-    return list(looks.loc[looks["place"] == model, ["epoch", "mrr_star", "kept"]].itertuples(index=False, name=None))
+    return list(
+        looks.loc[looks["place"] == model, ["epoch", "mrr_star", "kept"]].itertuples(
+            index=False, name=None
+        )
+    )
 
 
 def test_fit_keeps_the_best_and_respects_patience() -> None:
@@ -129,7 +156,9 @@ def test_fit_keeps_the_best_and_respects_patience() -> None:
         rows = validations_of(model, validations)
         scores = [score for _, score, _ in rows]
         assert [epoch for epoch, _, _ in rows] == [2 * (number + 1) for number in range(len(rows))]
-        assert [is_best for _, _, is_best in rows] == [s > max([-1, *scores[:n]]) for n, s in enumerate(scores)]
+        assert [is_best for _, _, is_best in rows] == [
+            s > max([-1, *scores[:n]]) for n, s in enumerate(scores)
+        ]
         assert reached[model].item() == max(scores)
         since_best = len(scores) - 1 - scores.index(max(scores))
         assert since_best == FITTING.patience or rows[-1][0] == FITTING.max_epochs
@@ -157,7 +186,9 @@ def test_fit_in_a_stack_is_fit_alone() -> None:
 
 def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> pd.DataFrame:
     points = small_points(seeds)
-    watch = ConvergenceWatch(epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves)
+    watch = ConvergenceWatch(
+        epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves
+    )
     data = training_data(points.last_session, "test", points.keys(), "unseen")
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
     return pd.concat(watch.looks)
@@ -171,9 +202,12 @@ def series(curves: pd.DataFrame, model: int, scope: str) -> list[float]:
 def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> None:
     nowhere = {"all": torch.full((4,), torch.nan), "novel_heldout": torch.full((4,), torch.nan)}
     full = tuned([0, 1, 2, 3], nowhere, full_curves=True)
-    assert full.groupby("epoch")["place"].nunique().to_dict() == dict.fromkeys(range(TUNING.max_epochs + 1), 4)
+    assert full.groupby("epoch")["place"].nunique().to_dict() == dict.fromkeys(
+        range(TUNING.max_epochs + 1), 4
+    )
     every = {scope: [series(full, model, scope) for model in range(4)] for scope in nowhere}
-    # model 0 converges at epoch 0, 1 has no target, 2 never converges, 3 converges later in both scopes
+    # model 0 converges at epoch 0, 1 has no target, 2 never converges, 3 converges later in both
+    # scopes
     late = [max(every[scope][3][1:]) for scope in ("all", "novel_heldout")]
     targets = {
         "all": torch.tensor([-1.0, torch.nan, 2.0, late[0]], dtype=torch.float64),
@@ -191,14 +225,20 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
 
 def test_training_gives_each_model_as_it_was_when_it_left() -> None:
     points = small_points()
-    data, stays = training_data(points.session(0), "test", points.keys(), "all"), torch.tensor([0, 3, 1, 6])
+    data, stays = (
+        training_data(points.session(0), "test", points.keys(), "all"),
+        torch.tensor([0, 3, 1, 6]),
+    )
 
     def watch(epoch: int, _: Embedding, models: Tensor) -> Tensor:
         return stays[models] > epoch
 
     left = train(start_of(points), data, EXPECTED, TUNING, 0, watch)
     for model, epochs in enumerate(stays.tolist()):
-        state, own = start(select(start_of(points), torch.tensor([model]))), select(data, torch.tensor([model]))
+        state, own = (
+            start(select(start_of(points), torch.tensor([model]))),
+            select(data, torch.tensor([model])),
+        )
         for epoch in range(1, epochs + 1):
             run_epoch(state, own, EXPECTED, TUNING, 0, epoch)
         assert same(select(left, torch.tensor([model])), state.embedding)
@@ -214,7 +254,9 @@ def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
     for epoch in (1, 2):
         before = [table.clone() for table in (*tables(state.embedding), *tables(state.squares))]
         run_epoch(state, data, EXPECTED, settings, 0, epoch)
-        for table, old in zip((*tables(state.embedding), *tables(state.squares)), before, strict=True):
+        for table, old in zip(
+            (*tables(state.embedding), *tables(state.squares)), before, strict=True
+        ):
             if table.shape[1] == 13:
                 assert torch.equal(table[~is_new], old[~is_new])
                 assert (table[is_new] != old[is_new]).all()
@@ -222,7 +264,10 @@ def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
                 assert torch.equal(table, old)
     before = [table.clone() for table in tables(state.embedding)]
     run_epoch(state, data, EXPECTED, settings, 0, 3)
-    assert all((table != old).any(-1).all() for table, old in zip(tables(state.embedding), before, strict=True))
+    assert all(
+        (table != old).any(-1).all()
+        for table, old in zip(tables(state.embedding), before, strict=True)
+    )
 
 
 def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
@@ -245,7 +290,10 @@ def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:
     assert validations["epoch"].tolist() == [3, 5]
     _, validations = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
     assert len({score for _, score, _ in validations_of(0, validations)}) == 1
-    assert [is_best for _, _, is_best in validations_of(0, validations)] == [True, *[False] * FITTING.patience]
+    assert [is_best for _, _, is_best in validations_of(0, validations)] == [
+        True,
+        *[False] * FITTING.patience,
+    ]
 
 
 @pytest.mark.usefixtures("form")

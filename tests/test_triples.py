@@ -1,4 +1,6 @@
-"""Graphs published as triples: hand-written files of ids, bad files, and the three shipped graphs."""
+"""Graphs published as triples: hand-written files of ids, bad files,
+and the three shipped graphs.
+"""
 
 from collections import Counter
 from pathlib import Path
@@ -23,7 +25,10 @@ FILES = {
 
 def folder_of(path: Path, **changes: str | None) -> Path:
     """A folder with the files; ``changes``: other contents by name, None: missing."""
-    for name, content in {**FILES, **{f"{key}.txt": content for key, content in changes.items()}}.items():
+    for name, content in {
+        **FILES,
+        **{f"{key}.txt": content for key, content in changes.items()},
+    }.items():
         if content is not None:
             (path / name).write_bytes(content.encode("utf-8", "surrogateescape"))
     return path
@@ -54,10 +59,15 @@ def test_ids_are_head_tail_and_relation_and_repeats_are_observations(tmp_path: P
 def test_names_of_the_graphs_that_ship_say_nothing_of_a_folder(tmp_path: Path) -> None:
     names, triples = "3\nbowl.o\t0\nbowl\t1\nalarm clock\t2\n", "2\n0 1 1\n2 0 0\n"
     observations, kinds = mined(str(folder_of(tmp_path, entity2id=names, gt2id=triples)))
-    assert observations[["head", "tail"]].to_numpy().tolist() == [["alarm clock", "bowl.o"], ["bowl.o", "bowl"]]
+    assert observations[["head", "tail"]].to_numpy().tolist() == [
+        ["alarm clock", "bowl.o"],
+        ["bowl.o", "bowl"],
+    ]
     assert kinds.to_numpy().tolist() == [
-        ["alarm clock", "entity", "alarm clock"], ["bowl", "entity", "bowl"], ["bowl.o", "object", "bowl"],
-    ]  # fmt: skip
+        ["alarm clock", "entity", "alarm clock"],
+        ["bowl", "entity", "bowl"],
+        ["bowl.o", "object", "bowl"],
+    ]
 
 
 def test_several_files_of_triples_are_one_graph(tmp_path: Path) -> None:
@@ -71,23 +81,42 @@ def test_a_file_of_triples_that_is_listed_twice_is_refused(tmp_path: Path) -> No
         mined(str(folder_of(tmp_path)), ["gt2id.txt", "gt2id.txt"])
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=30))
-def test_every_line_is_counted_once(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, int, int]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=30
+    )
+)
+def test_every_line_is_counted_once(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, int, int]]
+) -> None:
     lines = [f"{len(rows)}", *(f"{head} {tail} {relation}" for head, tail, relation in rows), ""]
     folder = folder_of(tmp_path_factory.mktemp("ids"), gt2id="\n".join(lines))
     names, relations = ["alarmclock.o", "wall_lamp.o", "desk.l", "town hall"], ["ObjOnLoc", "knows"]
-    expected = Counter((names[head], relations[relation], names[tail]) for head, tail, relation in rows)
+    expected = Counter(
+        (names[head], relations[relation], names[tail]) for head, tail, relation in rows
+    )
     assert read_ids(folder, ["gt2id.txt"]) == expected
 
 
 @pytest.mark.parametrize(
     ("name", "triples", "observed", "relations", "kinds"),
     [
-        ("virtualhome", 4_240, 350_895, 11, {"object": 182, "location": 40, "action": 34, "state": 16, "room": 4}),
-        ("thor_u", 1_964, 1_964, 15,
-         {"object": 113, "location": 39, "action": 27, "state": 14, "material": 13, "room": 4}),
+        (
+            "virtualhome",
+            4_240,
+            350_895,
+            11,
+            {"object": 182, "location": 40, "action": 34, "state": 16, "room": 4},
+        ),
+        (
+            "thor_u",
+            1_964,
+            1_964,
+            15,
+            {"object": 113, "location": 39, "action": 27, "state": 14, "material": 13, "room": 4},
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_graph_that_ships_is_that_of_its_authors(
     name: str, triples: int, observed: int, relations: int, kinds: dict[str, int]
 ) -> None:
@@ -101,11 +130,20 @@ def test_a_graph_that_ships_is_that_of_its_authors(
 def test_rooms_and_locations_are_where_their_relations_lead() -> None:
     observations, kinds = mined("thor_u")
     kind = dict(zip(kinds["entity"], kinds["kind"], strict=True))
-    ends = set(zip(observations["relation"], *(observations[end].map(kind) for end in ("head", "tail")), strict=True))
+    ends = set(
+        zip(
+            observations["relation"],
+            *(observations[end].map(kind) for end in ("head", "tail")),
+            strict=True,
+        )
+    )
     expected = {
-        ("ObjInRoom", "object", "room"), ("LocInRoom", "location", "room"), ("ObjOnLoc", "object", "location"),
-        ("HasMat", "object", "material"), ("HasEffect", "action", "state"),
-    }  # fmt: skip
+        ("ObjInRoom", "object", "room"),
+        ("LocInRoom", "location", "room"),
+        ("ObjOnLoc", "object", "location"),
+        ("HasMat", "object", "material"),
+        ("HasEffect", "action", "state"),
+    }
     assert {row for row in ends if row[0] in {relation for relation, *_ in expected}} == expected
 
 
@@ -131,19 +169,32 @@ def graph() -> GraphTables:
     return build_tables(MinedSource("published", observed.table, observed.kinds))
 
 
-def test_the_papers_graph_has_the_triples_and_entities_that_the_paper_names(graph: GraphTables) -> None:
+def test_the_papers_graph_has_the_triples_and_entities_that_the_paper_names(
+    graph: GraphTables,
+) -> None:
     assert len(graph.triples) == 352
     assert graph.triples["count"].sum() == 14_759
     assert set(graph.triples["relation"]) == {AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL}
-    assert graph.entities["kind"].value_counts().to_dict() == {"object": 73, "room": 4, "affordance": 17, "material": 7}
-    bowls = graph.triples[(graph.triples["head"] == "bowl") & graph.triples["tail"].str.startswith("cabinet")]
-    assert bowls[["relation", "tail", "count"]].values.tolist() == [[AT_LOCATION, "cabinet (place)", 22]]
+    assert graph.entities["kind"].value_counts().to_dict() == {
+        "object": 73,
+        "room": 4,
+        "affordance": 17,
+        "material": 7,
+    }
+    bowls = graph.triples[
+        (graph.triples["head"] == "bowl") & graph.triples["tail"].str.startswith("cabinet")
+    ]
+    assert bowls[["relation", "tail", "count"]].values.tolist() == [
+        [AT_LOCATION, "cabinet (place)", 22]
+    ]
 
 
 def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: GraphTables) -> None:
     entities = graph.entities.set_index("entity")
     shared = entities[entities["phrase"].duplicated(keep=False)]
-    assert sorted(shared.index) == sorted(name for place in PLACES for name in (place, f"{place} (place)"))
+    assert sorted(shared.index) == sorted(
+        name for place in PLACES for name in (place, f"{place} (place)")
+    )
     heads, tails = set(graph.triples["head"]), set(graph.triples["tail"])
     for place in PLACES:
         assert entities.loc[place, "phrase"] == entities.loc[f"{place} (place)", "phrase"]
@@ -151,7 +202,9 @@ def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: GraphT
         assert place in heads - tails
 
 
-def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph: GraphTables) -> None:
+def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(
+    graph: GraphTables,
+) -> None:
     heads = set(graph.triples["head"])
     made_of = set(graph.triples.loc[graph.triples["relation"] == HAS_MATERIAL, "tail"])
     assert heads & made_of == {"fabric", "mirror"}

@@ -34,7 +34,14 @@ from isi.params import load_beyond
 from isi.tables import paths
 from tests import small
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import HIDDEN, READING_CASE, SESSIONS, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import (
+    HIDDEN,
+    READING_CASE,
+    SESSIONS,
+    VARIANT,
+    copy_pipelines,
+    list_entries,
+)
 from tests.beyond_entries import WORDS as SHIPPED_WORDS
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
@@ -61,12 +68,17 @@ def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(ste
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
         fewer_rows = rows_of(limit_insert_triples(points, most, 0))
-        assert Counter(row[:3] for row in fewer_rows) == Counter({slot: min(most, n) for slot, n in number.items()})
-        assert fewer_rows == [row for row in rows_of(given) if row in set(fewer_rows)]  # in their order
+        assert Counter(row[:3] for row in fewer_rows) == Counter(
+            {slot: min(most, n) for slot, n in number.items()}
+        )
+        # in their order
+        assert fewer_rows == [row for row in rows_of(given) if row in set(fewer_rows)]
         assert fewer <= set(fewer_rows)
         fewer = set(fewer_rows)
     assert rows_of(limit_insert_triples(points, None, 0)) == rows_of(given)
-    assert limit_insert_triples(replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0).shape == (0, 4)
+    assert limit_insert_triples(
+        replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0
+    ).shape == (0, 4)
 
 
 def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
@@ -75,7 +87,8 @@ def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     one, other = (rows_of(limit_insert_triples(points, 1, root)) for root in (0, 1))
     first = {row[:3]: row for row in reversed(rows_of(given))}
     assert one != other
-    assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
+    # neither always nor never the first
+    assert 0 < sum(row != first[row[:3]] for row in one) < len(one)
 
 
 # What params change
@@ -83,14 +96,34 @@ def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
 
 def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
     before = load_params()
-    after = changed(before, {"training.max_epochs": 9, "words.text": "phrase", "initializers.es.k": 3})
-    assert (after.training.max_epochs, after.words.text, after.initializers["es"]) == (9, "phrase", {"k": 3})
+    after = changed(
+        before, {"training.max_epochs": 9, "words.text": "phrase", "initializers.es.k": 3}
+    )
+    assert (after.training.max_epochs, after.words.text, after.initializers["es"]) == (
+        9,
+        "phrase",
+        {"k": 3},
+    )
     assert before == load_params()  # to its depths
-    assert changed(after, {"training.max_epochs": 200, "words.text": "definition", "initializers.es.k": 8}) == before
+    assert (
+        changed(
+            after, {"training.max_epochs": 200, "words.text": "definition", "initializers.es.k": 8}
+        )
+        == before
+    )
 
 
 @pytest.mark.parametrize(
-    "dotted", ["seed", "training", "trainings.rate", "seed.more", "training.rate", "words.text.more", "sweep.size"]
+    "dotted",
+    [
+        "seed",
+        "training",
+        "trainings.rate",
+        "seed.more",
+        "training.rate",
+        "words.text.more",
+        "sweep.size",
+    ],
 )
 def test_a_change_of_what_may_not_be_changed_is_refused_by_its_key(dotted: str) -> None:
     with pytest.raises(InputError) as refused:
@@ -99,7 +132,9 @@ def test_a_change_of_what_may_not_be_changed_is_refused_by_its_key(dotted: str) 
 
 
 def test_a_variant_knows_what_its_changes_concern() -> None:
-    variant = Variant(**VARIANT, changes={"finetuning.learning_rate": 1, "training.weight_decay": 1})
+    variant = Variant(
+        **VARIANT, changes={"finetuning.learning_rate": 1, "training.weight_decay": 1}
+    )
     assert variant.changes_one_of("training")
     assert variant.changes_one_of(*LEARNED)
     assert not variant.changes_one_of("words", "training.weight_decay", "weight_decay")
@@ -115,7 +150,10 @@ def stored(size: int = 2) -> Models:
 
 
 def task(start: Models | TrainConfig, most: int | None = None, size: int = 2) -> VariantTask:
-    configs = {name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN) for name in NAMES}
+    configs = {
+        name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN)
+        for name in NAMES
+    }
     return points_of(GRAPH, size, SEEDS), start, WORDS, configs, most
 
 
@@ -129,25 +167,45 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     runs, answers = run_variant(*variant_task)
     measured = evaluate_stack(points, joint)
     joint_runs = measured.set_index(["scope", "seed"])["mrr_star"]
-    target = {(1, scope): joint_runs[scope].loc[SEEDS].to_numpy(copy=True) for scope in ("all", "novel_heldout")}
-    inserted = {name: insert_stack(points, theta0, WORDS, target, config) for name, config in configs.items()}
+    target = {
+        (1, scope): joint_runs[scope].loc[SEEDS].to_numpy(copy=True)
+        for scope in ("all", "novel_heldout")
+    }
+    inserted = {
+        name: insert_stack(points, theta0, WORDS, target, config)
+        for name, config in configs.items()
+    }
     assert set(runs["model"]) == {*NAMES, "joint"}
     pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))
     for name, result in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), result.runs.reset_index(drop=True))
-    same = break_down(points, theta0, joint[0], {name: result.vectors for name, result in inserted.items()})
+    same = break_down(
+        points, theta0, joint[0], {name: result.vectors for name, result in inserted.items()}
+    )
     pd.testing.assert_frame_equal(answers.reset_index(drop=True), same.reset_index(drop=True))
 
 
 def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
     start = stored()
     everything, nothing, one = (run_variant(*task(start, most)) for most in (None, 0, 1))
-    groups = ["model", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "observations"]
+    groups = [
+        "model",
+        "seed",
+        "scope",
+        "filter",
+        "relation",
+        "hidden",
+        "novel",
+        "queries",
+        "observations",
+    ]
     for runs, answers in (nothing, one):
         pd.testing.assert_frame_equal(answers[groups], everything[1][groups])
         for model in ("xavier", "es", "joint"):  # these do not use insert triples
             pd.testing.assert_frame_equal(of_model(answers, model), of_model(everything[1], model))
-        assert not np.allclose(of_model(answers, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"])
+        assert not np.allclose(
+            of_model(answers, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"]
+        )
         pd.testing.assert_frame_equal(of_model(runs, "joint"), of_model(everything[0], "joint"))
 
 
@@ -164,13 +222,37 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("section", "wrong", "line"),
     [
-        ("variants", {"experiments": ["published", "there"]}, "experiments: expected names among ai2thor, "),
-        ("variants", {"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
-        ("variants", {"options": {"soft_e": {}}, "initializers": ["soft_e"]}, "options.soft_e: expected one of "),
-        ("variants", {"options": {"soft_es": {"temper": 1.0}}}, "options.soft_es.temper: unknown key"),
-        ("variants", {"changes": {"training.weight_deca": 0.1}}, "changes.training.weight_deca: unknown key"),
+        (
+            "variants",
+            {"experiments": ["published", "there"]},
+            "experiments: expected names among ai2thor, ",
+        ),
+        (
+            "variants",
+            {"initializers": ["es", "soft_es"]},
+            "initializers: expected names among xavier, iu, es, ",
+        ),
+        (
+            "variants",
+            {"options": {"soft_e": {}}, "initializers": ["soft_e"]},
+            "options.soft_e: expected one of ",
+        ),
+        (
+            "variants",
+            {"options": {"soft_es": {"temper": 1.0}}},
+            "options.soft_es.temper: unknown key",
+        ),
+        (
+            "variants",
+            {"changes": {"training.weight_deca": 0.1}},
+            "changes.training.weight_deca: unknown key",
+        ),
         ("variants", {"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: "),
-        ("variants", {"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected a dotted key below "),
+        (
+            "variants",
+            {"changes": {"sessions.valid": 0.2}},
+            "changes.sessions.valid: expected a dotted key below ",
+        ),
         ("variants", {"group": "baseline"}, "group: "),
         ("variants", {"seed": 3}, "seed: unknown key"),
         ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),
@@ -183,9 +265,16 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
         ("hidden", {"source": "graphs"}, "graph: expected names among "),
         ("hidden", {"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
-        ("readings", {"graph": {"source": "publish", "min_count": 1}}, "graph.source: expected names among "),
-        ("readings", {"graph": READING_CASE["graph"] | {"extend": EXTEND | {"source": "mp"}}},
-         "graph.extend.source: expected names among "),
+        (
+            "readings",
+            {"graph": {"source": "publish", "min_count": 1}},
+            "graph.source: expected names among ",
+        ),
+        (
+            "readings",
+            {"graph": READING_CASE["graph"] | {"extend": EXTEND | {"source": "mp"}}},
+            "graph.extend.source: expected names among ",
+        ),
         ("readings", {"initializers": ["best"]}, "initializers: expected names among "),
         ("readings", {"initializers": ["es", "es"]}, "initializers: expected each value once"),
         ("readings", {"indicators": {"soft_e": [1]}}, "indicators: expected names among "),
@@ -194,23 +283,47 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("readings", {"indicators": {"es": [2, 2]}}, "indicators.es: expected each value once"),
         ("readings", {"sessions": SESSIONS | {"steps": 2}}, "sessions: expected one step"),
         ("readings", {"finetuned": [2]}, " expected curves among the sizes in finetuned"),
-        ("readings", {"finetuned": [4], "curves": []}, " expected curves among the sizes in finetuned"),
-        ("readings", {"converging": ["test any relation halves learned"]}, "converging: expected names of readings"),
-        ("readings", {"changes": {"finetuning.learning_rate": -1.0}}, "changes.finetuning.learning_rate: "),
+        (
+            "readings",
+            {"finetuned": [4], "curves": []},
+            " expected curves among the sizes in finetuned",
+        ),
+        (
+            "readings",
+            {"converging": ["test any relation halves learned"]},
+            "converging: expected names of readings",
+        ),
+        (
+            "readings",
+            {"changes": {"finetuning.learning_rate": -1.0}},
+            "changes.finetuning.learning_rate: ",
+        ),
     ],
-)  # fmt: skip
-def test_what_an_entry_cannot_have_is_refused_in_one_line(section: str, wrong: dict[str, Any], line: str) -> None:
-    entries = {"variants": VARIANT, "graphs": GRAPH_EXPERIMENT, "hidden": HIDDEN, "readings": READING_CASE}
+)
+def test_what_an_entry_cannot_have_is_refused_in_one_line(
+    section: str, wrong: dict[str, Any], line: str
+) -> None:
+    entries = {
+        "variants": VARIANT,
+        "graphs": GRAPH_EXPERIMENT,
+        "hidden": HIDDEN,
+        "readings": READING_CASE,
+    }
     sound = entries[section]
     list_entries(**{section: {"own": sound | wrong}})
     with pytest.raises(InputError) as refused:
         load_beyond(load_params())
-    assert re.match(rf"beyond/params\.yaml: {section}\.own[.:]{re.escape(line)}", str(refused.value))
+    assert re.match(
+        rf"beyond/params\.yaml: {section}\.own[.:]{re.escape(line)}", str(refused.value)
+    )
 
 
 @pytest.mark.usefixtures("workspace")
-def test_params_without_an_experiment_or_initializer_of_a_variant_are_refused_only_where_variants_run() -> None:
-    variant = VARIANT | {"experiments": ["ai2thor", "published"], "initializers": ["xavier", "mean"]}
+def test_params_without_a_part_of_a_variant_are_refused_only_where_variants_run() -> None:
+    variant = VARIANT | {
+        "experiments": ["ai2thor", "published"],
+        "initializers": ["xavier", "mean"],
+    }
     list_entries(variants={"own": variant}, graphs={"other": GRAPH_EXPERIMENT})
     raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
     for gone in ("experiments.published", "initializers.mean"):
@@ -231,19 +344,25 @@ def test_params_without_an_experiment_or_initializer_of_a_variant_are_refused_on
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the first pipeline's outputs for an experiment with sizes 1 and 2 and two seeds."""
+    """A folder with the first pipeline's outputs for an experiment with
+    sizes 1 and 2 and two seeds.
+    """
     folder: Path = tmp_path_factory.mktemp("variants")
     small.run_all(folder)
     return folder
 
 
 @pytest.fixture
-def varied(experiment: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
+def varied(
+    experiment: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
     """A function that runs the stage of a variant; returns its runs and its query breakdown."""
     monkeypatch.chdir(experiment)
 
     def run(stack: int = 2, **settings: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
-        list_entries(variants={"own": VARIANT | {"experiments": [small.NAME], "size": 2} | settings})
+        list_entries(
+            variants={"own": VARIANT | {"experiments": [small.NAME], "size": 2} | settings}
+        )
         params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
         params["compute"]["stack"] = stack
         paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
@@ -257,7 +376,9 @@ SOFT_ES: dict[str, Any] = {"options": {"soft_es": {"temperature": 0.1}}}
 Varied = Callable[..., tuple[pd.DataFrame, pd.DataFrame]]
 
 
-def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stacks(varied: Varied) -> None:
+def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stacks(
+    varied: Varied,
+) -> None:
     changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.0001}
     settings = {"initializers": ["rs", "soft_es"], "changes": changes, **SOFT_ES}
     for one, other in zip(varied(1, **settings), varied(2, **settings), strict=True):
@@ -268,19 +389,27 @@ def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stac
         assert set(frame["experiment"]) == {small.NAME}
         assert set(frame["size"]) == {2}
         assert set(frame["seed"]) == {0, 1}
-    assert runs.groupby("model", observed=True)["epoch"].max().to_dict() == {"rs": 2, "soft_es": 2, "joint": 0}
+    assert runs.groupby("model", observed=True)["epoch"].max().to_dict() == {
+        "rs": 2,
+        "soft_es": 2,
+        "joint": 0,
+    }
     immediate, same = varied(**settings, finetuned=False)
     assert set(immediate["epoch"]) == {0}
     pd.testing.assert_frame_equal(same, answers)
 
 
-def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(varied: Varied) -> None:
+def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(
+    varied: Varied,
+) -> None:
     changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.99}
     epochs = [
         varied(initializers=["es", "soft_es"], changes=changes, full_curves=full, **SOFT_ES)[0]
         for full in (False, True)
     ]
-    stopped, whole = (runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs)
+    stopped, whole = (
+        runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs
+    )
     assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
     assert whole == {"es": 2, "soft_es": 2, "joint": 0}
 

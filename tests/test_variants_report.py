@@ -19,8 +19,13 @@ from isi.tables import paths
 from tests.reports import of_experiment, runs, shown, small_params, small_results, with_settings
 from tests.variants import queries_of, variant
 
-GROUPS = {"stronger": "baselines", "embeddings": "embeddings", "n_insert_triples": "insert_triples",
-          "other_words": "words", "causes": "causes"}  # fmt: skip
+GROUPS = {
+    "stronger": "baselines",
+    "embeddings": "embeddings",
+    "n_insert_triples": "insert_triples",
+    "other_words": "words",
+    "causes": "causes",
+}
 
 
 def results_with(*variants: list[VariantRuns]) -> Results:
@@ -36,16 +41,33 @@ def test_nothing_is_said_where_the_second_pipeline_has_not_run(section: str) -> 
 
 
 def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
-    columns = ["model", "seed", "relation", "hidden", "novel", "filter", "scope", "queries", "mrr_star", "observations"]
+    columns = [
+        "model",
+        "seed",
+        "relation",
+        "hidden",
+        "novel",
+        "filter",
+        "scope",
+        "queries",
+        "mrr_star",
+        "observations",
+    ]
     rows = [
         ("es", 0, "on", "tail", "given", "learned", "novel", 1, 0.8, 3),
         ("es", 0, "on", "head", "given", "learned", "novel", 3, 0.4, 3),
         ("es", 0, "in", "tail", "given", "learned", "novel", 5, 0.9, 1),
-        *(("es", 0, "in", hidden, novel, name, scope, 5, 0.1, 1) for hidden, novel, name, scope in (
-            ("tail", "answer", "learned", "novel"), ("tail", "both", "learned", "novel"),
-            ("relation", "given", "learned", "novel"), ("tail", "given", "true", "novel"),
-            ("tail", "given", "learned", "novel_heldout"))),
-    ]  # fmt: skip
+        *(
+            ("es", 0, "in", hidden, novel, name, scope, 5, 0.1, 1)
+            for hidden, novel, name, scope in (
+                ("tail", "answer", "learned", "novel"),
+                ("tail", "both", "learned", "novel"),
+                ("relation", "given", "learned", "novel"),
+                ("tail", "given", "true", "novel"),
+                ("tail", "given", "learned", "novel_heldout"),
+            )
+        ),
+    ]
     queries = pd.DataFrame(rows, columns=columns).assign(experiment="home", size=5)
     (runs,) = variant("insert_triples", {"home": {"es": [0.5]}})
     # on: (0.8 + 3 · 0.4) / 4 = 0.5, three times observed; in: 0.9, once
@@ -57,7 +79,12 @@ def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
 
 def test_convergence_is_against_the_joint_model_of_the_variant_and_of_the_session() -> None:
     """The margin is 8 points; the variant sets the maximum number of epochs."""
-    later = {("es", 0): [0.5, 0.62, 0.7], ("es", 1): [0.5, 0.5, 0.5], ("joint", 0): [0.7], ("joint", 1): [0.7]}
+    later = {
+        ("es", 0): [0.5, 0.62, 0.7],
+        ("es", 1): [0.5, 0.5, 0.5],
+        ("joint", 0): [0.7],
+        ("joint", 1): [0.7],
+    }
 
     def heldout(runs: VariantRuns) -> pd.DataFrame:
         epochs = runs.convergence
@@ -66,9 +93,13 @@ def test_convergence_is_against_the_joint_model_of_the_variant_and_of_the_sessio
     (runs,) = variant("causes", {"home": {"es": [0.5]}}, later=later)
     assert heldout(runs)["epochs"].to_dict() == {(1, 0): 1, (1, 1): 3}
     assert heldout(runs)["converged"].to_dict() == {(1, 0): True, (1, 1): False}
-    (longer,) = variant("causes", {"home": {"es": [0.5]}}, later=later, changes={"finetuning.max_epochs": 9})
+    (longer,) = variant(
+        "causes", {"home": {"es": [0.5]}}, later=later, changes={"finetuning.max_epochs": 9}
+    )
     assert heldout(longer)["epochs"].tolist() == [1, 9]
-    second = runs.runs.assign(session=2, mrr_star=runs.runs["mrr_star"].where(runs.runs["model"] != "joint", 0.5))
+    second = runs.runs.assign(
+        session=2, mrr_star=runs.runs["mrr_star"].where(runs.runs["model"] != "joint", 0.5)
+    )
     both = replace(runs, runs=pd.concat([runs.runs, second]))
     assert heldout(both)["epochs"].to_dict() == {(1, 0): 1, (1, 1): 3, (2, 0): 0, (2, 1): 0}
 
@@ -77,25 +108,46 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ran = variant("baselines", {"home": {"ers": [0.5, 0.5], "es": [0.5, 0.5], "joint": [0.9, 0.9]},
-                                "away": {"es": [0.5], "joint": [0.9]}})  # fmt: skip
-    listed = ran[0].variant.model_copy(update={"initializers": ["rs", "es", "ers"]})  # one more than ran, in its order
+    ran = variant(
+        "baselines",
+        {
+            "home": {"ers": [0.5, 0.5], "es": [0.5, 0.5], "joint": [0.9, 0.9]},
+            "away": {"es": [0.5], "joint": [0.9]},
+        },
+    )
+    # one more than ran, in its order
+    listed = ran[0].variant.model_copy(update={"initializers": ["rs", "es", "ers"]})
     paths.BEYOND_PARAMS.parent.mkdir()
     entries = dict.fromkeys(("other", "second", "first", "waiting"), listed.model_dump())
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": entries}, sort_keys=False), encoding="utf-8")
+    paths.BEYOND_PARAMS.write_text(
+        yaml.safe_dump({"variants": entries}, sort_keys=False), encoding="utf-8"
+    )
     order = ["experiment", "model", "size", "seed", "session", "epoch", "scope"]
     for name in ("first", "second", "other"):
         parts = ran[1:] if name == "other" else ran
-        rows, queries = (pd.concat([getattr(one, table) for one in parts]) for table in ("runs", "queries"))
+        rows, queries = (
+            pd.concat([getattr(one, table) for one in parts]) for table in ("runs", "queries")
+        )
         measures = dict.fromkeys(("mrr_star_entity", "mrr_star_relation", "mrr"), rows["mrr_star"])
         VARIANT_RUNS.write(rows.assign(**measures).sort_values(order), "vary", variant=name)
         VARIANT_QUERIES.write(queries.assign(mrr=0.5, session=1), "vary", variant=name)
-    params, titles = small_params(["home", "away"]), {"home": "the home graph", "away": "the away graph"}
+    params, titles = (
+        small_params(["home", "away"]),
+        {"home": "the home graph", "away": "the away graph"},
+    )
     assert [runs.id for runs in read_variants(titles, params)] == [
-        "other_away", "second_home", "second_away", "first_home", "first_away",
-    ]  # fmt: skip
+        "other_away",
+        "second_home",
+        "second_away",
+        "first_home",
+        "first_away",
+    ]
     second, first = read_variants({"home": "the home graph"}, params)
-    assert (second.id, first.id, first.models) == ("second_home", "first_home", ["es", "ers", "joint"])
+    assert (second.id, first.id, first.models) == (
+        "second_home",
+        "first_home",
+        ["es", "ers", "joint"],
+    )
     assert set(first.runs["experiment"]) == set(first.queries["experiment"]) == {"home"}
     pd.testing.assert_frame_equal(first.directed, ran[0].directed, check_dtype=False)
     for section, group in GROUPS.items():
@@ -106,21 +158,34 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
 # Stronger initializers
 
 
-GIVEN = {"xavier": (0.1, 0.1), "es": (0.5, 0.5), "ers": (0.4, 0.6), "soft_rs": (0.6, 0.9), "joint": (0.95, 0.95)}
+GIVEN = {
+    "xavier": (0.1, 0.1),
+    "es": (0.5, 0.5),
+    "ers": (0.4, 0.6),
+    "soft_rs": (0.6, 0.9),
+    "joint": (0.95, 0.95),
+}
 
 
 def test_stronger_initializers_are_sorted_and_compared_with_ers_seed_by_seed() -> None:
     immediate = {"xavier": 0.2, "es": 0.3, "ers": 0.4, "soft_rs": 0.6, "joint": 0.8}
-    text, found, _ = shown("stronger", results_with(variant("baselines", {"home": GIVEN}, immediate)))
+    text, found, _ = shown(
+        "stronger", results_with(variant("baselines", {"home": GIVEN}, immediate))
+    )
     frame = found["strong_home"].set_index("model")
     assert frame.index.tolist() == ["Joint", "Soft RS", "ES", "ERS", "Xavier"]
     assert frame["novel entity given"].tolist() == pytest.approx([95, 75, 50, 50, 10])
     assert frame["all"].tolist() == frame["novel"].tolist() == pytest.approx([80, 60, 30, 40, 20])
     minus = "novel entity given, minus ERS"
     assert frame[minus].tolist() == pytest.approx([45, 25, 0, 0, -40])
-    soft = frame.loc["Soft RS", ["novel entity given low", "novel entity given high", f"{minus} low", f"{minus} high"]]
+    soft = frame.loc[
+        "Soft RS",
+        ["novel entity given low", "novel entity given high", f"{minus} low", f"{minus} high"],
+    ]
     assert soft.tolist() == pytest.approx([60, 90, 20, 30])
-    assert "with the novel entity given, 1 initializer is above the best of ISI (50.0 points" in text
+    assert (
+        "with the novel entity given, 1 initializer is above the best of ISI (50.0 points" in text
+    )
     assert described("soft_rs") in text.splitlines()
     assert described("ers") not in text.splitlines()  # of a main run
 
@@ -137,34 +202,57 @@ def test_without_isi_no_initializer_is_above_it() -> None:
 
 
 def embedded() -> list[list[VariantRuns]]:
-    """Two embedding models on one graph; the first also on another graph, on which Xavier equals ISI."""
-    later = {("es", 0): [0.5, 0.62, 0.7], ("es", 1): [0.5, 0.5, 0.5], ("xavier", 0): [0.7], ("xavier", 1): [0.7],
-             ("joint", 0): [0.7], ("joint", 1): [0.7]}  # fmt: skip
+    """Two embedding models on one graph; the first also on another graph,
+    on which Xavier equals ISI.
+    """
+    later = {
+        ("es", 0): [0.5, 0.62, 0.7],
+        ("es", 1): [0.5, 0.5, 0.5],
+        ("xavier", 0): [0.7],
+        ("xavier", 1): [0.7],
+        ("joint", 0): [0.7],
+        ("joint", 1): [0.7],
+    }
     one = {"xavier": (0.1, 0.1), "es": (0.2, 0.4), "mean": (0.2, 0.2), "joint": (0.9, 0.9)}
     other = {"xavier": (0.3, 0.3), "es": (0.3, 0.3), "mean": (0.1, 0.1), "joint": (0.9, 0.9)}
     third = {"xavier": (0.1, 0.1), "es": (0.4, 0.6), "mean": (0.7, 0.7), "joint": (0.8, 0.8)}
     immediate = {"xavier": 0.1, "es": 0.25, "mean": 0.2, "joint": 0.5}
     return [
-        variant("embeddings", {"home": one, "away": other}, immediate, later=later, title="ANALOGY"),
-        variant("embeddings", {"home": third}, immediate, later=later, title="TransE",
-                changes={"finetuning.max_epochs": 9}),
-    ]  # fmt: skip
+        variant(
+            "embeddings", {"home": one, "away": other}, immediate, later=later, title="ANALOGY"
+        ),
+        variant(
+            "embeddings",
+            {"home": third},
+            immediate,
+            later=later,
+            title="TransE",
+            changes={"finetuning.max_epochs": 9},
+        ),
+    ]
 
 
 def test_embedding_models_have_a_row_for_each_graph_that_they_ran_on() -> None:
     text, found, _ = shown("embeddings", results_with(*embedded()))
-    rows = [["the home graph", "ANALOGY"], ["the home graph", "TransE"], ["the away graph", "ANALOGY"]]
+    rows = [
+        ["the home graph", "ANALOGY"],
+        ["the home graph", "TransE"],
+        ["the away graph", "ANALOGY"],
+    ]
     for frame in found.values():
         assert frame[["graph", "embedding"]].to_numpy().tolist() == rows
     about = found["embeddings_novel_given"]
     assert about["ES"].tolist() == pytest.approx([30, 50, 30])
-    assert about[["ES low", "ES high"]].to_numpy().ravel().tolist() == pytest.approx([20, 40, 40, 60, 30, 30])
+    assert about[["ES low", "ES high"]].to_numpy().ravel().tolist() == pytest.approx(
+        [20, 40, 40, 60, 30, 30]
+    )
     assert found["embeddings_immediate"]["ES"].tolist() == pytest.approx([25, 25, 25])
     epochs = found["embeddings_epochs"]  # after one; or never, which counts as all of 3 and of 9
     assert epochs["ES"].tolist() == pytest.approx([2, 5, 2])
     assert epochs["Xavier"].tolist() == [0, 0, 0]
     assert "Joint" not in epochs
-    assert "the best of ES is above Xavier in 2 of 3 pairs of a model and a graph." in text  # without ties
+    # without ties
+    assert "the best of ES is above Xavier in 2 of 3 pairs of a model and a graph." in text
     assert "Of all initializers the best is ES in 1, Xavier in 1 and Mean in 1." in text
 
 
@@ -173,10 +261,13 @@ def test_embedding_models_have_a_row_for_each_graph_that_they_ran_on() -> None:
 
 def test_insert_triples_go_from_the_fewest_to_all() -> None:
     variants = [
-        variant("insert_triples", {"home": {"xavier": (0.1, 0.1), "ers": (value, value + 0.2), "joint": (0.9, 0.9)}},
-                max_insert_triples=number)
+        variant(
+            "insert_triples",
+            {"home": {"xavier": (0.1, 0.1), "ers": (value, value + 0.2), "joint": (0.9, 0.9)}},
+            max_insert_triples=number,
+        )
         for number, value in ((0, 0.1), (2, 0.3), (None, 0.5))
-    ]  # fmt: skip
+    ]
     text, tables, (figure,) = shown("n_insert_triples", results_with(*variants))
     frame = tables["n_insert_triples"]
     assert frame["insert triples"].tolist() == ["0", "2", "all"]
@@ -195,11 +286,15 @@ def test_insert_triples_go_from_the_fewest_to_all() -> None:
 
 
 def main_runs(values: Mapping[tuple[str, int], tuple[float, float]], epochs: int) -> pd.DataFrame:
-    """Runs in scope all by (model, size): (MRR*, entity half) at epoch 0; all converge after ``epochs`` epochs."""
+    """Runs in scope all by (model, size): (MRR*, entity half) at epoch 0;
+    all converge after ``epochs`` epochs.
+    """
     cells = list(values.items())
     rows = runs([(model, "all", size, 0, 0, mrr_star) for (model, size), (mrr_star, _) in cells])
     rows["mrr_star_entity"] = [entity for _, (_, entity) in cells]
-    later = runs([(model, "all", size, 0, epochs, 0.95) for (model, size), _ in cells if model != "joint"])
+    later = runs(
+        [(model, "all", size, 0, epochs, 0.95) for (model, size), _ in cells if model != "joint"]
+    )
     return pd.concat([rows, later], ignore_index=True)
 
 
@@ -207,20 +302,38 @@ def compared() -> Results:
     """Results on two graphs; the first has learning curves for size 1, and a query breakdown."""
     results = results_with(
         variant("insert_triples", {"home": {"es": [0.5]}}),
-        variant("causes", {"home": {"xavier": [0.5], "es": [0.5], "rs": [0.5], "ers": [0.5], "joint": [0.5]}},
-                {"xavier": 0.25, "es": 0.5, "rs": 0.25, "ers": 0.75, "joint": 0.9}, title="another decay",
-                finetuned=False, later={("es", 0): [0.9], ("joint", 0): [0.9]}),
-    )  # fmt: skip
+        variant(
+            "causes",
+            {"home": {"xavier": [0.5], "es": [0.5], "rs": [0.5], "ers": [0.5], "joint": [0.5]}},
+            {"xavier": 0.25, "es": 0.5, "rs": 0.25, "ers": 0.75, "joint": 0.9},
+            title="another decay",
+            finetuned=False,
+            later={("es", 0): [0.9], ("joint", 0): [0.9]},
+        ),
+    )
     results = with_settings(results, "home", full_curves=FullCurves(sizes=[1]))
-    home = {("xavier", 1): (0.4, 0.2), ("es", 1): (0.5, 0.3), ("rs", 1): (0.6, 0.3), ("ers", 1): (0.7, 0.6),
-            ("joint", 1): (0.9, 0.8), ("xavier", 2): (0.2, 0.1), ("es", 2): (0.4, 0.3), ("rs", 2): (0.5, 0.3),
-            ("ers", 2): (0.6, 0.6), ("joint", 2): (0.9, 0.8)}  # fmt: skip
+    home = {
+        ("xavier", 1): (0.4, 0.2),
+        ("es", 1): (0.5, 0.3),
+        ("rs", 1): (0.6, 0.3),
+        ("ers", 1): (0.7, 0.6),
+        ("joint", 1): (0.9, 0.8),
+        ("xavier", 2): (0.2, 0.1),
+        ("es", 2): (0.4, 0.3),
+        ("rs", 2): (0.5, 0.3),
+        ("ers", 2): (0.6, 0.6),
+        ("joint", 2): (0.9, 0.8),
+    }
     away = {(model, size): (0.5, 0.5) for model in ("xavier", "es", "rs", "ers") for size in (1, 2)}
     away |= {("joint", size): (0.9, 0.9) for size in (1, 2)}
     groups = queries_of("home", {"xavier": [0.5], "es": [0.5]}).assign(size=1)
     true = groups[(groups["novel"] == "given") & (groups["filter"] == "true")].assign(scope="all")
-    true["mrr_star"] = np.where(true["model"] == "xavier", 0.4, np.where(true["hidden"] == "relation", 0.9, 0.7))
-    results = of_experiment(results, "home", runs=main_runs(home, 2), queries=pd.concat([groups, true]))
+    true["mrr_star"] = np.where(
+        true["model"] == "xavier", 0.4, np.where(true["hidden"] == "relation", 0.9, 0.7)
+    )
+    results = of_experiment(
+        results, "home", runs=main_runs(home, 2), queries=pd.concat([groups, true])
+    )
     return of_experiment(results, "away", runs=main_runs(away, 3))
 
 
@@ -228,11 +341,14 @@ def test_each_cause_has_its_gain_over_xavier_and_its_epochs() -> None:
     text, found, _ = shown("causes", compared())
     frame = found["causes"].set_index("row")
     assert frame.index.tolist() == [
-        "this run, 1 novel entities", "2 novel entities, 50 % of all", "entity prediction alone",
-        "all true triples left out of the candidates", "another decay (the home graph)",
+        "this run, 1 novel entities",
+        "2 novel entities, 50 % of all",
+        "entity prediction alone",
+        "all true triples left out of the candidates",
+        "another decay (the home graph)",
         "the away graph, 1 novel entities",
         "the paper",
-    ]  # fmt: skip
+    ]
     columns = ["joint", "Xavier", "ISI", "gain %", "epochs: Xavier", "epochs: ISI"]
     expected = {
         "this run, 1 novel entities": [90, 40, 60, 50, 2, 2],
@@ -240,15 +356,28 @@ def test_each_cause_has_its_gain_over_xavier_and_its_epochs() -> None:
         "entity prediction alone": [80, 20, 40, 100, np.nan, np.nan],
         # of ISI, ES alone has a query breakdown, so ISI's mean is NaN; Xavier has 40
         "all true triples left out of the candidates": [np.nan, 40, np.nan, np.nan, np.nan, np.nan],
-        "another decay (the home graph)": [90, 25, 50, 100, np.nan, np.nan],  # which is not fine-tuned
+        # which is not fine-tuned
+        "another decay (the home graph)": [90, 25, 50, 100, np.nan, np.nan],
         "the away graph, 1 novel entities": [90, 50, 50, 0, 3, 3],
-        "the paper": [np.nan, np.nan, np.nan, (41.4 + 37.6 + 42.1) / 3, 112.6, (16.6 + 27.1 + 29.9) / 3],
+        "the paper": [
+            np.nan,
+            np.nan,
+            np.nan,
+            (41.4 + 37.6 + 42.1) / 3,
+            112.6,
+            (16.6 + 27.1 + 29.9) / 3,
+        ],
     }
     for what, values in expected.items():
         assert frame.loc[what, columns].tolist() == pytest.approx(values, nan_ok=True), what
-    assert "the paper's ISI gains 40 % over Xavier and this run's 50 % with 1 novel entities." in text
+    assert (
+        "the paper's ISI gains 40 % over Xavier and this run's 50 % with 1 novel entities." in text
+    )
     assert "The largest gain here is 150 % (2 novel entities, 50 % of all)." in text
-    assert "takes 112.6 epochs to converge, this run's 2.0, and 3.0 with the away graph, 1 novel entities." in text
+    assert (
+        "takes 112.6 epochs to converge, this run's 2.0, and 3.0 with the away graph, "
+        "1 novel entities."
+    ) in text
     assert "ISI takes 3.0 there, and 24.5 in the paper." in text
 
 

@@ -11,11 +11,21 @@ from isi.sources.virtualhome import CHARACTERS, OTHER_EDGES, PARTS, ROOMLESS, UN
 from tests.observing import TRIPLE, observe, refused, written
 
 
-def node(number: int, name: str, category: str = "", properties: tuple[str, ...] = ()) -> dict[str, Any]:
+def node(
+    number: int, name: str, category: str = "", properties: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """A node as VirtualHome writes it, with keys that the reader ignores."""
     box = {"center": [0.0, 1.0, 2.0], "size": [1.0, 1.0, 1.0]}
-    return {"id": number, "class_name": name, "category": category, "properties": list(properties), "states": ["CLEAN"],
-            "prefab_name": "x", "obj_transform": None, "bounding_box": box}  # fmt: skip
+    return {
+        "id": number,
+        "class_name": name,
+        "category": category,
+        "properties": list(properties),
+        "states": ["CLEAN"],
+        "prefab_name": "x",
+        "obj_transform": None,
+        "bounding_box": box,
+    }
 
 
 def edge(start: int, kind: str, end: int) -> dict[str, Any]:
@@ -25,24 +35,42 @@ def edge(start: int, kind: str, end: int) -> dict[str, Any]:
 def home() -> dict[str, Any]:
     return {
         "nodes": [
-            node(1, "character", "Characters"), node(11, "kitchen", "Rooms"), node(12, "livingroom", "Rooms"),
-            node(20, "fridge", "Appliances", ("CAN_OPEN", "CONTAINERS")), node(21, "milk", "Food", ("DRINKABLE",)),
-            node(22, "coffee_table", "Furniture", ("SURFACES",)), node(23, "mug", "", ("GRABBABLE",)),
-            node(24, "floor", "Floor"), node(25, "plate"),
+            node(1, "character", "Characters"),
+            node(11, "kitchen", "Rooms"),
+            node(12, "livingroom", "Rooms"),
+            node(20, "fridge", "Appliances", ("CAN_OPEN", "CONTAINERS")),
+            node(21, "milk", "Food", ("DRINKABLE",)),
+            node(22, "coffee_table", "Furniture", ("SURFACES",)),
+            node(23, "mug", "", ("GRABBABLE",)),
+            node(24, "floor", "Floor"),
+            node(25, "plate"),
         ],
         "edges": [
-            edge(1, "INSIDE", 11), edge(20, "INSIDE", 11), edge(21, "INSIDE", 20), edge(22, "INSIDE", 12),
-            edge(22, "ON", 24), edge(23, "ON", 22), edge(23, "CLOSE", 20), edge(1, "HOLDS_RH", 25),
+            edge(1, "INSIDE", 11),
+            edge(20, "INSIDE", 11),
+            edge(21, "INSIDE", 20),
+            edge(22, "INSIDE", 12),
+            edge(22, "ON", 24),
+            edge(23, "ON", 22),
+            edge(23, "CLOSE", 20),
+            edge(1, "HOLDS_RH", 25),
         ],
-    }  # fmt: skip
+    }
 
 
 EXPECTED = {
-    ("fridge", "atLocation", "kitchen"), ("fridge", "hasAffordance", "open"), ("fridge", "hasAffordance", "close"),
-    ("milk", "atLocation", "kitchen"), ("milk", "atLocation", "fridge"), ("milk", "hasAffordance", "drink"),
-    ("coffee table", "atLocation", "livingroom"), ("mug", "atLocation", "livingroom"),
-    ("mug", "atLocation", "coffee table"), ("mug", "hasAffordance", "pick up"), ("mug", "hasAffordance", "put"),
-}  # fmt: skip
+    ("fridge", "atLocation", "kitchen"),
+    ("fridge", "hasAffordance", "open"),
+    ("fridge", "hasAffordance", "close"),
+    ("milk", "atLocation", "kitchen"),
+    ("milk", "atLocation", "fridge"),
+    ("milk", "hasAffordance", "drink"),
+    ("coffee table", "atLocation", "livingroom"),
+    ("mug", "atLocation", "livingroom"),
+    ("mug", "atLocation", "coffee table"),
+    ("mug", "hasAffordance", "pick up"),
+    ("mug", "hasAffordance", "put"),
+}
 
 
 def test_objects_are_in_containers_and_in_the_rooms_of_these(tmp_path: Path) -> None:
@@ -67,10 +95,18 @@ def test_what_several_states_have_counts_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"edges": [edge(20, "INSIDE", 99)]}, ["edges.0", "from_id"]), ({"nodes": []}, ["nodes"]),
+        ({"edges": [edge(20, "INSIDE", 99)]}, ["edges.0", "from_id"]),
+        ({"nodes": []}, ["nodes"]),
         ({"nodes": [node(1, "mug"), node(1, "cup")]}, ["nodes.1", "twice"]),
-        ({"nodes": [node(1, "mu\tg")]}, ["nodes.0.class_name"]), ({"edges": None}, ["edges"]),
+        ({"nodes": [node(1, "mu\tg")]}, ["nodes.0.class_name"]),
+        ({"edges": None}, ["edges"]),
     ],
-)  # fmt: skip
-def test_a_broken_graph_is_refused(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
-    refused("virtualhome_graph", written(tmp_path / "a.json", json.dumps(home() | change)), ["a.json", *expected])
+)
+def test_a_broken_graph_is_refused(
+    tmp_path: Path, change: dict[str, Any], expected: list[str]
+) -> None:
+    refused(
+        "virtualhome_graph",
+        written(tmp_path / "a.json", json.dumps(home() | change)),
+        ["a.json", *expected],
+    )

@@ -1,4 +1,6 @@
-"""Names in the code are the field's: no package, module, class, function or param has one of the words below."""
+"""Names in the code are the field's: no package, module, class,
+function or param has one of the words below.
+"""
 
 import ast
 import re
@@ -12,13 +14,15 @@ import yaml
 ROOT = Path(__file__).parent.parent
 #: Words that must not be part of a name.
 PARTS = {
-    "asked", "asking", "chance", "chances", "crowding", "damage", "elsewhere", "families", "family", "followed",
-    "kept", "keeping", "meeting", "rehearsal", "rehearsed", "stated", "steady", "tell", "told", "varied",
+    "asked", "asking", "chance", "chances", "crowding", "damage", "elsewhere", "families", "family",
+    "followed", "kept", "keeping", "meeting", "rehearsal", "rehearsed", "stated", "steady", "tell",
+    "told", "varied",
 }  # fmt: skip
 #: Words that must not be a whole name.
 WHOLE = {
-    "approach", "at_once", "cell", "cells", "drawing", "every", "found", "given", "held", "how", "keep", "listed",
-    "meet", "news", "nothing", "one", "own", "placed", "pull", "rates", "some", "what",
+    "approach", "at_once", "cell", "cells", "drawing", "every", "found", "given", "held", "how",
+    "keep", "listed", "meet", "news", "nothing", "one", "own", "placed", "pull", "rates", "some",
+    "what",
 }  # fmt: skip
 #: Words that must not name an argument or a local, since they do not describe the value.
 LOCALS = {"found", "how", "one", "own", "some", "what"}
@@ -47,7 +51,10 @@ def unwanted(name: str) -> bool:
 @pytest.mark.parametrize("folder", ["isi", "stages", "tools"])
 def test_code_uses_the_words_of_the_field(folder: str) -> None:
     names_found = {
-        f"{path}: {name}" for path in (ROOT / folder).rglob("*.py") for name in names(path) if unwanted(name)
+        f"{path}: {name}"
+        for path in (ROOT / folder).rglob("*.py")
+        for name in names(path)
+        if unwanted(name)
     }
     assert not names_found
 
@@ -57,23 +64,39 @@ def test_arguments_and_locals_say_what_they_hold(folder: str) -> None:
     for path in (ROOT / folder).rglob("*.py"):
         for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(function, ast.FunctionDef | ast.Lambda):
-                stored = [node for node in ast.walk(function) if isinstance(getattr(node, "ctx", None), ast.Store)]
+                stored = [
+                    node
+                    for node in ast.walk(function)
+                    if isinstance(getattr(node, "ctx", None), ast.Store)
+                ]
                 assigned = {node.id for node in stored if isinstance(node, ast.Name)}
                 arguments = {node.arg for node in ast.walk(function) if isinstance(node, ast.arg)}
                 assert not (assigned | arguments) & LOCALS, path
 
 
-@pytest.mark.parametrize("file", ["params.yaml", "beyond/params.yaml", "dvc.yaml", "beyond/dvc.yaml"])
+@pytest.mark.parametrize(
+    "file", ["params.yaml", "beyond/params.yaml", "dvc.yaml", "beyond/dvc.yaml"]
+)
 def test_params_and_stages_use_the_words_of_the_field(file: str) -> None:
-    assert not {key for key in keys(yaml.safe_load((ROOT / file).read_text(encoding="utf-8"))) if unwanted(key)}
+    assert not {
+        key
+        for key in keys(yaml.safe_load((ROOT / file).read_text(encoding="utf-8")))
+        if unwanted(key)
+    }
 
 
 def test_no_two_classes_have_the_same_name() -> None:
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "isi").rglob("*.py")]
-    number = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    number = Counter(
+        node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+    )
     assert not [name for name in number if number[name] > 1]
 
 
 def test_no_test_imports_from_another_test() -> None:
     imports = re.compile(r"^from tests\.(?:\w+\.)*test_|^from tests import .*\btest_", re.MULTILINE)
-    assert not [str(path) for path in (ROOT / "tests").rglob("*.py") if imports.search(path.read_text("utf-8"))]
+    assert not [
+        str(path)
+        for path in (ROOT / "tests").rglob("*.py")
+        if imports.search(path.read_text("utf-8"))
+    ]

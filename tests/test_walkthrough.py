@@ -1,6 +1,7 @@
 """Read this first: a home of seven names, a novel cup, and every number by hand.
 
-A robot knows mugs, bowls, a sofa, two rooms and that one drinks from a mug. It meets a cup that stands in the kitchen.
+A robot knows mugs, bowls, a sofa, two rooms and that one drinks from a mug. It meets a cup that
+stands in the kitchen.
 """
 
 import numpy as np
@@ -18,15 +19,18 @@ from isi.models.stack import Embedding, uniform
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, train
 
-ENTITIES = pd.DataFrame({
-    "entity": ["bowl", "cup", "drink", "kitchen", "living room", "mug", "sofa"],
-    "kind": ["object", "object", "affordance", "room", "room", "object", "object"],
-})  # fmt: skip
+ENTITIES = pd.DataFrame(
+    {
+        "entity": ["bowl", "cup", "drink", "kitchen", "living room", "mug", "sofa"],
+        "kind": ["object", "object", "affordance", "room", "room", "object", "object"],
+    }
+)
 BOWL, CUP, DRINK, KITCHEN, LIVING_ROOM, MUG, SOFA = range(7)
 TRIPLES = pd.DataFrame(
     [
         ("bowl", "atLocation", "kitchen", 2),
-        ("cup", "atLocation", "kitchen", 1),  # the robot's observation of the cup: its insert triple
+        # the robot's observation of the cup: its insert triple
+        ("cup", "atLocation", "kitchen", 1),
         ("cup", "hasAffordance", "drink", 1),  # a true triple that the robot does not know
         ("mug", "atLocation", "kitchen", 3),
         ("mug", "hasAffordance", "drink", 5),
@@ -35,17 +39,22 @@ TRIPLES = pd.DataFrame(
     columns=["head", "relation", "tail", "count"],
 )
 OBSERVED, HIDDEN = 1, 2
-GRAPH = build_graph(ENTITIES, TRIPLES)  # relations are numbered by the alphabet: atLocation 0, hasAffordance 1
+# relations are numbered by the alphabet: atLocation 0, hasAffordance 1
+GRAPH = build_graph(ENTITIES, TRIPLES)
 SPLITS = torch.tensor([[TRAIN, TRAIN, TEST, TRAIN, TRAIN, TRAIN]], dtype=torch.int8)
 NOVEL = torch.tensor([[CUP]])
 D0, D1 = (session_at(GRAPH, SPLITS, NOVEL[:, None], number) for number in (0, 1))
 
 #: Cup, mug and sofa have similar word vectors, bowl a less similar one; rooms and drink have none.
-WORDS = torch.tensor([[0.8, 0.6], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 0.1], [1.0, 0.2]])
+WORDS = torch.tensor(
+    [[0.8, 0.6], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 0.1], [1.0, 0.2]]
+)
 #: DistMult in two dimensions: f(h, r, t) = Σ h · r · t.
 DISTMULT = make_model("distmult", {}, "models.distmult")
 THETA0 = Embedding(
-    entity=torch.tensor([[[0.8, 0.2], [0.0, 0.0], [1.0, 0.0], [1.2, -0.2], [-0.2, 1.2], [1.1, 0.1], [0.1, 1.0]]]),
+    entity=torch.tensor(
+        [[[0.8, 0.2], [0.0, 0.0], [1.0, 0.0], [1.2, -0.2], [-0.2, 1.2], [1.1, 0.1], [0.1, 1.0]]]
+    ),
     relation=torch.tensor([[[1.0, 1.0], [2.0, 0.0]]]),
     model=DISTMULT,
 )
@@ -59,11 +68,21 @@ def test_the_session_before_has_all_but_the_cup_and_its_triples() -> None:
 
 
 def test_theta0_is_trained_until_what_it_knows_scores_above_what_it_does_not() -> None:
-    start = uniform(D0.entities, relations=2, model=DISTMULT, dimension=8, half_range=0.01, root=0, keys=SIZE_AND_SEED)
+    start = uniform(
+        D0.entities,
+        relations=2,
+        model=DISTMULT,
+        dimension=8,
+        half_range=0.01,
+        root=0,
+        keys=SIZE_AND_SEED,
+    )
     data = training_data(D0, "training", SIZE_AND_SEED, head_pool="all")
     optimizer = Optimizer(batch_size=4, learning_rate=0.1, weight_decay=0.0, max_epochs=100)
     negatives = Negatives(mode="expected", ratio=2, head_pool="all")
-    theta0 = train(start, data, negatives, optimizer, root=0, watch=lambda _epoch, _theta, models: models >= 0)
+    theta0 = train(
+        start, data, negatives, optimizer, root=0, watch=lambda _epoch, _theta, models: models >= 0
+    )
     rooms = theta0.score_tails(torch.tensor([[MUG]]), torch.tensor([[0]]))[0, 0]
     assert rooms[KITCHEN] > rooms[LIVING_ROOM]
     assert not theta0.entity[0, CUP].any(), "rows of novel entities stay zero"
@@ -91,16 +110,19 @@ def test_ers_takes_of_these_the_ones_that_stand_in_kitchens() -> None:
 
 
 def test_mrr_star_of_the_inserted_cup() -> None:
-    """The one triple that touches the cup and was not observed is (cup, hasAffordance, drink): three queries.
+    """The one triple that touches the cup and was not observed is (cup, hasAffordance, drink):
+    three queries.
 
     The cup is at (.95, .15), and hasAffordance multiplies first coordinates by 2.
 
-    - Tail, (cup, hasAffordance, ?): kitchen 2.28, mug 2.09, drink 1.9, cup 1.8, ...: rank 3, and 1 would be right.
-    - Head, (?, hasAffordance, drink): kitchen 2.4, mug 2.2 (left out: known to be right), drink 2.0, cup 1.9: rank 3
-      again, and 1 would be right among those that are left.
+    - Tail, (cup, hasAffordance, ?): kitchen 2.28, mug 2.09, drink 1.9, cup 1.8, ...: rank 3, and 1
+      would be right.
+    - Head, (?, hasAffordance, drink): kitchen 2.4, mug 2.2 (left out: known to be right), drink
+      2.0, cup 1.9: rank 3 again, and 1 would be right among those that are left.
     - Relation, (cup, ?, drink): hasAffordance 1.9, atLocation .95: rank 1.
 
-    MRR* is 1 / (|true rank - predicted rank| + 1): 1/3 for entities, 1 for relations, and their mean.
+    MRR* is 1 / (|true rank - predicted rank| + 1): 1/3 for entities, 1 for relations, and their
+    mean.
     """
     vector = insert("ers", k=2, candidates=3)
     theta1 = Embedding(THETA0.entity.clone(), THETA0.relation, DISTMULT)

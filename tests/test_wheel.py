@@ -1,7 +1,9 @@
-"""The distribution: what it contains, and that it works where only the packages that it needs are installed.
+"""The distribution: what it contains, and that it works where only the packages
+that it needs are installed.
 
-The wheel is built from the source distribution and installed into an empty environment. Its dependencies are linked
-from the environment of the tests, so no network is needed, and what the wheel does not declare is absent.
+The wheel is built from the source distribution and installed into an empty environment. Its
+dependencies are linked from the environment of the tests, so no network is needed, and what the
+wheel does not declare is absent.
 """
 
 import json
@@ -27,10 +29,25 @@ from tests.documented import DOCS, blocks
 from tests.small_bundle import written
 
 ROOT = DOCS.parent
-#: Maximum number of distributions in an environment with the wheel alone; those that a CUDA build of torch adds.
+#: Maximum number of distributions in an environment with the wheel alone; those that a CUDA build
+#: of torch adds.
 MOST, CUDA = 40, ("cuda-", "nvidia-", "triton")
-HEAVY = ("ai2thor", "dvc", "gensim", "matplotlib", "numba", "procthor", "pyarrow", "pykeen", "rdflib", "scipy")
-BUILD = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
+HEAVY = (
+    "ai2thor",
+    "dvc",
+    "gensim",
+    "matplotlib",
+    "numba",
+    "procthor",
+    "pyarrow",
+    "pykeen",
+    "rdflib",
+    "scipy",
+)
+BUILD = (
+    "import sys; from setuptools import build_meta; print(getattr(build_meta, "
+    "sys.argv[1])(sys.argv[2]))"
+)
 
 
 @dataclass(frozen=True)
@@ -51,11 +68,19 @@ class Empty:
     def run(self, *command: str, status: int = 0) -> str:
         """What a command of the environment prints, run in an empty folder."""
         program, *rest = command
-        settings = {"PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
+        settings = {
+            "PATH": os.environ["PATH"],
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "OMP_NUM_THREADS": "1",
+        }
         done = subprocess.run(
-            [self.folder / "bin" / program, *rest], cwd=self.folder, env=settings, capture_output=True, text=True,
+            [self.folder / "bin" / program, *rest],
+            cwd=self.folder,
+            env=settings,
+            capture_output=True,
+            text=True,
             check=False,
-        )  # fmt: skip
+        )
         assert done.returncode == status, done.stderr
         return done.stdout + done.stderr
 
@@ -63,7 +88,11 @@ class Empty:
 def build(form: str, folder: Path, out: Path) -> Path:
     """Build a distribution of a folder with the installed setuptools."""
     built = subprocess.run(
-        [sys.executable, "-c", BUILD, f"build_{form}", out], cwd=folder, capture_output=True, text=True, check=True
+        [sys.executable, "-c", BUILD, f"build_{form}", out],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return out / built.stdout.splitlines()[-1]
 
@@ -85,7 +114,9 @@ def closure(metadata: Metadata) -> Iterator[Distribution]:
     waiting, seen = list(metadata.requires_dist or ()), set[str]()
     while waiting:
         wanted = waiting.pop()
-        if canonicalize_name(wanted.name) not in seen and (not wanted.marker or wanted.marker.evaluate({"extra": ""})):
+        if canonicalize_name(wanted.name) not in seen and (
+            not wanted.marker or wanted.marker.evaluate({"extra": ""})
+        ):
             seen.add(canonicalize_name(wanted.name))
             yield (installed := distribution(wanted.name))
             waiting += map(Requirement, installed.requires or ())
@@ -98,10 +129,21 @@ def empty(built: Built, tmp_path_factory: pytest.TempPathFactory) -> Empty:
     (packages,) = folder.glob("lib/*/site-packages")
     needed = list(closure(metadata_of(built.wheel)))
     for part in needed:
-        for name in {file.parts[0] for file in part.files or () if file.parts[0] not in ("..", "__pycache__")}:
+        for name in {
+            file.parts[0] for file in part.files or () if file.parts[0] not in ("..", "__pycache__")
+        }:
             if not (packages / name).exists():
                 (packages / name).symlink_to(part.locate_file(name))
-    pip = [sys.executable, "-m", "pip", "--python", folder / "bin" / "python", "install", "--quiet", "--no-deps"]
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        folder / "bin" / "python",
+        "install",
+        "--quiet",
+        "--no-deps",
+    ]
     subprocess.run([*pip, "--no-index", built.wheel], check=True)
     return Empty(folder, {canonicalize_name(part.name) for part in needed} | {"isi-kge"})
 
@@ -116,9 +158,18 @@ def metadata_of(wheel: Path) -> Metadata:
 def test_the_wheel_contains_the_library_alone(built: Built) -> None:
     with ZipFile(built.wheel) as archive:
         files = {Path(name) for name in archive.namelist()}
-    assert {path.parts[0] for path in files} == {"isi", f"{'-'.join(built.wheel.name.split('-')[:2])}.dist-info"}
-    ours = [path for path in (ROOT / "isi").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    assert {path for path in files if path.parts[0] == "isi"} == {path.relative_to(ROOT) for path in ours}
+    assert {path.parts[0] for path in files} == {
+        "isi",
+        f"{'-'.join(built.wheel.name.split('-')[:2])}.dist-info",
+    }
+    ours = [
+        path
+        for path in (ROOT / "isi").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    assert {path for path in files if path.parts[0] == "isi"} == {
+        path.relative_to(ROOT) for path in ours
+    }
     assert {"LICENSE", "NOTICE.md"} <= {path.name for path in files}
 
 
@@ -139,15 +190,26 @@ def test_the_page_on_a_package_index_has_no_link_that_breaks_there(built: Built)
 def test_extras_that_messages_and_pages_name_exist(built: Built) -> None:
     code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "isi").rglob("*.py"))
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.glob("*.md"))
-    listed = {extra for text in re.findall(r"isi-kge\[([a-z,-]+)\]", code + pages) for extra in text.split(",")}
+    listed = {
+        extra
+        for text in re.findall(r"isi-kge\[([a-z,-]+)\]", code + pages)
+        for extra in text.split(",")
+    }
     extras = listed | set(re.findall(r"\bextra\(\"(.*?)\"\)", code))
-    assert {"pipeline", "pykeen", "words"} <= extras <= set(metadata_of(built.wheel).provides_extra or ())
+    assert (
+        {"pipeline", "pykeen", "words"}
+        <= extras
+        <= set(metadata_of(built.wheel).provides_extra or ())
+    )
 
 
 def test_the_environment_is_small_and_the_rest_is_absent(empty: Empty) -> None:
     assert len([name for name in empty.distributions if not name.startswith(CUDA)]) <= MOST
     assert empty.distributions.isdisjoint(HEAVY)
-    find = f"from importlib.util import find_spec; print([name for name in {HEAVY} if find_spec(name)])"
+    find = (
+        "from importlib.util import find_spec; print([name for name "
+        f"in {HEAVY} if find_spec(name)])"
+    )
     assert empty.run("python", "-c", find).strip() == "[]"
 
 
@@ -166,9 +228,13 @@ def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) ->
     bundle, larger = str(written(tmp_path / "bundle")), str(tmp_path / "larger")
     facts = ("--fact", "atLocation", "kitchen", "--fact", "hasAffordance", "turn on")
     empty.run("isi", "insert", "toaster", *facts, "--embedding", bundle, "--out", larger)
-    answers = json.loads(empty.run("isi", "ask", "toaster", "atLocation", "--embedding", larger, "--json"))["answers"]
+    answers = json.loads(
+        empty.run("isi", "ask", "toaster", "atLocation", "--embedding", larger, "--json")
+    )["answers"]
     assert answers[0]["entity"] == "kitchen"
-    assert "toaster hasAffordance turn on" in empty.run("isi", "explain", "toaster", "--embedding", larger)
+    assert "toaster hasAffordance turn on" in empty.run(
+        "isi", "explain", "toaster", "--embedding", larger
+    )
     out = tmp_path / "triples.tsv"
     empty.run("isi", "export", "--format", "pykeen-tsv", "--embedding", larger, "--out", str(out))
     assert "toaster\tatLocation\tkitchen" in out.read_text(encoding="utf-8").splitlines()
@@ -182,20 +248,41 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
         json.dumps({"ent_embeddings.weight": [[1, 2], [3, 4]], "rel_embeddings.weight": [[1, 1]]})
     )
     options = ("--family", "distmult", "--out", str(tmp_path / "bundle"))
-    assert "2 entities, 1 relations, 1 triples" in empty.run("isi", "import", str(tmp_path), *options)
+    assert "2 entities, 1 relations, 1 triples" in empty.run(
+        "isi", "import", str(tmp_path), *options
+    )
 
 
 @pytest.mark.parametrize(
     ("extra", "command"),
     [
         ("pykeen", ["python", "-c", "import isi; isi.pykeen"]),
-        ("rdf", ["isi", "export", "--format", "turtle", "--embedding", "BUNDLE", "--out", "graph.ttl"]),
-        ("words-file", ["isi", "insert", "toaster", "--vectors", "words.txt", "--embedding", "BUNDLE", "--dry-run"]),
+        (
+            "rdf",
+            ["isi", "export", "--format", "turtle", "--embedding", "BUNDLE", "--out", "graph.ttl"],
+        ),
+        (
+            "words-file",
+            [
+                "isi",
+                "insert",
+                "toaster",
+                "--vectors",
+                "words.txt",
+                "--embedding",
+                "BUNDLE",
+                "--dry-run",
+            ],
+        ),
         ("pipeline", ["isi", "graph", "triples.parquet", "--reader", "table"]),
     ],
 )
-def test_the_extra_of_a_missing_package_is_named(empty: Empty, tmp_path: Path, extra: str, command: list[str]) -> None:
+def test_the_extra_of_a_missing_package_is_named(
+    empty: Empty, tmp_path: Path, extra: str, command: list[str]
+) -> None:
     shutil.copy(ROOT / "params.yaml", empty.folder)
     bundle = str(written(tmp_path / "bundle"))
-    line = empty.run(*(bundle if word == "BUNDLE" else word for word in command), status=1).splitlines()[-1]
+    line = empty.run(
+        *(bundle if word == "BUNDLE" else word for word in command), status=1
+    ).splitlines()[-1]
     assert line.endswith(f"not installed: pip install 'isi-kge[{extra}]'")

@@ -30,16 +30,27 @@ VECTORS = {
 
 
 def glove(vectors: dict[str, list[float]] = VECTORS) -> bytes:
-    return "".join(f"{token} {' '.join(map(repr, vector))}\n" for token, vector in vectors.items()).encode()
+    return "".join(
+        f"{token} {' '.join(map(repr, vector))}\n" for token, vector in vectors.items()
+    ).encode()
 
 
 def text(vectors: dict[str, list[float]] = VECTORS) -> bytes:
     return f"{len(vectors)} {len(next(iter(vectors.values())))}\n".encode() + glove(vectors)
 
 
-def binary(vectors: dict[str, list[float]] = VECTORS, header: str | None = None, newline: bytes = b"\n") -> bytes:
-    rows = [token.encode() + b" " + struct.pack(f"<{len(v)}f", *v) + newline for token, v in vectors.items()]
-    return (header or f"{len(vectors)} {len(next(iter(vectors.values())))}").encode() + b"\n" + b"".join(rows)
+def binary(
+    vectors: dict[str, list[float]] = VECTORS, header: str | None = None, newline: bytes = b"\n"
+) -> bytes:
+    rows = [
+        token.encode() + b" " + struct.pack(f"<{len(v)}f", *v) + newline
+        for token, v in vectors.items()
+    ]
+    return (
+        (header or f"{len(vectors)} {len(next(iter(vectors.values())))}").encode()
+        + b"\n"
+        + b"".join(rows)
+    )
 
 
 def loaded(path: Path, content: bytes) -> KeyedVectors:
@@ -49,12 +60,19 @@ def loaded(path: Path, content: bytes) -> KeyedVectors:
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("word2vec.txt", text()), ("word2vec.bin", binary()), ("glove.txt", glove()),
-     ("google.bin", binary(newline=b"")),  # as Google's own file: no newline after a vector
-     ("word2vec.txt.gz", gzip.compress(text())), ("glove.txt.gz", gzip.compress(glove())),
-     ("word2vec.bin.gz", gzip.compress(binary()))],
-)  # fmt: skip
-def test_every_form_of_file_gives_the_same_vectors(tmp_path: Path, name: str, content: bytes) -> None:
+    [
+        ("word2vec.txt", text()),
+        ("word2vec.bin", binary()),
+        ("glove.txt", glove()),
+        ("google.bin", binary(newline=b"")),  # as Google's own file: no newline after a vector
+        ("word2vec.txt.gz", gzip.compress(text())),
+        ("glove.txt.gz", gzip.compress(glove())),
+        ("word2vec.bin.gz", gzip.compress(binary())),
+    ],
+)
+def test_every_form_of_file_gives_the_same_vectors(
+    tmp_path: Path, name: str, content: bytes
+) -> None:
     read = loaded(tmp_path / name, content)
     assert read.index_to_key == list(VECTORS)
     np.testing.assert_array_equal(read.vectors, np.array(list(VECTORS.values()), dtype=np.float32))
@@ -62,20 +80,27 @@ def test_every_form_of_file_gives_the_same_vectors(tmp_path: Path, name: str, co
 
 def test_files_that_gensim_writes_are_read_back(tmp_path: Path) -> None:
     saved = KeyedVectors(300)
-    saved.add_vectors(["mug", "bowl"], np.random.default_rng(0).normal(size=(2, 300)).astype(np.float32))
+    saved.add_vectors(
+        ["mug", "bowl"], np.random.default_rng(0).normal(size=(2, 300)).astype(np.float32)
+    )
     for binary_form in (True, False):
         saved.save_word2vec_format(str(tmp_path / "saved"), binary=binary_form)
         np.testing.assert_array_equal(words.read_vectors(tmp_path / "saved").vectors, saved.vectors)
 
 
 @pytest.mark.parametrize("token", ["b", "bo", "bow", "bowl", "bowls"])
-def test_long_lines_of_text_are_not_taken_for_binary_wherever_a_number_is_cut(tmp_path: Path, token: str) -> None:
+def test_long_lines_of_text_are_not_taken_for_binary_wherever_a_number_is_cut(
+    tmp_path: Path, token: str
+) -> None:
     read = loaded(tmp_path / "wide.txt", text({token: [-0.5] * 900, "mug": [0.25] * 900}))
     np.testing.assert_array_equal(read.vectors[:, 0], [-0.5, 0.25])
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0, 6.0139e-36])  # the bytes of the last are spaces and "0"
-def test_binary_vectors_are_known_as_such_whatever_their_bytes(tmp_path: Path, value: float) -> None:
+# the bytes of the last are spaces and "0"
+@pytest.mark.parametrize("value", [0.0, 1.0, 6.0139e-36])
+def test_binary_vectors_are_known_as_such_whatever_their_bytes(
+    tmp_path: Path, value: float
+) -> None:
     read = loaded(tmp_path / "words.bin", binary({"mug": [value] * 3, "bowl": [1.0, 2.0, 3.0]}))
     assert read.index_to_key == ["mug", "bowl"]
     np.testing.assert_allclose(read["bowl"], [1, 2, 3])
@@ -86,7 +111,9 @@ def test_a_token_that_is_there_twice_keeps_its_first_vector(
     tmp_path: Path, form: Callable[[dict[str, list[float]]], bytes]
 ) -> None:
     read = loaded(tmp_path / "words", form(VECTORS).replace(b"clock ", b"alarm "))
-    np.testing.assert_array_equal(words.look_up(read, ["alarm", "clock", "house plant"]).vectors[:, 0], [1, 0, 0.5])
+    np.testing.assert_array_equal(
+        words.look_up(read, ["alarm", "clock", "house plant"]).vectors[:, 0], [1, 0, 0.5]
+    )
 
 
 # Looking up
@@ -105,8 +132,10 @@ def known() -> KeyedVectors:
     ("phrase", "vector", "served_by"),
     [
         ("clock", [0.0, 1.0, -2.5], "clock"),
-        ("house plant", [0.5, 0.25, 8.0], "house_plant"),  # joined, though both tokens are known, too
-        ("tv stand", [7.0, 7.0, 7.0], "tv stand"),  # the phrase as it is comes before the joined one
+        # joined, though both tokens are known, too
+        ("house plant", [0.5, 0.25, 8.0], "house_plant"),
+        # the phrase as it is comes before the joined one
+        ("tv stand", [7.0, 7.0, 7.0], "tv stand"),
         ("alarm clock", [0.5, 0.5, -1.25], "alarm clock"),  # the mean of both
         ("alarm unheard", [1.0, 0.0, 0.0], "alarm"),  # the mean of those that are known
         ("unheard of", [0.0, 0.0, 0.0], None),
@@ -124,7 +153,9 @@ def test_a_phrase_is_one_token_or_joined_or_the_mean_of_its_tokens_or_nothing(
 # Broken files
 
 
-@pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"])
+@pytest.mark.parametrize(
+    "token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"]
+)
 def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
     """Tokens with unusual blanks, and GloVe's tokens that contain spaces."""
     vectors = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
@@ -134,12 +165,18 @@ def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
 
 def test_a_download_that_nothing_can_check_is_refused_without_asking_the_network() -> None:
     with pytest.raises(InputError, match=r"expected null or a file as words\.source"):
-        words.load_vectors(Words(source="glove-wiki-gigaword-50", text="definition", sha256="0" * 64))
+        words.load_vectors(
+            Words(source="glove-wiki-gigaword-50", text="definition", sha256="0" * 64)
+        )
 
 
-@pytest.mark.parametrize("damage", [lambda raw: raw[: len(raw) // 2], lambda raw: raw[:20] + b"\0\0\0" + raw[23:]])
+@pytest.mark.parametrize(
+    "damage", [lambda raw: raw[: len(raw) // 2], lambda raw: raw[:20] + b"\0\0\0" + raw[23:]]
+)
 def test_a_damaged_gz_file_is_named(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
-    compressed = gzip.compress(text({f"token{n}": [n * 0.1, n * 0.7, n * 1.3] for n in range(2000)}))
+    compressed = gzip.compress(
+        text({f"token{n}": [n * 0.1, n * 0.7, n * 1.3] for n in range(2000)})
+    )
     with pytest.raises(InputError, match=r"words\.txt\.gz"):
         loaded(tmp_path / "words.txt.gz", damage(compressed))
 
@@ -162,24 +199,38 @@ def definitions() -> list[str]:
 def object_types() -> list[str]:
     """All object types of AI2-THOR and RoboTHOR in the recording, including the floor."""
     scenes = json.loads(locate("recording").read_bytes())
-    return sorted({entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
+    return sorted(
+        {entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room}
+    )
 
 
 ROOMS = ["bathroom", "bedroom", "kitchen", "living room"]
 SUNCG = ["wood", "metal", "fabric", "glass", "leather", "stone", "tile"]
-SIMULATOR = ["metal", "plastic", "wood", "fabric", "glass", "ceramic", "paper", "food", "organic", "rubber", "stone",
-             "sponge", "wax", "soap", "leather"]  # fmt: skip
-AFFORDANCES = ["open", "close", "pick up", "put", "turn on", "turn off", "fill", "empty", "slice", "break", "clean",
-               "dirty", "push", "pull", "cook", "heat", "cool"]  # fmt: skip
+SIMULATOR = ["metal", "plastic", "wood", "fabric", "glass", "ceramic", "paper", "food", "organic",
+             "rubber", "stone", "sponge", "wax", "soap", "leather"]  # fmt: skip
+AFFORDANCES = ["open", "close", "pick up", "put", "turn on", "turn off", "fill", "empty", "slice",
+               "break", "clean", "dirty", "push", "pull", "cook", "heat", "cool"]  # fmt: skip
 
 
 def test_the_shipped_vectors_serve_every_phrase_as_one_token(shipped: KeyedVectors) -> None:
     published = published_phrases()["phrase"]
-    phrases = [*definitions(), *object_types(), *ROOMS, *SUNCG, *SIMULATOR, *AFFORDANCES, *published]
-    assert words.look_up(shipped, phrases).served_by == [phrase.replace(" ", "_") for phrase in phrases]
+    phrases = [
+        *definitions(),
+        *object_types(),
+        *ROOMS,
+        *SUNCG,
+        *SIMULATOR,
+        *AFFORDANCES,
+        *published,
+    ]
+    assert words.look_up(shipped, phrases).served_by == [
+        phrase.replace(" ", "_") for phrase in phrases
+    ]
 
 
-def test_the_shipped_vectors_are_of_unit_length_one_for_each_phrase_and_no_two_alike(shipped: KeyedVectors) -> None:
+def test_the_shipped_vectors_are_of_unit_length_one_for_each_phrase_and_no_two_alike(
+    shipped: KeyedVectors,
+) -> None:
     assert shipped.index_to_key == [phrase.replace(" ", "_") for phrase in definitions()]
     assert shipped.vectors.shape == (len(definitions()), 384)
     np.testing.assert_allclose(np.linalg.norm(shipped.vectors, axis=1), 1, atol=1e-5)
@@ -190,9 +241,13 @@ def test_the_shipped_vectors_are_of_unit_length_one_for_each_phrase_and_no_two_a
 
 def test_embedding_again_keeps_the_bytes_of_vectors_that_differ_by_rounding_alone() -> None:
     stored = KeyedVectors(3)
-    stored.add_vectors(["mug", "bowl"], np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]], dtype=np.float32))
+    stored.add_vectors(
+        ["mug", "bowl"], np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]], dtype=np.float32)
+    )
     again = np.array([[0.600001, 0.8, 0.0], [0.0, 0.6, 0.8], [0.01, 0.59, 0.8]], dtype=np.float32)
     new_bowl = again[2].copy()
     assert reuse(["mug", "pan", "bowl"], again, stored) == 1
     assert again[0].tobytes() == stored["mug"].tobytes()
-    np.testing.assert_array_equal(again[1:], [np.array([0.0, 0.6, 0.8], dtype=np.float32), new_bowl])
+    np.testing.assert_array_equal(
+        again[1:], [np.array([0.0, 0.6, 0.8], dtype=np.float32), new_bowl]
+    )

@@ -1,4 +1,6 @@
-"""``insert_rows`` with a table of entities in parts on two Dask workers, as with the table on one machine."""
+"""``insert_rows`` with a table of entities in parts on two Dask workers,
+as with the table on one machine.
+"""
 
 import os
 import signal
@@ -38,11 +40,20 @@ def client(cluster: Cluster) -> Iterator[Any]:
 def graph(entities: int) -> dict[str, Any]:
     """Arguments of ``insert_rows`` for three new entities with one to five triples."""
     stack, rng = random_embedding(1, entities, RELATIONS, DIMENSION), np.random.default_rng(0)
-    triples = [[rng.integers(entities), rng.integers(RELATIONS), entities + place]
-               for place, number in enumerate((2, 5, 1)) for _ in range(number)]  # fmt: skip
+    triples = [
+        [rng.integers(entities), rng.integers(RELATIONS), entities + place]
+        for place, number in enumerate((2, 5, 1))
+        for _ in range(number)
+    ]
     known = np.stack([rng.integers(0, most, 200) for most in (entities, RELATIONS, entities)], 1)
-    return {"entities": stack.entity[0].numpy(), "relations": stack.relation[0].numpy(), "triples": np.array(triples),
-            "new": 3, "model": "complex", "known_triples": known}  # fmt: skip
+    return {
+        "entities": stack.entity[0].numpy(),
+        "relations": stack.relation[0].numpy(),
+        "triples": np.array(triples),
+        "new": 3,
+        "model": "complex",
+        "known_triples": known,
+    }
 
 
 def files_of(folder: Path, entities: np.ndarray, *ends: int) -> list[Path]:
@@ -55,7 +66,19 @@ def files_of(folder: Path, entities: np.ndarray, *ends: int) -> list[Path]:
 
 @pytest.mark.parametrize(
     ("entities", "name"),
-    [(LARGE, name) for name in ("map", "map_mean", "ridge", "soft_rs", "rs", "mean", "neighbour_mean", "er_avg")]
+    [
+        (LARGE, name)
+        for name in (
+            "map",
+            "map_mean",
+            "ridge",
+            "soft_rs",
+            "rs",
+            "mean",
+            "neighbour_mean",
+            "er_avg",
+        )
+    ]
     + [(SMALL, name) for name in ("map", "iu", "class_noise")],
 )
 @pytest.mark.parametrize("ends", [(), (33,), (7, 7 + 20)], ids=["one file", "two", "three"])
@@ -106,13 +129,20 @@ def test_a_large_table_is_never_gathered(client: Any, tmp_path: Path) -> None:
         insert_rows(**given | {"entities": parts}, initializer="iu")
 
 
-WIDE, TEXT, WRONG = np.zeros((1, 9), np.float32), np.array([["a"]]), np.array([[1.0] * 8, [np.nan] * 8])
+WIDE, TEXT, WRONG = (
+    np.zeros((1, 9), np.float32),
+    np.array([["a"]]),
+    np.array([[1.0] * 8, [np.nan] * 8]),
+)
 
 
 @pytest.mark.parametrize(
-    ("second", "named"), [(WIDE, r"1\.npy.* 8 .* 9"), (TEXT, r"1\.npy"), (WRONG, "row 60"), (np.float32(1), r"1\.npy")]
+    ("second", "named"),
+    [(WIDE, r"1\.npy.* 8 .* 9"), (TEXT, r"1\.npy"), (WRONG, "row 60"), (np.float32(1), r"1\.npy")],
 )
-def test_a_wrong_table_is_named(second: np.ndarray, named: str, client: Any, tmp_path: Path) -> None:
+def test_a_wrong_table_is_named(
+    second: np.ndarray, named: str, client: Any, tmp_path: Path
+) -> None:
     files = files_of(tmp_path, graph(SMALL)["entities"], SMALL - 1)
     np.save(files[1], second)
     with pytest.raises(InputError, match=named):
@@ -122,14 +152,21 @@ def test_a_wrong_table_is_named(second: np.ndarray, named: str, client: Any, tmp
 def test_wrong_files_and_clients_are_named(client: Any, cluster: Cluster, tmp_path: Path) -> None:
     other = tmp_path / "entities.csv"
     other.write_text("0.5,0.25\n", encoding="utf-8")
-    for files, named in (([other], "entities.csv"), ([tmp_path / "no.npy"], "no.npy"), ([], "files"), ("a", "files")):
+    for files, named in (
+        ([other], "entities.csv"),
+        ([tmp_path / "no.npy"], "no.npy"),
+        ([], "files"),
+        ("a", "files"),
+    ):
         with pytest.raises(InputError, match=named):
             on_workers(client, files)
     with pytest.raises(InputError, match="argument 'client'"):
         on_workers(cluster.scheduler, [other])
 
 
-def test_another_worker_reads_the_part_of_a_lost_one(client: Any, cluster: Cluster, tmp_path: Path) -> None:
+def test_another_worker_reads_the_part_of_a_lost_one(
+    client: Any, cluster: Cluster, tmp_path: Path
+) -> None:
     given = graph(SMALL)
     parts = on_workers(client, files_of(tmp_path, given["entities"]))
     os.kill(next(iter(cluster.workers)), signal.SIGKILL)

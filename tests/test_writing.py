@@ -1,4 +1,6 @@
-"""Outputs that cannot be written: a one-line error, unchanged earlier outputs, and no temporary files."""
+"""Outputs that cannot be written: a one-line error, unchanged earlier outputs,
+and no temporary files.
+"""
 
 import errno
 import os
@@ -51,16 +53,23 @@ def test_what_a_disk_refuses_names_the_output_and_why_and_leaves_the_earlier_one
     with pytest.raises(InputError) as ended:
         io.atomically(path, refused)
     room = r"; \d+\.\d [GM]iB free there" if tells_room else ""
-    assert re.fullmatch(rf"{re.escape(str(path))}: cannot be written \({why}{room}\)", str(ended.value))
+    assert re.fullmatch(
+        rf"{re.escape(str(path))}: cannot be written \({why}{room}\)", str(ended.value)
+    )
     assert path.read_bytes() == b"the last good one"
     assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize(
     ("path", "why"),
-    [("x" * 300, "File name too long"), ("file/t", "its folder is a file"), (".", "name of a file"),
-     ("..", "name of a file"), ("/", "name of a file")],
-)  # fmt: skip
+    [
+        ("x" * 300, "File name too long"),
+        ("file/t", "its folder is a file"),
+        (".", "name of a file"),
+        ("..", "name of a file"),
+        ("/", "name of a file"),
+    ],
+)
 def test_a_path_that_cannot_be_written_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, why: str
 ) -> None:
@@ -71,9 +80,14 @@ def test_a_path_that_cannot_be_written_is_refused(
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
-def test_a_file_that_cannot_be_read_while_writing_is_not_an_output_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_while_writing_is_not_an_output_that_cannot_be_written(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(FileNotFoundError):
-        io.atomically(tmp_path / "out", lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()))
+        io.atomically(
+            tmp_path / "out",
+            lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()),
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -84,7 +98,9 @@ def only_line(stderr: str) -> str:
 
 
 @mounts
-def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(workspace: Path) -> None:
+def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
+    workspace: Path,
+) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     (workspace / "data/graph/ai2thor").mkdir(parents=True)
     script = f"""
@@ -93,7 +109,9 @@ def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(work
         cd ../../.. && {shlex.join(BUILD)}; status=$?
         cd data/graph/ai2thor && ls -A && cat * && exit $status
     """
-    ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
+    ended = subprocess.run(
+        [*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True
+    )
     refused = "data/graph/ai2thor/entities.parquet: cannot be written (No space left on device"
     assert only_line(ended.stderr) == f"build_graph: {refused}; 0.0 MiB free there)"
     assert ended.returncode == 1
@@ -105,8 +123,13 @@ def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
     leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     before = outputs(workspace)
-    script = f"mount --bind data/graph data/graph && mount -o remount,bind,ro data/graph && exec {shlex.join(BUILD)}"
-    ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
+    script = (
+        "mount --bind data/graph data/graph && mount -o remount,bind,ro "
+        f"data/graph && exec {shlex.join(BUILD)}"
+    )
+    ended = subprocess.run(
+        [*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True
+    )
     assert only_line(ended.stderr).endswith(
         "data/graph/ai2thor/entities.parquet: cannot be written (Read-only file system)"
     )
@@ -128,9 +151,12 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     leave(workspace, Path(named))
     before = outputs(workspace)
     ended = subprocess.run(
-        [sys.executable, "-m", *f"stages.{command}".split()], cwd=workspace, capture_output=True, text=True,
+        [sys.executable, "-m", *f"stages.{command}".split()],
+        cwd=workspace,
+        capture_output=True,
+        text=True,
         preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, (1000, 1000)),
-    )  # fmt: skip
+    )
     expected = rf"{named}: cannot be written \(File too large; \d+\.\d [GM]iB free there\)"
     assert re.search(expected, only_line(ended.stderr)), ended.stderr
     assert (ended.returncode, outputs(workspace)) == (1, before)

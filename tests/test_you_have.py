@@ -1,6 +1,8 @@
-"""The pages of docs/you-have/: their code runs as it stands, and their layouts score as the other libraries do.
+"""The pages of docs/you-have/: their code runs as it stands,
+and their layouts score as the other libraries do.
 
-LibKGE, OpenKE and AmpliGraph are not installed: the tests write their formats, and have their formulas.
+LibKGE, OpenKE and AmpliGraph are not installed: the tests write their formats, and have their
+formulas.
 """
 
 import re
@@ -47,19 +49,26 @@ def write_arrays() -> None:
 def write_checkpoints() -> None:
     """The folder and the checkpoints of OpenKE."""
     write_openke(Path("mine"))
-    state = {"ent_embeddings.weight": torch.tensor(ENTITIES), "rel_embeddings.weight": torch.tensor(LABELS)}
+    state = {
+        "ent_embeddings.weight": torch.tensor(ENTITIES),
+        "rel_embeddings.weight": torch.tensor(LABELS),
+    }
     constants = {"zero_const": torch.zeros(1), "pi_const": torch.tensor([torch.pi])}
     for name in ("distmult", "transe"):
         torch.save(constants | state, f"{name}.ckpt")
 
 
 def write_libkge(relations: np.ndarray = LABELS) -> None:
-    """The files of LibKGE's preprocessing, and a checkpoint: a pickled ``Config`` beside (state dict, meta)."""
+    """The files of LibKGE's preprocessing, and a checkpoint:
+    a pickled ``Config`` beside (state dict, meta).
+    """
     Path("mine").mkdir()
     for slot, names in (("entity", NAMES), ("relation", BETWEEN)):
         lines = "".join(f"{number}\t{name}\n" for number, name in enumerate(names))
         Path("mine", f"{slot}_ids.del").write_text(lines, encoding="utf-8")
-    Path("mine/train.del").write_text("".join("\t".join(map(str, row)) + "\n" for row in TRIPLES), encoding="utf-8")
+    Path("mine/train.del").write_text(
+        "".join("\t".join(map(str, row)) + "\n" for row in TRIPLES), encoding="utf-8"
+    )
     config = type("Config", (), {"__module__": "kge.config"})()
     vars(config).update(folder="local", options={"model": "complex"})
     module: Any = ModuleType("kge.config")
@@ -71,19 +80,29 @@ def write_libkge(relations: np.ndarray = LABELS) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "kge", ModuleType("kge"))
         patch.setitem(sys.modules, "kge.config", module)
-        torch.save({"type": "train", "epoch": 3, "model": (state, {}), "config": config}, "checkpoint_best.pt")
+        torch.save(
+            {"type": "train", "epoch": 3, "model": (state, {}), "config": config},
+            "checkpoint_best.pt",
+        )
 
 
 PREPARE: dict[str, Callable[[], None]] = {
-    "arrays": write_arrays, "openke": write_checkpoints, "libkge": write_libkge,
-}  # fmt: skip
+    "arrays": write_arrays,
+    "openke": write_checkpoints,
+    "libkge": write_libkge,
+}
 
 
 def run(page: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """Write the files of a page, and run its code and its commands in order; the names that the code defines."""
+    """Write the files of a page, and run its code and its commands in order;
+    the names that the code defines.
+    """
     scope: dict[str, Any] = {"__name__": "page"}
     if page.stem == "ampligraph":
-        scope |= {"model": AmpliGraphModel(), "X": np.array([[NAMES[h], BETWEEN[r], NAMES[t]] for h, r, t in TRIPLES])}
+        scope |= {
+            "model": AmpliGraphModel(),
+            "X": np.array([[NAMES[h], BETWEEN[r], NAMES[t]] for h, r, t in TRIPLES]),
+        }
     for language, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         if language in FILES:
             Path(FILES[language]).write_text(code, encoding="utf-8")
@@ -107,19 +126,32 @@ def test_a_page_runs_as_it_stands(
     scope = run(page, capsys)
     if "larger" in scope:
         assert set(scope["answers"]) == set(scope["more"].entity_to_id)
-        assert scope["larger"].num_entities == scope["factory"].num_entities + len(scope.get("hidden", "1"))
+        assert scope["larger"].num_entities == scope["factory"].num_entities + len(
+            scope.get("hidden", "1")
+        )
         if page.stem == "pykeen":  # the vectors of a model differ between machines
-            facts = (triple for part in scope["UMLS"]().factory_dict.values() for triple in part.triples)
-            right = {tail for head, relation, tail in facts if (head, relation) == ("antibiotic", "treats")}
-            named = set(re.findall(r"`(\w+_\w+)`", page.read_text(encoding="utf-8").rpartition("```\n")[2]))
+            facts = (
+                triple for part in scope["UMLS"]().factory_dict.values() for triple in part.triples
+            )
+            right = {
+                tail
+                for head, relation, tail in facts
+                if (head, relation) == ("antibiotic", "treats")
+            }
+            named = set(
+                re.findall(r"`(\w+_\w+)`", page.read_text(encoding="utf-8").rpartition("```\n")[2])
+            )
             assert named & right
             assert len(right.intersection(scope["answers"][:5])) >= 3
     elif "done" in scope:
         assert (scope["done"].names.of(-1 % len(scope["done"].entities)), scope["done"].new) == (
-            "espresso machine", [len(scope["done"].entities) - 1],
-        )  # fmt: skip
+            "espresso machine",
+            [len(scope["done"].entities) - 1],
+        )
     elif "home" in scope:
-        assert list(scope["home"].inserted) == list(isi.open("home").inserted) == ["espresso machine"]
+        assert (
+            list(scope["home"].inserted) == list(isi.open("home").inserted) == ["espresso machine"]
+        )
     else:
         larger = open_bundle(Path("larger"))
         assert larger.entity_names[-1] == "espresso machine"
@@ -165,7 +197,9 @@ def rotate_of_libkge(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
 
 def complex_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
     h_re, h_im, t_re, t_im, r_re, r_im = halves(h, t, r)
-    return (h_re * t_re * r_re + h_im * t_im * r_re + h_re * t_im * r_im - h_im * t_re * r_im).sum(-1)
+    return (h_re * t_re * r_re + h_im * t_im * r_re + h_re * t_im * r_im - h_im * t_re * r_im).sum(
+        -1
+    )
 
 
 def complex_of_ampligraph(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
@@ -186,10 +220,14 @@ def transe_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
 @pytest.mark.parametrize(
     ("theirs", "model"),
     [
-        (complex_of_libkge, "complex"), (rotate_of_libkge, "rotate"), (complex_of_openke, "complex"),
-        (complex_of_ampligraph, "complex"), (hole_of_ampligraph, "complex"), (transe_of_openke, "transe"),
+        (complex_of_libkge, "complex"),
+        (rotate_of_libkge, "rotate"),
+        (complex_of_openke, "complex"),
+        (complex_of_ampligraph, "complex"),
+        (hole_of_ampligraph, "complex"),
+        (transe_of_openke, "transe"),
     ],
-)  # fmt: skip
+)
 def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], model: str) -> None:
     """Up to the margin, after what the page does to the tables."""
     torch.manual_seed(0)
@@ -201,8 +239,17 @@ def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], mod
         used = normalize(entities), normalize(relations)
     options = {} if model == "complex" else {"margin": 2.0}
     done = isi.insert(
-        *(table.numpy() for table in used), [(7, 0, 1)], new=1, model=model, model_options=options, initializer="mean"
+        *(table.numpy() for table in used),
+        [(7, 0, 1)],
+        new=1,
+        model=model,
+        model_options=options,
+        initializer="mean",
     )
     head, relation, tail = torch.cartesian_prod(torch.arange(7), torch.arange(3), torch.arange(7)).T
-    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get("margin", 0.0)
-    torch.testing.assert_close(ours, theirs(entities[head], relations[relation], entities[tail]), rtol=1e-4, atol=1e-5)
+    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
+        "margin", 0.0
+    )
+    torch.testing.assert_close(
+        ours, theirs(entities[head], relations[relation], entities[tail]), rtol=1e-4, atol=1e-5
+    )

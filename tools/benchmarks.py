@@ -45,53 +45,73 @@ def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Ranking, median over repeats; ratios are of triples ranked per second."""
     rate = rows["triples"] / rows["median"]
     return {
-        "": rows["what"], "triples": _count(rows["triples"]), "ms": _figures(1000 * rows["median"]),
+        "": rows["what"],
+        "triples": _count(rows["triples"]),
+        "ms": _figures(1000 * rows["median"]),
         "thousand triples per second": _figures(rate / 1e3),
         "times PyKEEN": _figures(rate / float(rate[rows["what"].str.startswith("PyKEEN")].iloc[0])),
-    }  # fmt: skip
+    }
 
 
 def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Time and memory of an epoch and of a ranking, by number of entities and form of the batches."""
+    """Time and memory of an epoch and of a ranking,
+    by number of entities and form of the batches.
+    """
     rows = rows.sort_values(["entities", "form"], ascending=[True, False])
     return {
-        "entities": _count(rows["entities"]), "triples": _count(rows["triples"]), "batches as": rows["form"],
-        "s per epoch": _figures(rows["epoch_seconds"]), "µs per observation": _figures(1e6 * _per_observation(rows)),
+        "entities": _count(rows["entities"]),
+        "triples": _count(rows["triples"]),
+        "batches as": rows["form"],
+        "s per epoch": _figures(rows["epoch_seconds"]),
+        "µs per observation": _figures(1e6 * _per_observation(rows)),
         "peak MiB of training": _count(rows["training_mib"]),
         "s to rank up to 200 triples": _figures(rows["ranking_seconds"]),
         "peak MiB with ranking": _count(rows["peak_mib"]),
-    }  # fmt: skip
+    }
 
 
 def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Time and memory of mining houses in one process, by number of houses."""
     return {
-        "houses": _count(rows["houses"]), "observations": _count(rows["observations"]),
-        "s": _figures(rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
-    }  # fmt: skip
+        "houses": _count(rows["houses"]),
+        "observations": _count(rows["observations"]),
+        "s": _figures(rows["seconds"]),
+        "peak MiB": _count(rows["peak_mib"]),
+    }
 
 
 def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Median time of one core and memory of an insertion, with ten insert triples for each new entity."""
+    """Median time of one core and memory of an insertion,
+    with ten insert triples for each new entity.
+    """
     return {
-        "known entities": _count(rows["entities"]), "known triples": _count(rows["triples"]),
-        "new entities": _count(rows["new"]), "by": rows["what"],
-        "ms": _figures(1000 * rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
-    }  # fmt: skip
+        "known entities": _count(rows["entities"]),
+        "known triples": _count(rows["triples"]),
+        "new entities": _count(rows["new"]),
+        "by": rows["what"],
+        "ms": _figures(1000 * rows["seconds"]),
+        "peak MiB": _count(rows["peak_mib"]),
+    }
 
 
 def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Median wall time of a change of a live embedding or a query to it; ratios are of ``isi.insert`` alone."""
+    """Median wall time of a change of a live embedding or a query to it;
+    ratios are of ``isi.insert`` alone.
+    """
     (alone,) = rows["median"][rows["what"] == "isi.insert"]
     return {
-        "": rows["what"], "ms": _figures(1000 * rows["median"]), "per second": _count(1 / rows["median"]),
+        "": rows["what"],
+        "ms": _figures(1000 * rows["median"]),
+        "per second": _count(1 / rows["median"]),
         "of isi.insert": _figures(rows["median"] / alone),
-    }  # fmt: skip
+    }
 
 
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """MRR of each model, trained by isi and by PyKEEN."""
-    measured = {f"{name}: MRR": rows[name.lower()].map("{:.3f}".format) for name in ("isi", "PyKEEN")}
+    measured = {
+        f"{name}: MRR": rows[name.lower()].map("{:.3f}".format) for name in ("isi", "PyKEEN")
+    }
     return {"": rows["model"], "test triples": _count(rows["triples"]), **measured}
 
 
@@ -99,26 +119,46 @@ def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """MRR and Hits@10 of each model in per cent, as published and as measured by isi."""
     shown = {"": rows["model"]}
     for place, measure in enumerate(("MRR", "Hits@10")):
-        for column, whose in (("published", "published"), ("valid", "isi, validation"), ("test", "isi, test")):
-            shown[f"{measure}: {whose}"] = rows[column].map(lambda both, place=place: f"{100 * both[place]:.1f}")
+        for column, whose in (
+            ("published", "published"),
+            ("valid", "isi, validation"),
+            ("test", "isi, test"),
+        ):
+            shown[f"{measure}: {whose}"] = rows[column].map(
+                lambda both, place=place: f"{100 * both[place]:.1f}"
+            )
     return shown
 
 
 def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """All columns but the median, for benchmarks that ``TABLES`` does not list."""
-    return {name.replace("_", " "): _figures(values) if values.dtype == float else values.astype(str)
-            for name, values in rows.drop(columns="median").items()}  # fmt: skip
+    return {
+        name.replace("_", " "): _figures(values) if values.dtype == float else values.astype(str)
+        for name, values in rows.drop(columns="median").items()
+    }
 
 
 TABLES = {
-    "training": training, "ranking": ranking, "growth": growth, "insert": insert, "mining": mining, "umls": umls,
-    "thor_u": thor_u, "live": live,
-}  # fmt: skip
+    "training": training,
+    "ranking": ranking,
+    "growth": growth,
+    "insert": insert,
+    "mining": mining,
+    "umls": umls,
+    "thor_u": thor_u,
+    "live": live,
+}
 
 
 def crossing(rows: pd.DataFrame) -> float:
-    """R · E² at which batches as tables and as lists take the same time (log-log interpolation over E)."""
-    both = rows.assign(cost=_per_observation(rows)).pivot(index="entities", columns="form", values="cost").dropna()
+    """R · E² at which batches as tables and as lists take the same time
+    (log-log interpolation over E).
+    """
+    both = (
+        rows.assign(cost=_per_observation(rows))
+        .pivot(index="entities", columns="form", values="cost")
+        .dropna()
+    )
     ahead = np.log((both["tables"] / both["lists"]).to_numpy())
     last = np.flatnonzero(ahead < 0)[-1]
     about = slice(last, last + 2)
@@ -134,10 +174,19 @@ def scaling(rows: pd.DataFrame) -> Figure:
         style = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
         left.loglog(part["entities"], 1e6 * _per_observation(part), **style)
         right.semilogx(part["entities"], part["training_mib"], **style)
-    switches = (DENSE_LIMIT, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
+    switches = (
+        (DENSE_LIMIT, "--", "where batches become lists"),
+        (crossing(rows), ":", "where both cost the same"),
+    )
     for axes in (left, right):
         for cells, line, label in switches:
-            axes.axvline((cells / rows["relations"].iloc[0]) ** 0.5, color="black", lw=0.8, ls=line, label=label)
+            axes.axvline(
+                (cells / rows["relations"].iloc[0]) ** 0.5,
+                color="black",
+                lw=0.8,
+                ls=line,
+                label=label,
+            )
         axes.set_xlabel("entities (ten triples each)")
     left.set(title="an epoch of one model", ylabel="µs per observation")
     right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))
@@ -155,16 +204,26 @@ def main() -> None:
     results = json.loads(parser.parse_args().results.read_text(encoding="utf-8"))
     groups: dict[str, list[dict[str, Any]]] = {}
     for run in results["benchmarks"]:
-        groups.setdefault(run["group"], []).append({**run["extra_info"], "median": run["stats"]["median"]})
+        groups.setdefault(run["group"], []).append(
+            {**run["extra_info"], "median": run["stats"]["median"]}
+        )
     info = results["machine_info"]
-    versions = ", ".join([f"Python {info['python_version']}", *(f"{name} {v}" for name, v in info["versions"].items())])
+    versions = ", ".join(
+        [
+            f"Python {info['python_version']}",
+            *(f"{name} {v}" for name, v in info["versions"].items()),
+        ]
+    )
     line = f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {versions}.\n"
     (BENCHMARKS / "machine.md").write_text(line, encoding="utf-8")
     for name, runs in groups.items():
         write_table(name, pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(runs))))
     if "growth" in groups:
         rows = pd.DataFrame(groups["growth"])
-        same = f"Tables and lists cost the same on a graph of {float(f'{crossing(rows):.2g}'):,.0f} possible triples"
+        same = (
+            "Tables and lists cost the same on a graph of "
+            f"{float(f'{crossing(rows):.2g}'):,.0f} possible triples"
+        )
         switch = f"{same}; batches become lists above {DENSE_LIMIT:,}.\n"
         (BENCHMARKS / "switch.md").write_text(switch, encoding="utf-8")
         print(f"\n{switch}")

@@ -1,9 +1,11 @@
-"""Compare options of initializers by inserting hidden known entities; the options in params.yaml were chosen so.
+"""Compare options of initializers by inserting hidden known entities;
+the options in params.yaml were chosen so.
 
-Some entities of each D⁰ are hidden, and an embedding is trained without them, since the vectors of their neighbours in
-Θ⁰ depend on them. A share of their training triples are insert triples; their other training triples and their
-validation triples are queries (scope novel). The novel entities of the grid point are not used; test triples enter
-only the counts from which true ranks are computed. Writes the tables of the documentation.
+Some entities of each D⁰ are hidden, and an embedding is trained without them, since the vectors of
+their neighbours in Θ⁰ depend on them. A share of their training triples are insert triples; their
+other training triples and their validation triples are queries (scope novel). The novel entities of
+the grid point are not used; test triples enter only the counts from which true ranks are computed.
+Writes the tables of the documentation.
 """
 
 import argparse
@@ -24,7 +26,15 @@ from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import train_stack
-from isi.graph.sessions import OUT, TRAIN, VALID, Session, membership, sample_insert_triples, touches
+from isi.graph.sessions import (
+    OUT,
+    TRAIN,
+    VALID,
+    Session,
+    membership,
+    sample_insert_triples,
+    touches,
+)
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
@@ -34,8 +44,8 @@ from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 
 Setting = tuple[str, dict[str, Any]]
-#: MRR* in scope novel; entity MRR* of its queries that give a novel entity; loss of MRR* of earlier validation triples
-#: by the novel entities among the candidates.
+#: MRR* in scope novel; entity MRR* of its queries that give a novel entity; loss of MRR* of earlier
+#: validation triples by the novel entities among the candidates.
 MEASURES = ("MRR*", "novel entity given", "loss of earlier")
 TOLERANCE = 1.0  #: Largest loss of MRR* of earlier triples, in points, of a setting that is chosen.
 
@@ -43,15 +53,23 @@ TOLERANCE = 1.0  #: Largest loss of MRR* of earlier triples, in points, of a set
 def measured(
     points: GridPoints, theta0: Embedding, words: np.ndarray, root: int, settings: list[Setting]
 ) -> np.ndarray:
-    """The ``MEASURES`` of hidden entities that are inserted with each setting; shape (settings, M, measures)."""
-    novel, session, context = points.novel_in(1), points.session(1), init_context(points, theta0, words, root)
+    """The ``MEASURES`` of hidden entities that are inserted with each setting;
+    shape (settings, M, measures).
+    """
+    novel, session, context = (
+        points.novel_in(1),
+        points.session(1),
+        init_context(points, theta0, words, root),
+    )
     of_novel = novel_query_set(session, novel, points.insert_mask(1))["novel"]
     query_sets = {"novel": of_novel, "about": about(of_novel, novel)}, earlier(session, novel)
     measures = []
     for name, options in settings:
         vectors = INITIALIZERS.get(name, name).initialize(context, options).vectors
         inserted = with_vectors(theta0, novel, vectors)
-        results = {name: r for queries in query_sets for name, r in evaluate(inserted, queries).items()}
+        results = {
+            name: r for queries in query_sets for name, r in evaluate(inserted, queries).items()
+        }
         result = {name: r.measures.numpy().T for name, r in results.items()}
         loss = result["known_closed"][0] - result["known"][0]
         measures.append([result["novel"][0], result["about"][1], loss])
@@ -59,7 +77,9 @@ def measured(
 
 
 def earlier(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Query sets of known entities' validation triples: all entities are candidates, or the known ones."""
+    """Query sets of known entities' validation triples:
+    all entities are candidates, or the known ones.
+    """
     valid, filtered = session.members(VALID), session.members(TRAIN, VALID)
     is_novel = membership(novel, session.entities.shape[1])
     queried = valid & ~touches(session.graph, is_novel)
@@ -71,7 +91,9 @@ def earlier(session: Session, novel: Tensor) -> dict[str, Queries]:
 
 
 def about(queries: Queries, novel: Tensor) -> Queries:
-    """The queries, with entity weight only where a novel entity is given, rescaled to sum 1; ``novel``: (M, n)."""
+    """The queries, with entity weight only where a novel entity is given, rescaled to sum 1;
+    ``novel``: (M, n).
+    """
     rows, is_novel = queries.rows, membership(novel, queries.candidates.shape[1])
     head, _, tail = rows.ids
     weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (tail, head)], 1)
@@ -80,13 +102,21 @@ def about(queries: Queries, novel: Tensor) -> Queries:
 
 
 def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float) -> GridPoints:
-    """Grid points whose novel entities are ``number`` entities trained in D⁰ (sample ``draw``); no test triples."""
+    """Grid points whose novel entities are ``number`` entities trained in D⁰ (sample ``draw``);
+    no test triples.
+    """
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
-    novel = np.stack([
-        np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(trained), number, replace=False))
-        for seed, trained in zip(points.seeds, before.trained().numpy(), strict=True)
-    ])  # fmt: skip
+    novel = np.stack(
+        [
+            np.sort(
+                stream(root, "hidden", seed, draw).choice(
+                    np.flatnonzero(trained), number, replace=False
+                )
+            )
+            for seed, trained in zip(points.seeds, before.trained().numpy(), strict=True)
+        ]
+    )
     rows = [
         (1, model, novel[model].tolist().index(entity), triple)
         for model, seed in enumerate(points.seeds)
@@ -95,66 +125,101 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
         )
     ]
     insert_triples = np.array(rows, dtype=np.int64)
-    return replace(points, size=number, splits=splits, novel=novel[:, None], insert_triples=insert_triples)
+    return replace(
+        points, size=number, splits=splits, novel=novel[:, None], insert_triples=insert_triples
+    )
 
 
 def tasks_of(
     params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
 ) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
-    """Arguments of ``measured`` for samples of hidden entities at grid points of one size; trains the embeddings."""
-    store, chosen, fraction = Store(experiment), params.train_config(), params.sessions.insert_fraction
+    """Arguments of ``measured`` for samples of hidden entities at grid points of one size;
+    trains the embeddings.
+    """
+    store, chosen, fraction = (
+        Store(experiment),
+        params.train_config(),
+        params.sessions.insert_fraction,
+    )
     words = store.words()
     drawn = [
         hide(points, given.hidden, draw, params.seed, fraction)
         for points in store.grid(given.stack, given.size, given.seeds)
         for draw in range(given.draws)
     ]
-    trained = run(train_stack, [(points, chosen) for points in drawn], params.compute, f"{experiment}: theta")
-    return [(points, result.theta, words, params.seed, settings) for points, result in zip(drawn, trained, strict=True)]
+    trained = run(
+        train_stack, [(points, chosen) for points in drawn], params.compute, f"{experiment}: theta"
+    )
+    return [
+        (points, result.theta, words, params.seed, settings)
+        for points, result in zip(drawn, trained, strict=True)
+    ]
 
 
 def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Setting]:
-    """The settings to compare: for each initializer its options in params, then those of its grid; no duplicates."""
+    """The settings to compare: for each initializer its options in params, then those of its grid;
+    no duplicates.
+    """
     settings = []
     for name in names:
         chosen = [listed[name]] if name in listed else []
         every = chosen + combinations(INITIALIZERS.get(name, name).grid or {})
         once = {tuple(setting.items()): setting for setting in every}
-        settings += [(name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()]
+        settings += [
+            (name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()
+        ]
     return settings
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--experiments", nargs="+", help="default: all that have grid points of --size")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--experiments", nargs="+", help="default: all that have grid points of --size"
+    )
     names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
-    parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
+    parser.add_argument(
+        "--initializers",
+        nargs="+",
+        choices=names,
+        default=names,
+        help="default: all that have a grid",
+    )
     parser.add_argument("--size", type=int, default=5, help="|ξ| of the grid points")
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--draws", type=int, default=1, help="samples of hidden entities at each grid point")
+    parser.add_argument(
+        "--draws", type=int, default=1, help="samples of hidden entities at each grid point"
+    )
     parser.add_argument("--hidden", type=int, default=5, help="hidden entities in each sample")
     parser.add_argument("--stack", type=int, default=5)
     given = parser.parse_args()
     params = load()
-    fitting = [name for name, about in params.experiments.items() if given.size in about.sessions.sizes]
+    fitting = [
+        name for name, about in params.experiments.items() if given.size in about.sessions.sizes
+    ]
     settings, results = settings_of(given.initializers, params.initializers), {}
     for experiment in given.experiments or fitting:
         tasks = tasks_of(params, experiment, given, settings)
-        results[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
+        results[experiment] = 100 * np.concatenate(
+            run(measured, tasks, params.compute, experiment), 1
+        )
     table = table_of(settings, results)
     table.to_csv(BENCHMARKS / "initializer_options.csv", index=False)
     with mpl.rc_context(STYLE):
         canvas = frontier(table)
         for form in ("svg", "png"):
             (BENCHMARKS / f"initializers.{form}").write_bytes(rendered(canvas, form))
-    of_params = [shown(params.initializers.get(name, {})) for name in table["initializer"]] == table[
-        "options"
-    ].to_numpy()
+    of_params = [
+        shown(params.initializers.get(name, {})) for name in table["initializer"]
+    ] == table["options"].to_numpy()
     write_table("initializers", table[~table["initializer"].duplicated() | of_params])
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
-    """Rows by initializer, best setting first: means, overall and by experiment; arrays: (settings, sets, measures)."""
+    """Rows by initializer, best setting first: means, overall and by experiment;
+    arrays: (settings, sets, measures).
+    """
     means = {experiment: np.nanmean(values, 1) for experiment, values in results.items()}
     means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
     columns = {
@@ -164,20 +229,31 @@ def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.Data
     }
     names, options = zip(*settings, strict=True)
     table = pd.DataFrame({"initializer": names, "options": list(map(shown, options))} | columns)
-    harm = (table["loss of earlier"] - TOLERANCE).clip(lower=0)  # within the tolerance all are equal
-    ordered = table.assign(harm=harm).sort_values(["harm", "MRR*"], ascending=[True, False]).drop(columns="harm")
+    # within the tolerance all are equal
+    harm = (table["loss of earlier"] - TOLERANCE).clip(lower=0)
+    ordered = (
+        table.assign(harm=harm)
+        .sort_values(["harm", "MRR*"], ascending=[True, False])
+        .drop(columns="harm")
+    )
     parts = [ordered[ordered["initializer"] == name] for name in dict.fromkeys(names)]
     return pd.concat([part.assign(**{"±": deviations(part.index, results)}) for part in parts])
 
 
 def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
-    """Standard error over hidden sets of each setting's MRR* minus that of the first of ``rows``; shape (rows,)."""
-    variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in results.values()]
+    """Standard error over hidden sets of each setting's MRR* minus that of the first of ``rows``;
+    shape (rows,).
+    """
+    variance = [
+        np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in results.values()
+    ]
     return (np.sqrt(np.sum(variance, 0)) / len(results)).round(2)
 
 
 def frontier(table: pd.DataFrame) -> Figure:
-    """Gain about hidden entities against loss of earlier triples for every setting that loses at most three points."""
+    """Gain about hidden entities against loss of earlier triples for every setting that
+    loses at most three points.
+    """
     canvas, (axes,) = panels(1, 1, 5.5)
     gain, _, loss = MEASURES
     (least, most), lowest = (-0.1, 3), 50

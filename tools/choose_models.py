@@ -1,7 +1,8 @@
-"""Compare learning rates, weight decays, margins and norms of embedding models; those in params.yaml were chosen so.
+"""Compare learning rates, weight decays, margins and norms of embedding models;
+those in params.yaml were chosen so.
 
-Each setting trains the joint model with a few seeds; its score is the best validation MRR*, averaged over seeds. No
-test triple is used. Writes the table of the documentation.
+Each setting trains the joint model with a few seeds; its score is the best validation MRR*,
+averaged over seeds. No test triple is used. Writes the table of the documentation.
 """
 
 import argparse
@@ -20,7 +21,9 @@ from tools.docs import write_table
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--models", nargs="+", help="default: all")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
@@ -39,10 +42,16 @@ def main() -> None:
         for rates, chosen in product(combinations(of_training), combinations(choices)):
             model = make_model(name, options | chosen, f"models.{name}")
             rows.append({"model": name, **rates, **chosen})
-            tasks.append((joint, params.train_config(model, params.training.model_copy(update=rates))))
+            tasks.append(
+                (joint, params.train_config(model, params.training.model_copy(update=rates)))
+            )
     measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
     table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
-    shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
+    shown = (
+        table.sort_values(["model", "validation MRR*"], ascending=[True, False])
+        .astype(object)
+        .fillna("–")
+    )
     write_table("models", shown)
 
 

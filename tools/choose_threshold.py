@@ -1,7 +1,7 @@
 """How often the best answer about a hidden object is right, by its calibrated probability.
 
-Objects of AI2-THOR's final model are hidden one by one, and inserted from one to three of their triples. A best answer
-that was not given is right if it is another known triple of the object.
+Objects of AI2-THOR's final model are hidden one by one, and inserted from one to three of their
+triples. A best answer that was not given is right if it is another known triple of the object.
 """
 
 import numpy as np
@@ -23,7 +23,9 @@ def main() -> None:
     inserter = LiveEmbedding(known).inserter
     choices = [inserter.choice(number, words=True) for number in range(1, MOST_FACTS + 1)]
     triples, rows = known.named_triples(), []
-    for row in tqdm(rng.permutation(np.flatnonzero(np.array(known.kinds) == "object"))[:OBJECTS], "objects"):
+    for row in tqdm(
+        rng.permutation(np.flatnonzero(np.array(known.kinds) == "object"))[:OBJECTS], "objects"
+    ):
         name = known.entity_names[row]
         about = [triple for triple in triples if name in (triple[0], triple[2])]
         number = min(int(rng.integers(1, MOST_FACTS + 1)), len(about) - 1)
@@ -36,13 +38,21 @@ def main() -> None:
             true = {tail for head, other, tail in about if (head, other) == (name, relation)} - {
                 fact[2] for fact in facts
             }
-            best = next(each for each in live.ask(name, relation, top=len(known.entities)).answers if not each.given)
+            best = next(
+                each
+                for each in live.ask(name, relation, top=len(known.entities)).answers
+                if not each.given
+            )
             rows.append((best.probability or 0.0, best.entity in true, bool(true)))
     probability, right, answerable = map(np.array, zip(*rows, strict=True))
     table = []
     for threshold in THRESHOLDS:
         stated = probability >= threshold
-        shares = right[stated & answerable].mean(), right[stated].mean(), (stated & answerable).sum() / answerable.sum()
+        shares = (
+            right[stated & answerable].mean(),
+            right[stated].mean(),
+            (stated & answerable).sum() / answerable.sum(),
+        )
         table.append([threshold, *shares])
     headers = [
         "threshold",

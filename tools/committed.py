@@ -29,11 +29,15 @@ def against_commit(name: str, root: Path = ROOT) -> str:
 
 
 def compared(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
-    """A line that compares the numbers of two reports: how many are equal, and the largest difference."""
+    """A line that compares the numbers of two reports:
+    how many are equal, and the largest difference.
+    """
     new, old = dict(_numbers(metrics)), dict(_numbers(before))
     both = sorted(new.keys() & old.keys())
     apart = {key: abs(new[key] - old[key]) for key in both if new[key] != old[key]}
-    line = f"Against the committed report: {len(both) - len(apart)} of {len(both)} numbers are equal"
+    line = (
+        f"Against the committed report: {len(both) - len(apart)} of {len(both)} numbers are equal"
+    )
     if apart:
         largest = max(apart, key=apart.__getitem__)
         line += f"; the largest difference is {apart[largest]:.2g}, in {largest}: "

@@ -1,16 +1,19 @@
-"""Update the README and the pages of docs/: tables, numbers within sentences, and output of commands.
+"""Update the README and the pages of docs/:
+tables, numbers within sentences, and output of commands.
 
-A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number is inserted between
-``<!-- value: PATH::CELL...::COLUMN -->`` and ``<!-- end -->``: from the table at PATH, in the row that starts with
-these cells, without its interval; or, after ``<!-- value: params::KEY -->``, from ``params.yaml``. Outside of tables,
-`` | `` separates, too; in a row of a table, a forge takes it for the end of a cell. A PATH is relative to the root and
-has no suffix: ``.md``, or, where there is no such file, ``.csv``.
+A table (or a sentence) is inserted between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number
+is inserted between ``<!-- value: PATH::CELL...::COLUMN -->`` and ``<!-- end -->``: from the table
+at PATH, in the row that starts with these cells, without its interval; or, after
+``<!-- value: params::KEY -->``, from ``params.yaml``. Outside of tables, `` | `` separates, too; in
+a row of a table, a forge takes it for the end of a cell. A PATH is relative to the root and has no
+suffix: ``.md``, or, where there is no such file, ``.csv``.
 
-The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with ``data``,
-``examples``, ``params.yaml`` and the files of the page: blocks after ``<!-- file: PATH -->``. Where a line ``...``
-stands for lines that are left out, as many lines as before stay above and below it. If a page has ``<!-- console: NEED
-... -->``, a test compares its output with that of the present code, but for the last digits of numbers.
-A NEED is a path below the root, which contains a slash, or an optional package, without which the test is skipped.
+The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with
+``data``, ``examples``, ``params.yaml`` and the files of the page: blocks after
+``<!-- file: PATH -->``. Where a line ``...`` stands for lines that are left out, as many lines as
+before stay above and below it. If a page has ``<!-- console: NEED ... -->``, a test compares its
+output with that of the present code, but for the last digits of numbers. A NEED is a path below the
+root, which contains a slash, or an optional package, without which the test is skipped.
 
 python -m tools.docs            update tables and numbers (``make readme``)
 python -m tools.docs PAGE ...   run the commands of pages and update their output (``make console``)
@@ -46,7 +49,8 @@ FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MU
 SEPARATOR = re.compile(r"::| \| ")
 NUMERIC = re.compile(r"[-+]?[\d,.]+( s| MB| %)?$")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}  #: Numbers in output that another type of processor may give.
+#: Numbers in output that another type of processor may give.
+CLOSE = {"rel_tol": 0.02, "abs_tol": 0.011}
 
 
 def pages(root: Path = ROOT) -> list[Path]:
@@ -67,7 +71,9 @@ def filled(page: str, root: Path = ROOT) -> str:
 
     def fill(place: re.Match[str]) -> str:
         begin, kind, path, _, end = place.groups()
-        content = "\n" + shown(path, root) if kind == "table" else value(SEPARATOR.split(path), root)
+        content = (
+            "\n" + shown(path, root) if kind == "table" else value(SEPARATOR.split(path), root)
+        )
         return begin + content + end
 
     return PLACE.sub(fill, page)
@@ -76,18 +82,25 @@ def filled(page: str, root: Path = ROOT) -> str:
 def rows_of(name: str, root: Path = ROOT) -> list[list[str]]:
     """Header and rows of a table: a Markdown table, or, where there is none, a CSV file."""
     if (markdown := root / f"{name}.md").exists():
-        head, _, *body = (line.split("|")[1:-1] for line in markdown.read_text(encoding="utf-8").splitlines())
+        head, _, *body = (
+            line.split("|")[1:-1] for line in markdown.read_text(encoding="utf-8").splitlines()
+        )
         return [[cell.strip() for cell in row] for row in (head, *body)]
     with (root / f"{name}.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.reader(file))
 
 
 def shown(name: str, root: Path = ROOT) -> str:
-    """A file of Markdown as it stands; or a CSV file as a Markdown table, with columns of numbers aligned right."""
+    """A file of Markdown as it stands; or a CSV file as a Markdown table,
+    with columns of numbers aligned right.
+    """
     if (markdown := root / f"{name}.md").exists():
         return markdown.read_text(encoding="utf-8")
     head, *body = rows_of(name, root)
-    numeric = [all(not cell or NUMERIC.match(cell) for cell in column) for column in zip(*body, strict=True)]
+    numeric = [
+        all(not cell or NUMERIC.match(cell) for cell in column)
+        for column in zip(*body, strict=True)
+    ]
     rule = ["---:" if right else "---" for right in numeric]
     return "".join(f"| {' | '.join(row)} |\n" for row in (head, rule, *body))
 
@@ -100,12 +113,17 @@ def value(path: list[str], root: Path = ROOT) -> str:
     head, *body = rows_of(name, root)
     rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
     if len(rows) != 1 or cells[-1] not in head:
-        raise LookupError(f"{'::'.join(path)}: expected one row, got {len(rows)}; the columns are {', '.join(head)}")
+        raise LookupError(
+            f"{'::'.join(path)}: expected one row, got {len(rows)}; "
+            f"the columns are {', '.join(head)}"
+        )
     return rows[0][head.index(cells[-1])].partition(" [")[0]
 
 
 def needs(page: str) -> list[str] | None:
-    """What the commands of a page need, by its marks; null for a page without a mark, which no test runs."""
+    """What the commands of a page need, by its marks;
+    null for a page without a mark, which no test runs.
+    """
     marks: list[str] = CHECKED.findall(page)
     return " ".join(marks).split() if marks else None
 
@@ -123,7 +141,9 @@ def run_isi(arguments: list[str], folder: Path) -> str:
 
 
 def with_output(page: str, folder: Path, run: Callable[[list[str], Path], str] = run_isi) -> str:
-    """The text of a page with new output below commands that have output; all commands run in ``folder``, in order."""
+    """The text of a page with new output below commands that have output;
+    all commands run in ``folder``, in order.
+    """
     for path, content in FILE.findall(page):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(content, encoding="utf-8")
@@ -137,7 +157,9 @@ def with_output(page: str, folder: Path, run: Callable[[list[str], Path], str] =
 
 
 def shortened(printed: str, before: str) -> str:
-    """Output with a line ``...`` for its middle, if the output before has one, with as many lines around it."""
+    """Output with a line ``...`` for its middle, if the output before has one,
+    with as many lines around it.
+    """
     above, dots, below = before.partition("...\n")
     lines, first, last = printed.splitlines(keepends=True), above.count("\n"), below.count("\n")
     if not dots or len(lines) <= first + last:
@@ -149,7 +171,9 @@ def alike(new: str, old: str) -> bool:
     """Whether two texts are equal but for spaces and for the last digits of numbers."""
     pairs = list(zip_longest(NUMBER.findall(new), NUMBER.findall(old), fillvalue="nan"))
     words, others = (NUMBER.sub("0", text).split() for text in (new, old))
-    return words == others and all(math.isclose(float(number), float(before), **CLOSE) for number, before in pairs)
+    return words == others and all(
+        math.isclose(float(number), float(before), **CLOSE) for number, before in pairs
+    )
 
 
 def write_table(name: str, table: pd.DataFrame, folder: Path = BENCHMARKS) -> None:
@@ -160,12 +184,16 @@ def write_table(name: str, table: pd.DataFrame, folder: Path = BENCHMARKS) -> No
 
 
 def main(named: list[str]) -> None:
-    """Update the commands' output in the named pages; without names, the tables and numbers of all pages."""
+    """Update the commands' output in the named pages;
+    without names, the tables and numbers of all pages.
+    """
     for page in map(Path, named) if named else pages():
         text = page.read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:
             prepare(Path(folder))
-            page.write_text(with_output(text, Path(folder)) if named else filled(text), encoding="utf-8")
+            page.write_text(
+                with_output(text, Path(folder)) if named else filled(text), encoding="utf-8"
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Print the headline numbers of a report, its path and, for the project's own, a comparison with the last commit."""
+"""Print the headline numbers of a report, its path and, for the project's own,
+a comparison with the last commit.
+"""
 
 import json
 import sys
@@ -13,13 +15,16 @@ from tools.committed import ROOT, against_commit
 
 #: Columns: two lines of the title, and the keys of the numbers in ``metrics.json``.
 COLUMNS = (
-    ("immediate MRR*", "all", "immediate_mrr_star", "all"), ("immediate MRR*", "novel", "immediate_mrr_star", "novel"),
+    ("immediate MRR*", "all", "immediate_mrr_star", "all"),
+    ("immediate MRR*", "novel", "immediate_mrr_star", "novel"),
     ("gain %", "all", "improvement_over_xavier_percent", "all"),
-    ("epochs", "all", "epochs_to_convergence", "all"), ("never %", "all", "unconverged_percent", "all"),
+    ("epochs", "all", "epochs_to_convergence", "all"),
+    ("never %", "all", "unconverged_percent", "all"),
     ("epochs", "held-out", "epochs_to_convergence", "novel_heldout"),
     ("never %", "held-out", "unconverged_percent", "novel_heldout"),
-)  # fmt: skip
-KEPT = Path(".dvc/tmp/metrics.json")  #: In the folder of a pipeline: the metrics of its last two runs that differ.
+)
+#: In the folder of a pipeline: the metrics of its last two runs that differ.
+KEPT = Path(".dvc/tmp/metrics.json")
 
 
 def headline(metrics: Mapping[str, Any]) -> str:
@@ -28,7 +33,9 @@ def headline(metrics: Mapping[str, Any]) -> str:
 
 
 def changes(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
-    """The differences of the numbers in both from those before, a line for each model that has one; or no text."""
+    """The differences of the numbers in both from those before,
+    a line for each model that has one; or no text.
+    """
     old, new = _rows(before), _rows(metrics)
     rows = {model: list(map(_difference, new[model], old[model])) for model in new if model in old}
     return _table({model: numbers for model, numbers in rows.items() if any(numbers)}, "+.2f")
@@ -36,7 +43,9 @@ def changes(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
 
 def _rows(metrics: Mapping[str, Any]) -> dict[str, list[Any]]:
     columns = [metrics.get(section, {}).get(scope, {}) for _, _, section, scope in COLUMNS]
-    models = dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope)
+    models = dict.fromkeys(
+        model for scope in metrics["immediate_mrr_star"].values() for model in scope
+    )
     return {model: [column.get(model) for column in columns] for model in models}
 
 
@@ -51,7 +60,9 @@ def _table(rows: Mapping[str, list[Any]], form: str) -> str:
 
 
 def last(path: Path, metrics: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The metrics of the last run here whose metrics differ, or none; ``path`` keeps them, and these, for next time."""
+    """The metrics of the last run here whose metrics differ, or none;
+    ``path`` keeps them, and these, for next time.
+    """
     kept: list[Mapping[str, Any]] = []
     with suppress(OSError, ValueError):  # there is none, or it was cut short
         kept = json.loads(path.read_text(encoding="utf-8"))
@@ -69,14 +80,18 @@ def parts(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def main(folder: Path) -> None:
-    """Print the numbers of the first experiment, then those of each other experiment, and how they changed."""
+    """Print the numbers of the first experiment, then those of each other experiment,
+    and how they changed.
+    """
     path = folder / "metrics.json"
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         sys.exit(f"headline: {path}: there is no report yet: run `make repro` first")
     except (OSError, ValueError) as error:
-        sys.exit(f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`")
+        sys.exit(
+            f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`"
+        )
     before = last(folder.parent / KEPT, metrics) if (folder.parent / ".dvc").exists() else {}
     for title, part in parts(metrics).items():
         print(f"\n{title}\n{headline(part)}".replace("\n\n", "\n"))

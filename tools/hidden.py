@@ -1,7 +1,8 @@
 """Write docs/benchmarks/hidden*.* from the results of the stage `insert_hidden`.
 
-``hidden.csv`` compares the default of ``isi.pykeen.insert`` with the best initializer and with training from scratch,
-``hidden_summary.md`` sums it up, and ``hidden_methods.csv`` has every method.
+``hidden.csv`` compares the default of ``isi.pykeen.insert`` with the best initializer and with
+training from scratch, ``hidden_summary.md`` sums it up, and ``hidden_methods.csv`` has every
+method.
 """
 
 import json
@@ -17,7 +18,8 @@ from isi.process import errors_in_one_line
 from tools.docs import BENCHMARKS, write_table
 
 ALL = "all"
-#: Values of ``asked`` (known or hidden answers), and the first words of the titles of their columns.
+#: Values of ``asked`` (known or hidden answers), and the first words of the titles of their
+#: columns.
 QUERIES = {"known": "known ends", "hidden": "hidden ones"}
 
 
@@ -39,7 +41,9 @@ def by_seed(results: pd.DataFrame) -> pd.DataFrame:
     """MRR by seed: rows (method, seed), columns (maximum number of insert triples, ``asked``)."""
     numbers = results["told"].map(lambda number: ALL if pd.isna(number) else f"{number:.0f}")
     rows = results.assign(told=numbers).astype({"method": str, "asked": str})
-    table: pd.DataFrame = rows.pivot(index=["method", "seed"], columns=["told", "asked"], values="mrr")
+    table: pd.DataFrame = rows.pivot(
+        index=["method", "seed"], columns=["told", "asked"], values="mrr"
+    )
     return table
 
 
@@ -62,22 +66,26 @@ def model_of(settings: Hidden) -> str:
 
 
 def compared(mrr: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
-    """A row for each number of insert triples: the default, the best initializer and training from scratch."""
+    """A row for each number of insert triples:
+    the default, the best initializer and training from scratch.
+    """
     rows = []
     for number in (str(number or ALL) for number in settings.max_insert_triples):
         ends = mrr[number, "known"].groupby("method").mean()
         best, with_all = str(ends[settings.initializers].idxmax()), number == ALL
-        rows.append({
-            "facts": number,
-            "known ends: default": with_interval(mrr.loc["insert"][number, "known"]),
-            "best named": f"{ends[best]:.3f} ({best})",
-            "retrained": f"{ends['retrained']:.3f}" if with_all else "",
-            "hidden ones: default": with_interval(mrr.loc["insert"][number, "hidden"]),
-            "earlier": f"{mrr.loc['nothing'][ALL, 'earlier'].mean():.3f}",
-            "loss: default": with_interval(loss(mrr, "insert", number)),
-            "best named's": f"{loss(mrr, best, number).mean():.3f}",
-            "retraining's": f"{loss(mrr, 'retrained', number).mean():.3f}" if with_all else "",
-        })  # fmt: skip
+        rows.append(
+            {
+                "facts": number,
+                "known ends: default": with_interval(mrr.loc["insert"][number, "known"]),
+                "best named": f"{ends[best]:.3f} ({best})",
+                "retrained": f"{ends['retrained']:.3f}" if with_all else "",
+                "hidden ones: default": with_interval(mrr.loc["insert"][number, "hidden"]),
+                "earlier": f"{mrr.loc['nothing'][ALL, 'earlier'].mean():.3f}",
+                "loss: default": with_interval(loss(mrr, "insert", number)),
+                "best named's": f"{loss(mrr, best, number).mean():.3f}",
+                "retraining's": f"{loss(mrr, 'retrained', number).mean():.3f}" if with_all else "",
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -90,29 +98,46 @@ def summary(studies: Mapping[str, pd.DataFrame]) -> str:
         numbers = mrr.columns.get_level_values("told").unique()
         losses |= {(name, number): loss(mrr, "insert", number).mean() for number in numbers}
     of_all, of_few = (
-        max((lost, name, number) for (name, number), lost in losses.items() if (number == ALL) == with_all)
+        max(
+            (lost, name, number)
+            for (name, number), lost in losses.items()
+            if (number == ALL) == with_all
+        )
         for with_all in (True, False)
     )
     return (
-        "With all facts, the MRR of known ends is significantly higher with the default than after training from "
-        f"scratch in {better} of {len(studies)} studies, and significantly lower in {worse} (paired 95 % intervals "
-        f"over seeds). The default's largest loss of earlier triples is {of_all[0]:.3f} ({of_all[1]}). With fewer "
-        f"facts, the largest loss is {of_few[0]:.3f} ({of_few[1]}, facts: {of_few[2]})."
+        "With all facts, the MRR of known ends is significantly higher with the default than "
+        f"after training from scratch in {better} of {len(studies)} studies, and significantly "
+        f"lower in {worse} (paired 95 % intervals over seeds). The default's largest loss of "
+        f"earlier triples is {of_all[0]:.3f} ({of_all[1]}). With fewer facts, "
+        f"the largest loss is {of_few[0]:.3f} ({of_few[1]}, facts: {of_few[2]})."
     )
 
 
-def every_method(mrr: pd.DataFrame, results: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
+def every_method(
+    mrr: pd.DataFrame, results: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden
+) -> pd.DataFrame:
     """MRR and Hits@10 as text, and CPU seconds with all insert triples, by method."""
     mean = mrr.groupby("method").mean().loc[results["method"].astype(str).unique()]
     hits = results[results["told"].isna() & (results["asked"] == "known")].astype({"method": str})
-    columns = {f"{title}, {number or ALL}": mean[str(number or ALL), queries]
-               for queries, title in QUERIES.items() for number in settings.max_insert_triples}  # fmt: skip
-    columns |= {"Hits@10": hits.groupby("method")["hits_at_10"].mean(), "earlier": mean[ALL, "earlier"]}
+    columns = {
+        f"{title}, {number or ALL}": mean[str(number or ALL), queries]
+        for queries, title in QUERIES.items()
+        for number in settings.max_insert_triples
+    }
+    columns |= {
+        "Hits@10": hits.groupby("method")["hits_at_10"].mean(),
+        "earlier": mean[ALL, "earlier"],
+    }
     took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
-    table = pd.DataFrame(columns, mean.index).map(lambda value: "" if pd.isna(value) else f"{value:.3f}")
+    table = pd.DataFrame(columns, mean.index).map(
+        lambda value: "" if pd.isna(value) else f"{value:.3f}"
+    )
     table.insert(0, "method", [label(method, settings) for method in mean.index])
     return table.assign(
-        s=took.map(lambda value: "" if pd.isna(value) else f"{value:{'.3f' if value < 1 else '.1f'}}")
+        s=took.map(
+            lambda value: "" if pd.isna(value) else f"{value:{'.3f' if value < 1 else '.1f'}}"
+        )
     ).reset_index(drop=True)
 
 

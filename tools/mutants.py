@@ -1,4 +1,6 @@
-"""Count the mutants that tests killed (``make mutants``) in docs/benchmarks/mutants.csv, and list the others."""
+"""Count the mutants that tests killed (``make mutants``) in docs/benchmarks/mutants.csv,
+and list the others.
+"""
 
 import json
 from collections import Counter
@@ -21,14 +23,21 @@ def main() -> None:
         statuses = json.loads(path.read_text(encoding="utf-8"))["exit_code_by_key"]
         fates = {mutant: FATES.get(status, "killed") for mutant, status in statuses.items()}
         counts.setdefault(str(name.parent), Counter()).update(fates.values())
-        survivors += [f"{name.with_suffix('')}: {mutant}: {fate}" for mutant, fate in fates.items() if fate != "killed"]
+        survivors += [
+            f"{name.with_suffix('')}: {mutant}: {fate}"
+            for mutant, fate in fates.items()
+            if fate != "killed"
+        ]
     counts["all"] = sum(counts.values(), Counter())
-    table = pd.DataFrame([
-        {"code": name, "mutants": f"{count.total():,}"}
-        | {fate: f"{count[fate]:,}" for fate in ("killed", "alive", "run by no test")}
-        | {"share killed": f"{100 * count['killed'] / count.total():.1f} %"}
-        for name, count in counts.items() if count
-    ])  # fmt: skip
+    table = pd.DataFrame(
+        [
+            {"code": name, "mutants": f"{count.total():,}"}
+            | {fate: f"{count[fate]:,}" for fate in ("killed", "alive", "run by no test")}
+            | {"share killed": f"{100 * count['killed'] / count.total():.1f} %"}
+            for name, count in counts.items()
+            if count
+        ]
+    )
     write_table("mutants", table)
     print(*survivors, sep="\n")
 

@@ -1,6 +1,8 @@
-"""Initial vectors and MRR* right after insertion, computed from the pipeline's tables as docs/method.md defines them.
+"""Initial vectors and MRR* right after insertion,
+computed from the pipeline's tables as docs/method.md defines them.
 
-A second, simple implementation, which uses no code of the library; from embeddings, for ANALOGY alone.
+A second, simple implementation, which uses no code of the library; from embeddings, for ANALOGY
+alone.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -21,7 +23,9 @@ HALVES = ("mrr_star", "mrr_star_entity", "mrr_star_relation")
 
 
 def rows_of(path: str, *names: str) -> list[tuple[Any, ...]]:
-    """Rows of a Parquet table below ``data``, restricted to the columns ``names``; null numbers are NaN."""
+    """Rows of a Parquet table below ``data``, restricted to the columns ``names``;
+    null numbers are NaN.
+    """
     table = pq.read_table(Path("data") / path, columns=list(names))
     return list(zip(*(np.asarray(table[name].to_pandas()) for name in names), strict=True))
 
@@ -31,10 +35,15 @@ class Experiment:
 
     def __init__(self, name: str, initializers: list[str]) -> None:
         self.name, self.initializers = name, initializers
-        ids = {entity: number for number, (entity,) in enumerate(rows_of(f"graph/{name}/entities.parquet", "entity"))}
+        ids = {
+            entity: number
+            for number, (entity,) in enumerate(rows_of(f"graph/{name}/entities.parquet", "entity"))
+        }
         triples = rows_of(f"graph/{name}/triples.parquet", "head", "relation", "tail", "count")
         self.relations = sorted({relation for _, relation, _, _ in triples})
-        self.triples: list[Triple] = [(ids[h], self.relations.index(r), ids[t]) for h, r, t, _ in triples]
+        self.triples: list[Triple] = [
+            (ids[h], self.relations.index(r), ids[t]) for h, r, t, _ in triples
+        ]
         self.entities = len(ids)
         self.counts = np.zeros((len(self.relations), self.entities, self.entities))
         for (head, relation, tail), (*_, count) in zip(self.triples, triples, strict=True):
@@ -43,16 +52,24 @@ class Experiment:
         self.novel = self._by_cell("novel", "entity")
         self.insert_triples = self._by_cell("insert_triples", "entity", "triple")
         self.splits: dict[int, dict[str, set[Triple]]] = {}
-        for seed, triple, split in rows_of(f"sessions/{name}/splits.parquet", "seed", "triple", "split"):
-            of_seed = self.splits.setdefault(int(seed), {"train": set(), "valid": set(), "test": set()})
+        for seed, triple, split in rows_of(
+            f"sessions/{name}/splits.parquet", "seed", "triple", "split"
+        ):
+            of_seed = self.splits.setdefault(
+                int(seed), {"train": set(), "valid": set(), "test": set()}
+            )
             of_seed[split].add(self.triples[triple])
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
-        """Rows of the columns ``names`` of a table in ``data/sessions``, in its order, by (size, seed, session)."""
+        """Rows of the columns ``names`` of a table in ``data/sessions``, in its order,
+        by (size, seed, session).
+        """
         by_cell: dict[tuple[int, int, int], list[Any]] = {}
         path = f"sessions/{self.name}/{table}.parquet"
         for size, seed, session, *row in rows_of(path, "size", "seed", "session", *names):
-            by_cell.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
+            by_cell.setdefault((int(size), int(seed), int(session)), []).append(
+                tuple(map(int, row))
+            )
         return by_cell
 
     def row(self, size: int, seed: int) -> int:
@@ -61,12 +78,21 @@ class Experiment:
 
     @cached_property
     def runs(self) -> dict[str, dict[tuple[int, int, int, str], list[tuple[int, Any]]]]:
-        """By model, then by (size, seed, session, scope): a list of (epoch, [MRR*, entity half, relation half])."""
+        """By model, then by (size, seed, session, scope):
+        a list of (epoch, [MRR*, entity half, relation half]).
+        """
         by_cell: dict[str, Any] = {}
         for model in [*self.initializers, "joint"]:
-            group, names = by_cell.setdefault(model, {}), ("size", "seed", "session", "scope", "epoch", *HALVES)
-            for size, seed, session, scope, epoch, *values in rows_of(f"runs/{self.name}/{model}.parquet", *names):
-                group.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
+            group, names = (
+                by_cell.setdefault(model, {}),
+                ("size", "seed", "session", "scope", "epoch", *HALVES),
+            )
+            for size, seed, session, scope, epoch, *values in rows_of(
+                f"runs/{self.name}/{model}.parquet", *names
+            ):
+                group.setdefault((int(size), int(seed), int(session), scope), []).append(
+                    (int(epoch), values)
+                )
         return by_cell
 
 
@@ -75,20 +101,27 @@ class Session:
 
     def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
         self.experiment = experiment
-        sets = {key[2]: {row[0] for row in rows} for key, rows in experiment.novel.items() if key[:2] == (size, seed)}
+        sets = {
+            key[2]: {row[0] for row in rows}
+            for key, rows in experiment.novel.items()
+            if key[:2] == (size, seed)
+        }
         self.order = [row[0] for row in experiment.novel[size, seed, 1]]
         self.novel = sets[1]
         later = set().union(*(ids for session, ids in sets.items() if session > 1))
         splits = experiment.splits[seed]
         self.train, self.valid, self.test = (
-            {t for t in splits[name] if not {t[0], t[2]} & later} for name in ("train", "valid", "test")
+            {t for t in splits[name] if not {t[0], t[2]} & later}
+            for name in ("train", "valid", "test")
         )
         everyone = {end for triples in splits.values() for h, _, t in triples for end in (h, t)}
         self.members = everyone - later
         self.known = self.members - self.novel
         self.eligible = self.known & {end for h, _, t in self.old(self.train) for end in (h, t)}
         rows = experiment.insert_triples.get((size, seed, 1), [])
-        self.insert_triples = {entity: [experiment.triples[t] for e, t in rows if e == entity] for entity in self.order}
+        self.insert_triples = {
+            entity: [experiment.triples[t] for e, t in rows if e == entity] for entity in self.order
+        }
 
     def old(self, triples: Iterable[Triple]) -> set[Triple]:
         """Triples without a novel end."""
@@ -112,7 +145,9 @@ class Session:
 
 
 def parts(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scalars (..., d / 2), a-halves (..., d / 4) and b-halves (..., d / 4) of ANALOGY's vectors (..., d)."""
+    """Scalars (..., d / 2), a-halves (..., d / 4) and b-halves (..., d / 4) of
+    ANALOGY's vectors (..., d).
+    """
     d = vector.shape[-1]
     return vector[..., : d // 2], vector[..., d // 2 : 3 * d // 4], vector[..., 3 * d // 4 :]
 
@@ -150,19 +185,29 @@ class Around:
 
     @cached_property
     def by_words(self) -> Ranked | None:
-        """Cosines of word vectors; None if the entity or all eligible entities lack a word vector."""
+        """Cosines of word vectors; None if the entity or all eligible
+        entities lack a word vector.
+        """
         words = self.session.experiment.words
         candidates = {e for e in self.session.eligible if words[e].any()}
         units = unit(words)
-        return (units @ units[self.entity], candidates) if words[self.entity].any() and candidates else None
+        return (
+            (units @ units[self.entity], candidates)
+            if words[self.entity].any() and candidates
+            else None
+        )
 
     @cached_property
     def by_relations(self) -> Ranked | None:
-        """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples; None without insert triples."""
+        """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples;
+        None without insert triples.
+        """
         placed: dict[int, list[np.ndarray]] = {}
         for head, relation, tail in self.session.insert_triples[self.entity]:
             way, other = (there, head) if tail == self.entity else (back, tail)
-            placed.setdefault(relation, []).append(way(self.vectors[other], self.relations[relation]))
+            placed.setdefault(relation, []).append(
+                way(self.vectors[other], self.relations[relation])
+            )
         means = [unit(np.mean(group, axis=0)) for group in placed.values()]
         scores = sum((unit(self.vectors) @ mean for mean in means), np.zeros(len(self.vectors)))
         return (scores, self.session.eligible) if placed and self.session.eligible else None
@@ -207,13 +252,18 @@ RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs
 
 
 def mrr_star(
-    session: Session, scores: np.ndarray, scope: tuple[set[Triple], set[Triple], set[int]], tie: float = TIE
+    session: Session,
+    scores: np.ndarray,
+    scope: tuple[set[Triple], set[Triple], set[int]],
+    tie: float = TIE,
 ) -> tuple[float, float, float]:
     """MRR*, entity half and relation half in [0, 1] of one scope (equation 7); NaN without queries.
 
     Args:
-        scores: of all triples, shape (R, E, E): relation, head, tail; ``scope``: a value of ``Session.scopes``.
-        tie: two scores are tied if they differ by at most this share of the largest |score| of the query.
+        scores: of all triples, shape (R, E, E): relation, head, tail; ``scope``: a value of
+            ``Session.scopes``.
+        tie: two scores are tied if they differ by at most this share of the largest |score| of the
+            query.
     """
     queried, filtered, candidates = scope
     if not queried:
@@ -231,16 +281,25 @@ def mrr_star(
         tables = scores, counts, barred
         ends.append(term(*(table[relation, :, tail] for table in tables), may_answer, head, tie))
         ends.append(term(*(table[relation, head] for table in tables), may_answer, tail, tie))
-        relation_terms.append(term(*(table[:, head, tail] for table in tables), everything, relation, tie))
+        relation_terms.append(
+            term(*(table[:, head, tail] for table in tables), everything, relation, tie)
+        )
     true = session.train | session.valid | session.test
     weights = {r: sum(counts[t[1], t[0], t[2]] for t in true if t[1] == r) for r in of_relation}
-    entity = sum(weights[r] * np.mean(group) for r, group in of_relation.items()) / sum(weights.values())
+    entity = sum(weights[r] * np.mean(group) for r, group in of_relation.items()) / sum(
+        weights.values()
+    )
     half = float(np.mean(relation_terms))
     return (entity + half) / 2, entity, half
 
 
 def term(
-    scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int, tie: float
+    scores: np.ndarray,
+    counts: np.ndarray,
+    barred: np.ndarray,
+    able: np.ndarray,
+    answer: int,
+    tie: float,
 ) -> float:
     """1 / (|R_G - R_P| + 1) of one query; arrays have an entry for each entity or relation."""
     competitors = able & ~barred
@@ -254,25 +313,49 @@ def term(
 
 # MRR* under every reading of the metric, from the terms of single queries
 
-#: Choices of the splits that are queried, of the shares of slots, and of the triples that are no candidates.
-QUERIES = {"test": ["test"], "held_out": ["valid", "test"], "all": ["train", "valid", "test"], "train": ["train"]}
+#: Choices of the splits that are queried, of the shares of slots, and of the triples that are no
+#: candidates.
+QUERIES = {
+    "test": ["test"],
+    "held_out": ["valid", "test"],
+    "all": ["train", "valid", "test"],
+    "train": ["train"],
+}
 SLOTS = {
-    "alike": {"head": 1 / 3, "relation": 1 / 3, "tail": 1 / 3}, "entities": {"head": 1 / 2, "tail": 1 / 2},
+    "alike": {"head": 1 / 3, "relation": 1 / 3, "tail": 1 / 3},
+    "entities": {"head": 1 / 2, "tail": 1 / 2},
     "halves": {"head": 1 / 4, "relation": 1 / 2, "tail": 1 / 4},
-}  # fmt: skip
+}
 FILTERS, TRUTHS = ("learned", "true", "none"), ("all", "split")
 ABOUT, WEIGHTS = ("any", "known", "novel", "both"), ("triple", "relation", "observations")
 
 Run = tuple[str, int, int, int]  #: Model, number of indicators, size and seed.
 Group = tuple[str, str, str]  #: Choices of queries, about and weights.
-Values = dict[Run, dict[Group, np.ndarray]]  #: MRR*; shape: (choices of slots, of filters, of truths).
+#: MRR*; shape: (choices of slots, of filters, of truths).
+Values = dict[Run, dict[Group, np.ndarray]]
 
 
 def readings_there(case: str) -> Values:
-    """MRR* under every reading, from the table of readings of a case; infinite where a row is missing."""
+    """MRR* under every reading, from the table of readings of a case;
+    infinite where a row is missing.
+    """
     values: Values = {}
-    places = [{name: place for place, name in enumerate(names)} for names in (SLOTS, FILTERS, TRUTHS)]
-    names = ("model", "k", "size", "seed", "queries", "about", "weights", "slots", "filter", "truth", "mrr_star")
+    places = [
+        {name: place for place, name in enumerate(names)} for names in (SLOTS, FILTERS, TRUTHS)
+    ]
+    names = (
+        "model",
+        "k",
+        "size",
+        "seed",
+        "queries",
+        "about",
+        "weights",
+        "slots",
+        "filter",
+        "truth",
+        "mrr_star",
+    )
     for model, k, size, seed, *group, slots, filtering, truth, mrr_star in rows_of(
         f"beyond/readings/{case}.parquet", *names
     ):
@@ -289,31 +372,46 @@ class Ranked:
     def __init__(self, case: str) -> None:
         table = pq.read_table(Path("data") / f"beyond/readings/{case}.ranks.parquet")
         self.columns = {name: np.asarray(table[name].to_pandas()) for name in table.column_names}
-        terms = [[self.columns[f"closeness_{name}_{truth}"] for truth in TRUTHS] for name in FILTERS]
+        terms = [
+            [self.columns[f"closeness_{name}_{truth}"] for truth in TRUTHS] for name in FILTERS
+        ]
         self.terms = np.moveaxis(np.array(terms), -1, 0)  #: of MRR*; shape: (rows, filters, truths)
 
     def runs(self) -> Iterator[tuple[Run, np.ndarray]]:
         """Each model at a grid point, with the places of its rows."""
         places: dict[Run, list[int]] = {}
         names = ("model", "k", "size", "seed")
-        for place, run in enumerate(zip(*(self.columns[name].tolist() for name in names), strict=True)):
+        for place, run in enumerate(
+            zip(*(self.columns[name].tolist() for name in names), strict=True)
+        ):
             places.setdefault(run, []).append(place)
         yield from ((run, np.array(rows)) for run, rows in places.items())
 
     def readings_here(self) -> Values:
         """MRR* under every reading, computed from the terms."""
         groups = list(product(QUERIES, ABOUT, WEIGHTS))
-        return {run: {group: self._means(rows, *group) for group in groups} for run, rows in self.runs()}
+        return {
+            run: {group: self._means(rows, *group) for group in groups} for run, rows in self.runs()
+        }
 
     def _means(self, rows: np.ndarray, queries: str, about: str, weights: str) -> np.ndarray:
-        relation, count, hidden = (self.columns[name][rows] for name in ("relation", "count", "hidden"))
+        relation, count, hidden = (
+            self.columns[name][rows] for name in ("relation", "count", "hidden")
+        )
         queried = np.isin(self.columns["split"][rows], QUERIES[queries])
         if about in ("known", "novel"):
             queried &= (self.columns["novel"][rows] == 1) == (about == "novel")
-        weight = {"triple": np.ones(len(rows)), "observations": count.astype(float), "relation": np.zeros(len(rows))}
+        weight = {
+            "triple": np.ones(len(rows)),
+            "observations": count.astype(float),
+            "relation": np.zeros(len(rows)),
+        }
         for name in set(relation[queried]) if weights == "relation" else ():
             of_relation, tails = relation == name, hidden == "tail"
-            observed, number = count[of_relation & tails].sum(), (of_relation & tails & queried).sum()
+            observed, number = (
+                count[of_relation & tails].sum(),
+                (of_relation & tails & queried).sum(),
+            )
             weight["relation"][of_relation] = observed / number
         by_slot = {}
         for slot in ("head", "relation", "tail"):
@@ -323,4 +421,9 @@ class Ranked:
                 of_slot = np.ones(len(chosen))
             total = of_slot.sum() if len(chosen) else np.nan
             by_slot[slot] = np.tensordot(of_slot, self.terms[chosen], 1) / total
-        return np.array([sum(share * by_slot[slot] for slot, share in shares.items()) for shares in SLOTS.values()])
+        return np.array(
+            [
+                sum(share * by_slot[slot] for slot, share in shares.items())
+                for shares in SLOTS.values()
+            ]
+        )

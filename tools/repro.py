@@ -1,4 +1,6 @@
-"""Run ``dvc repro``, and print the number of the running stage, the total, and an estimate of the minutes left."""
+"""Run ``dvc repro``, and print the number of the running stage, the total,
+and an estimate of the minutes left.
+"""
 
 import fcntl
 import json
@@ -14,33 +16,43 @@ from importlib.util import find_spec
 from pathlib import Path
 
 if not (find_spec("dvc") and find_spec("isi")):
-    sys.exit(f"repro: {sys.executable} lacks DVC or this project: use `make repro`, or activate .venv first")
+    sys.exit(
+        f"repro: {sys.executable} lacks DVC or this project: use `make repro`, "
+        "or activate .venv first"
+    )
 
 from isi.errors import InputError
 from isi.process import errors_in_one_line, tie_to_parent
 
-#: Seconds of the last run of each stage in this folder; stages without one take those of ``SHIPPED``.
+#: Seconds of the last run of each stage in this folder; stages without one take those of
+#: ``SHIPPED``.
 HERE = Path(".dvc/tmp/stage_seconds.json")
 #: DVC's file of read and write locks: which process uses which path.
 NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
 PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
-#: The lines in which DVC begins or skips a stage; the name follows the pipeline file, unless that is ./dvc.yaml.
+#: The lines in which DVC begins or skips a stage; the name follows the pipeline file, unless that
+#: is ./dvc.yaml.
 BEGINS = re.compile(
-    r"^Running stage '(?:\S+:)?(?P<stage>[^':]+)'|^Stage '(?:\S+:)?(?P<same>[^':]+)' (didn't change|is cached)"
+    r"^Running stage '(?:\S+:)?(?P<stage>[^':]+)'|^Stage "
+    r"'(?:\S+:)?(?P<same>[^':]+)' (didn't change|is cached)"
 )
 
 
 class Progress:
-    """Progress of a run: the number of stages seen, the stages still to come, and the seconds of each stage."""
+    """Progress of a run: the number of stages seen, the stages still to come,
+    and the seconds of each stage.
+    """
 
     def __init__(self, stages: list[str], seconds: dict[str, float]) -> None:
         self.seen, self.waiting, self.seconds = 0, set(stages), seconds
         self.start, self.running, self.since = time.monotonic(), "", 0.0
 
     def begin(self, stage: str, runs: bool) -> str | None:
-        """Record that a stage begins (``runs``) or is skipped; returns a line of progress if it begins, else None."""
+        """Record that a stage begins (``runs``) or is skipped;
+        returns a line of progress if it begins, else None.
+        """
         self.end()
         self.seen += 1
         self.waiting.discard(stage)
@@ -60,7 +72,9 @@ class Progress:
 
 
 def main(arguments: list[str]) -> int:
-    """Run ``dvc repro`` with the arguments, and print its output with lines of progress; returns its exit status."""
+    """Run ``dvc repro`` with the arguments, and print its output with lines of progress;
+    returns its exit status.
+    """
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
     pipeline = next((path for path in PIPELINES if str(path) in arguments), PIPELINES[0])
     allow_no_git()
@@ -79,7 +93,9 @@ def main(arguments: list[str]) -> int:
 
 
 def allow_no_git() -> None:
-    """Tell DVC, in its local configuration, if this folder is in no git repository; otherwise it refuses to run."""
+    """Tell DVC, in its local configuration, if this folder is in no git repository;
+    otherwise it refuses to run.
+    """
     here = Path.cwd()
     if any((folder / ".git").exists() for folder in (here, *here.parents)):
         return
@@ -89,11 +105,19 @@ def allow_no_git() -> None:
     if not config["core"]["no_scm"]:
         with config.edit("local") as local:
             local["core"]["no_scm"] = True
-        print("repro: no git repository: `dvc exp` and `dvc ... diff` cannot run here (docs/reproduce.md)", flush=True)
+        print(
+            (
+                "repro: no git repository: `dvc exp` and `dvc ... "
+                "diff` cannot run here (docs/reproduce.md)"
+            ),
+            flush=True,
+        )
 
 
 class LockFile:
-    """A dvc.lock with a backup: DVC writes it in place, so the file is broken if DVC is stopped during a write."""
+    """A dvc.lock with a backup: DVC writes it in place,
+    so the file is broken if DVC is stopped during a write.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path, self._copy = path, HERE.with_name("_".join([*path.parts, "whole"]))
@@ -104,19 +128,28 @@ class LockFile:
             self._copy.write_bytes(self.path.read_bytes() if self.path.exists() else b"")
 
     def mend(self) -> None:
-        """Replace a broken lock file by its copy (remove it if the copy is empty), and delete the copy."""
+        """Replace a broken lock file by its copy (remove it if the copy is empty),
+        and delete the copy.
+        """
         if self._copy.exists() and self.path.exists() and not self._is_whole():
             self._copy.replace(self.path)
             if not self.path.stat().st_size:
                 self.path.unlink()
-            print(f"repro: {self.path} was cut short when DVC ended: restored as before the last stage", flush=True)
+            print(
+                (
+                    f"repro: {self.path} was cut short when DVC ended: "
+                    "restored as before the last stage"
+                ),
+                flush=True,
+            )
         self._copy.unlink(missing_ok=True)
 
     def _is_whole(self) -> bool:
         from dvc.schema import COMPILED_LOCKFILE_SCHEMA  # here, since both imports are slow
         from dvc.utils.serialize import load_yaml
 
-        if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):  # DVC removes no stage
+        # DVC removes no stage
+        if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):
             return False
         with suppress(Exception):  # any error: the file is broken
             COMPILED_LOCKFILE_SCHEMA(load_yaml(self.path))
@@ -140,7 +173,9 @@ def mend_notes(path: Path = NOTES) -> None:
 
 
 def run(command: list[str], progress: Progress, lock: LockFile) -> int:
-    """Run DVC in its own process group: Ctrl-C reaches this process alone, which then ends DVC and its stage."""
+    """Run DVC in its own process group: Ctrl-C reaches this process alone,
+    which then ends DVC and its stage.
+    """
     tied = partial(tie_to_parent, os.getpid()) if sys.platform == "linux" else None
     piped = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
     with subprocess.Popen(command, process_group=0, preexec_fn=tied, **piped) as dvc:
@@ -149,7 +184,11 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
                 match = BEGINS.match(line)
                 if match and match["stage"]:
                     lock.back_up()
-                progress_line = progress.begin(match["stage"] or match["same"], bool(match["stage"])) if match else None
+                progress_line = (
+                    progress.begin(match["stage"] or match["same"], bool(match["stage"]))
+                    if match
+                    else None
+                )
                 print(*filter(None, [progress_line, line]), sep="\n", end="", flush=True)
         except BaseException:
             dvc.terminate()
@@ -161,28 +200,36 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Lock this folder; InputError if another run holds the lock. The system releases it when the process ends."""
+    """Lock this folder; InputError if another run holds the lock.
+    The system releases it when the process ends.
+    """
     HERE.parent.mkdir(parents=True, exist_ok=True)
     with (HERE.parent / "isi.repro").open("a+", encoding="ascii") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             file.seek(0)
-            raise InputError("", "", f"runs already in this folder (process {file.read(20).strip()})") from error
+            raise InputError(
+                "", "", f"runs already in this folder (process {file.read(20).strip()})"
+            ) from error
         file.truncate(0)
         print(os.getpid(), file=file, flush=True)
         yield
 
 
 def stages(pipeline: Path) -> list[str]:
-    """Names of a pipeline's stages, from its lock file, which is quick to read, or else from DVC."""
+    """Names of a pipeline's stages, from its lock file, which is quick to read,
+    or else from DVC.
+    """
     lock = pipeline.with_name("dvc.lock")
     if lock.exists():
         return _stage_names(lock)
     from dvc.repo import Repo  # here, since it takes seconds to import
 
     path = str(pipeline.resolve())
-    return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == path]
+    return [
+        stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == path
+    ]
 
 
 def _stage_names(lock: Path) -> list[str]:

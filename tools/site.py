@@ -1,7 +1,9 @@
-"""The hook of mkdocs.yml: in the site, a link from a page to a file outside of docs/ leads to a page that shows it.
+"""The hook of mkdocs.yml: in the site, a link from a page to a file outside of docs/
+leads to a page that shows it.
 
-Pages keep relative links that work on a forge. Here, Markdown outside of docs/ becomes a page, and so does the text of
-a script or of settings. Comments, which mark places for ``tools/docs.py``, are left out.
+Pages keep relative links that work on a forge. Here, Markdown outside of docs/ becomes a page, and
+so does the text of a script or of settings. Comments, which mark places for ``tools/docs.py``, are
+left out.
 """
 
 from __future__ import annotations
@@ -20,16 +22,25 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 FILES = "files"  #: Folder of the site with the pages of files outside of docs/.
-LANGUAGES = {".py": "python", ".yaml": "yaml", ".csv": "csv", ".html": "html"}  #: Suffixes of files that are shown.
-PARTS = re.compile(r"^```.*?^```$|<!--.*?-->|(!?)\[([^\]]*)\]\(([^)#\s:]+)(#[^)\s]+)?\)", re.DOTALL | re.MULTILINE)
+#: Suffixes of files that are shown.
+LANGUAGES = {".py": "python", ".yaml": "yaml", ".csv": "csv", ".html": "html"}
+PARTS = re.compile(
+    r"^```.*?^```$|<!--.*?-->|(!?)\[([^\]]*)\]\(([^)#\s:]+)(#[^)\s]+)?\)", re.DOTALL | re.MULTILINE
+)
 CELL = re.compile(r"^# %%[ ]*(.*)\n", re.MULTILINE)
 
 
 def linked(text: str, origin: Path) -> list[Path]:
-    """The files outside of docs/ to which the text of the file ``origin`` links, and which the site shows."""
+    """The files outside of docs/ to which the text of the file ``origin`` links,
+    and which the site shows.
+    """
     targets = (origin.parent / part[3] for part in PARTS.finditer(text) if part[3])
     paths = (Path(os.path.normpath(target)) for target in targets)
-    return [path for path in paths if path.is_file() and not path.is_relative_to(DOCS) and name_of(path) != "README.md"]
+    return [
+        path
+        for path in paths
+        if path.is_file() and not path.is_relative_to(DOCS) and name_of(path) != "README.md"
+    ]
 
 
 def name_of(path: Path) -> str | None:
@@ -59,9 +70,12 @@ def rewritten(text: str, origin: Path) -> str:
         path = Path(os.path.normpath(origin.parent / part[3]))
         target = name_of(path) if path.is_file() else None
         if target is None:
-            return part[2] if path.exists() else part[0]  # mkdocs warns of a link that leads nowhere
+            # mkdocs warns of a link that leads nowhere
+            return part[2] if path.exists() else part[0]
         here = Path(name_of(origin) or "").parent
-        return f"{part[1]}[{part[2]}]({Path(os.path.relpath(target, here)).as_posix()}{part[4] or ''})"
+        return (
+            f"{part[1]}[{part[2]}]({Path(os.path.relpath(target, here)).as_posix()}{part[4] or ''})"
+        )
 
     return PARTS.sub(link, text)
 
@@ -71,30 +85,48 @@ def as_page(path: Path) -> str:
     text, language = path.read_text(encoding="utf-8"), LANGUAGES.get(path.suffix, "")
     if not language:
         return text
-    title = f"---\nsearch:\n  exclude: {str(path.parent.name != 'examples').lower()}\n---\n\n# {path.name}\n"
+    title = (
+        f"---\nsearch:\n  exclude: {str(path.parent.name != 'examples').lower()}\n---\n\n"
+        f"# {path.name}\n"
+    )
     if language != "python" or not CELL.search(text):
         return f"{title}\n```{language}\n{text}```\n"
     first, *cells = CELL.split(text)
     made = [title, ast.get_docstring(ast.parse(text)) or ""]
-    for name, body in [("", first.rpartition('"""')[2]), *zip(cells[::2], cells[1::2], strict=True)]:
+    for name, body in [
+        ("", first.rpartition('"""')[2]),
+        *zip(cells[::2], cells[1::2], strict=True),
+    ]:
         if name == "[markdown]":
-            made.append("\n".join(line.removeprefix("#").removeprefix(" ") for line in body.strip().splitlines()))
+            made.append(
+                "\n".join(
+                    line.removeprefix("#").removeprefix(" ") for line in body.strip().splitlines()
+                )
+            )
         elif body.strip():
             made.append(f"**{name}**\n" * bool(name) + f"\n```python\n{body.strip()}\n```")
     return "\n\n".join(made) + "\n"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of files outside of docs/ that pages link to, directly or through each other."""
+    """Add the pages of files outside of docs/ that pages link to,
+    directly or through each other.
+    """
     from mkdocs.structure.files import File, InclusionLevel
 
     waiting = [path_of(file.src_uri) for file in files.documentation_pages()]
     while waiting:
         origin = waiting.pop()
-        for path in linked(origin.read_text(encoding="utf-8"), origin) if origin.suffix == ".md" else []:
+        for path in (
+            linked(origin.read_text(encoding="utf-8"), origin) if origin.suffix == ".md" else []
+        ):
             name = name_of(path)
             if name is not None and files.get_file_from_path(name) is None:
-                files.append(File.generated(config, name, content=as_page(path), inclusion=InclusionLevel.NOT_IN_NAV))
+                files.append(
+                    File.generated(
+                        config, name, content=as_page(path), inclusion=InclusionLevel.NOT_IN_NAV
+                    )
+                )
                 waiting.append(path)
     return files
 

@@ -1,7 +1,9 @@
-"""Read every source in full; write its counts to docs/benchmarks/sources.md, and its pictures to docs/sources/.
+"""Read every source in full; write its counts to docs/benchmarks/sources.md,
+and its pictures to docs/sources/.
 
-The sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of the files of ``--params``. If none of them
-reads ProcTHOR's houses, random houses are made. A source that cannot be read here is skipped with a message.
+The sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of the files of
+``--params``. If none of them reads ProcTHOR's houses, random houses are made. A source that cannot
+be read here is skipped with a message.
 
 python -m tools.sources [NAME ...]
 """
@@ -56,14 +58,20 @@ class Measured:
 
 
 def source_settings(files: Iterable[Path]) -> dict[str, Any]:
-    """Settings of all sources and graphs in files of params, by name; ``InputError`` for a broken or repeated entry."""
+    """Settings of all sources and graphs in files of params, by name;
+    ``InputError`` for a broken or repeated entry.
+    """
     settings: dict[str, Any] = {}
     for file in files:
         params = read(file)
         sources, graphs = (
-            check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file) for key in ("sources", "graphs")
+            check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file)
+            for key in ("sources", "graphs")
         )
-        for name, section in [*sources.items(), *((name, graph.get("source")) for name, graph in graphs.items())]:
+        for name, section in [
+            *sources.items(),
+            *((name, graph.get("source")) for name, graph in graphs.items()),
+        ]:
             if name in settings:
                 raise InputError(file, name, "expected a name that no other source has")
             settings[name] = check(section, dict[str, Any], name, file)
@@ -77,63 +85,96 @@ def run(name: str, settings: Any, seed: int) -> Measured:
     source = Source(settings, f"sources.{name}", seed)
     for frame in source.frames():
         counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
-        seen.append(frame[["scene", "instance", "count"]].drop_duplicates(["scene", "instance"]).astype(object))
+        seen.append(
+            frame[["scene", "instance", "count"]]
+            .drop_duplicates(["scene", "instance"])
+            .astype(object)
+        )
     seconds = time.perf_counter() - start
     total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum()
     where = pd.concat(seen).drop_duplicates(["scene", "instance"])
     instances = int(where.loc[where["instance"].notna(), "count"].sum())
-    return Measured(name, where["scene"].nunique(), instances, total, source.kinds, source.counts, seconds)
+    return Measured(
+        name, where["scene"].nunique(), instances, total, source.kinds, source.counts, seconds
+    )
 
 
 def table(measured: Iterable[Measured]) -> pd.DataFrame:
     """A table of counts as text, with a row for each source."""
-    return pd.DataFrame([
-        {
-            "source": source.name,
-            "scenes": _number(source.scenes),
-            "rooms": _number(len(source.of_kind("room"))),
-            "instances": _number(source.instances),
-            "observations": _number(int(source.counts.sum())),
-            "unique triples": _number(len(source.counts)),
-            "entities": _number(len(source.kinds)),
-            "entities by kind": ", ".join(f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()),
-            "relations": _number(source.counts.index.get_level_values("relation").nunique()),
-            "counted by mining": "; ".join(f"{n:,} {step}" for step, n in source.left.items() if n) or NONE,
-            "seconds": f"{source.seconds:.1f}",
-        }
-        for source in measured
-    ])  # fmt: skip
+    return pd.DataFrame(
+        [
+            {
+                "source": source.name,
+                "scenes": _number(source.scenes),
+                "rooms": _number(len(source.of_kind("room"))),
+                "instances": _number(source.instances),
+                "observations": _number(int(source.counts.sum())),
+                "unique triples": _number(len(source.counts)),
+                "entities": _number(len(source.kinds)),
+                "entities by kind": ", ".join(
+                    f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()
+                ),
+                "relations": _number(source.counts.index.get_level_values("relation").nunique()),
+                "counted by mining": "; ".join(
+                    f"{n:,} {step}" for step, n in source.left.items() if n
+                )
+                or NONE,
+                "seconds": f"{source.seconds:.1f}",
+            }
+            for source in measured
+        ]
+    )
 
 
 def picture(measured: Measured) -> Figure | None:
-    """A heat map of the observations of the most frequent objects by room; None for a source without rooms."""
-    rooms = measured.counts[measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))]
+    """A heat map of the observations of the most frequent objects by room;
+    None for a source without rooms.
+    """
+    rooms = measured.counts[
+        measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))
+    ]
     if rooms.empty:
         return None
-    shown = most_frequent(rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0))
+    shown = most_frequent(
+        rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0)
+    )
     with mpl.rc_context(STYLE):
-        canvas = Figure(figsize=(3.2 + 0.25 * shown.shape[1], 1.8 + 0.18 * len(shown)), layout="constrained")
+        canvas = Figure(
+            figsize=(3.2 + 0.25 * shown.shape[1], 1.8 + 0.18 * len(shown)), layout="constrained"
+        )
         axes = canvas.subplots()
-        drawn = axes.imshow(shown.where(shown > 0), cmap="Blues", norm=LogNorm(vmin=0.5), aspect="auto")
-        axes.set_xticks(range(shown.shape[1]), [f"{room} ({kinds})" for room, kinds in shown.columns], rotation=90)
+        drawn = axes.imshow(
+            shown.where(shown > 0), cmap="Blues", norm=LogNorm(vmin=0.5), aspect="auto"
+        )
+        axes.set_xticks(
+            range(shown.shape[1]),
+            [f"{room} ({kinds})" for room, kinds in shown.columns],
+            rotation=90,
+        )
         axes.set_yticks(range(len(shown)), list(shown.index))
         axes.grid(visible=False)
-        axes.set(title=f"where things are: {measured.name}", xlabel="rooms (kinds of objects in them)")
+        axes.set(
+            title=f"where things are: {measured.name}", xlabel="rooms (kinds of objects in them)"
+        )
         canvas.colorbar(drawn, label="observations")
     return canvas
 
 
 def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
-    """Restrict ``seen``, (objects, rooms), to the most frequent objects, with at least one object of each room.
+    """Restrict ``seen``, (objects, rooms), to the most frequent objects,
+    with at least one object of each room.
 
-    Objects are grouped by their most frequent room; rooms are sorted by number of objects, in labels (room, number).
+    Objects are grouped by their most frequent room; rooms are sorted by number of objects, in
+    labels (room, number).
     """
     kinds = (seen > 0).sum().sort_values(ascending=False)
     ordered = seen[kinds.index]
     place = ordered.rank(ascending=False, method="first").min(axis=1)
     chosen = ordered.loc[place.sort_values(kind="stable").index[: max(SHOWN, len(kinds))]]
     ordered = chosen.iloc[np.lexsort((-chosen.max(axis=1), chosen.to_numpy().argmax(axis=1)))]
-    return ordered.set_axis(pd.Index(zip(kinds.index, kinds, strict=True), tupleize_cols=False), axis=1)
+    return ordered.set_axis(
+        pd.Index(zip(kinds.index, kinds, strict=True), tupleize_cols=False), axis=1
+    )
 
 
 def _number(value: int) -> str:
@@ -141,10 +182,21 @@ def _number(value: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="read these alone, and write no file without --docs")
-    parser.add_argument("--params", type=Path, action="append", default=[], help="a YAML file with more sources")
-    parser.add_argument("--houses", type=int, default=HOUSES, help=f"number of random houses ({HOUSES:,})")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="read these alone, and write no file without --docs",
+    )
+    parser.add_argument(
+        "--params", type=Path, action="append", default=[], help="a YAML file with more sources"
+    )
+    parser.add_argument(
+        "--houses", type=int, default=HOUSES, help=f"number of random houses ({HOUSES:,})"
+    )
     parser.add_argument("--docs", type=Path, help="folder of the table and the pictures (docs)")
     given = parser.parse_args()
     docs = given.docs or (None if given.names else BENCHMARKS.parent)
@@ -154,7 +206,12 @@ def main() -> None:
         with TemporaryDirectory() as folder:
             houses = Path(folder) / "houses.jsonl.gz"
             if "procthor_houses" not in readers:
-                section = {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}
+                section = {
+                    "reader": "procthor_houses",
+                    "path": str(houses),
+                    "sha256": None,
+                    "materials": "suncg",
+                }
                 sources[MADE] = section
             if unknown := set(given.names) - set(sources):
                 sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")

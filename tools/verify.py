@@ -1,8 +1,9 @@
 """Recompute numbers of the pipeline and the report from the pipeline's tables alone, and compare.
 
-Code that shares nothing with the library computes mean epochs to convergence, MRR* under every reading of the metric
-from the terms of single queries and, for ANALOGY alone, initial vectors of some initializers and MRR* right after
-insertion at random grid points. Run it in the folder of dvc.yaml.
+Code that shares nothing with the library computes mean epochs to convergence, MRR* under every
+reading of the metric from the terms of single queries and, for ANALOGY alone, initial vectors of
+some initializers and MRR* right after insertion at random grid points. Run it in the folder of
+dvc.yaml.
 """
 
 import argparse
@@ -16,9 +17,20 @@ import numpy as np
 from ruamel.yaml import YAML
 from safetensors.numpy import load_file
 
-from tools.recomputed import RECOMPUTED, TIE, Around, Experiment, Ranked, Session, mrr_star, readings_there, there
+from tools.recomputed import (
+    RECOMPUTED,
+    TIE,
+    Around,
+    Experiment,
+    Ranked,
+    Session,
+    mrr_star,
+    readings_there,
+    there,
+)
 
-#: A novel entity is not compared if scores of the last indicator and of the next entity differ by less than this.
+#: A novel entity is not compared if scores of the last indicator and of the next entity differ by
+#: less than this.
 UNDECIDED = 1e-5
 
 
@@ -41,73 +53,122 @@ class Check:
         apart = float(np.nanmax(np.abs(here - there), initial=0.0)) if equal else np.inf
         self.worst = max(self.worst, apart)
         if apart > self.tolerance:
-            most = int(np.nan_to_num(np.abs(here - there), nan=np.inf).argmax()) if here.shape == there.shape else 0
+            most = (
+                int(np.nan_to_num(np.abs(here - there), nan=np.inf).argmax())
+                if here.shape == there.shape
+                else 0
+            )
             ours, theirs = here.flat[most], there.flat[most]
             self.disagreements.append(f"{self.about}, {where}: {ours:.6g} here, {theirs:.6g} there")
 
 
 def check_cell(
-    experiment: Experiment, size: int, seed: int, options: dict[str, Any], initial: Check, immediate: Check
+    experiment: Experiment,
+    size: int,
+    seed: int,
+    options: dict[str, Any],
+    initial: Check,
+    immediate: Check,
 ) -> int:
-    """Compare initial vectors, and MRR* and its halves by model and scope; returns the number of vectors skipped.
+    """Compare initial vectors, and MRR* and its halves by model and scope;
+    returns the number of vectors skipped.
 
-    Rounding of scores decides which scores are tied, so MRR* may also agree with a tie width of 0.9 or 1.1 ``TIE``.
+    Rounding of scores decides which scores are tied, so MRR* may also agree with a tie width of 0.9
+    or 1.1 ``TIE``.
     """
     session, row = Session(experiment, size, seed), experiment.row(size, seed)
     theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
     joint = load_file(f"data/embeddings/{experiment.name}/joint.safetensors")
     left_open = 0
     for model in [*experiment.initializers, "joint"]:
-        table, place = (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
+        table, place = (
+            (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
+        )
         vectors, relations = (table[name][place].astype(float) for name in ("entity", "relation"))
         cell = f"{experiment.name}, size {size}, seed {seed}"
         if model != "joint":
-            stored = load_file(f"data/runs/{experiment.name}/{model}.safetensors")[f"size={size:02d}"][row]
-            for entity, vector in zip(session.order if model in RECOMPUTED else (), stored, strict=False):
-                chosen, gap = RECOMPUTED[model](Around(session, entity, vectors, relations), **options[model])
+            stored = load_file(f"data/runs/{experiment.name}/{model}.safetensors")[
+                f"size={size:02d}"
+            ][row]
+            for entity, vector in zip(
+                session.order if model in RECOMPUTED else (), stored, strict=False
+            ):
+                chosen, gap = RECOMPUTED[model](
+                    Around(session, entity, vectors, relations), **options[model]
+                )
                 left_open += gap < UNDECIDED
                 if gap >= UNDECIDED:
-                    initial.compare(f"{model}, {cell}, entity {entity}", vectors[sorted(chosen)].mean(0), vector)
+                    initial.compare(
+                        f"{model}, {cell}, entity {entity}", vectors[sorted(chosen)].mean(0), vector
+                    )
             vectors[session.order] = stored[: len(session.order)]
-        scores = np.stack([there(vectors, relation) @ vectors.T for relation in relations])  # (R, heads, tails)
+        # (R, heads, tails)
+        scores = np.stack([there(vectors, relation) @ vectors.T for relation in relations])
         for name, scope in session.scopes().items():
-            ((_, published),) = [run for run in experiment.runs[model][size, seed, 1, name] if run[0] == 0]
+            ((_, published),) = [
+                run for run in experiment.runs[model][size, seed, 1, name] if run[0] == 0
+            ]
             here = mrr_star(session, scores, scope)
             if not np.allclose(here, published, atol=immediate.tolerance, equal_nan=True):
                 others = [mrr_star(session, scores, scope, share * TIE) for share in (0.9, 1.1)]
-                here = min([here, *others], key=lambda way: np.abs(np.subtract(way, published)).max())
+                here = min(
+                    [here, *others], key=lambda way: np.abs(np.subtract(way, published)).max()
+                )
             immediate.compare(f"{model}, scope {name}, {cell}", here, published)
     return left_open
 
 
-def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check) -> None:
+def check_epochs(
+    experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check
+) -> None:
     """Compare mean epochs and unconverged shares of the runs with Table 2 and the table by size."""
     margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
     shown, by_size = (
-        list(csv.DictReader(Path(f"reports/tables/{table}{suffix}.csv").read_text(encoding="utf-8").splitlines()))
+        list(
+            csv.DictReader(
+                Path(f"reports/tables/{table}{suffix}.csv").read_text(encoding="utf-8").splitlines()
+            )
+        )
         for table in ("table2_convergence", "convergence_by_size")
     )
     joint = experiment.runs["joint"]
-    tuned = [name for name in experiment.initializers if any(len(run) > 1 for run in experiment.runs[name].values())]
+    tuned = [
+        name
+        for name in experiment.initializers
+        if any(len(run) > 1 for run in experiment.runs[name].values())
+    ]
     for model, line in zip(tuned, shown, strict=True):
         epochs = {
-            cell: min((epoch for epoch, values in run if values[0] >= joint[cell][0][1][0] - margin), default=None)
+            cell: min(
+                (epoch for epoch, values in run if values[0] >= joint[cell][0][1][0] - margin),
+                default=None,
+            )
             for cell, run in experiment.runs[model].items()
             if cell[3] in ("all", "novel_heldout") and not np.isnan(run[0][1][0])
         }
-        rows = [(scope, None, line[f"{scope}: mean"], line[f"{scope}: unconverged %"])
-                for scope in ("all", "novel_heldout")]  # fmt: skip
-        rows += [(row["scope"], int(row["size"]), row["mean"], row["unconverged %"])
-                 for row in by_size if row["initializer"] == line["initializer"]]  # fmt: skip
+        rows = [
+            (scope, None, line[f"{scope}: mean"], line[f"{scope}: unconverged %"])
+            for scope in ("all", "novel_heldout")
+        ]
+        rows += [
+            (row["scope"], int(row["size"]), row["mean"], row["unconverged %"])
+            for row in by_size
+            if row["initializer"] == line["initializer"]
+        ]
         for scope, size, mean_epochs, unconverged in rows:
-            chosen = [e for cell, e in epochs.items() if cell[3] == scope and size in (None, cell[0])]
+            chosen = [
+                e for cell, e in epochs.items() if cell[3] == scope and size in (None, cell[0])
+            ]
             where = f"{model}, scope {scope}, {experiment.name}, size {size or 'any'}"
-            mean.compare(where, np.mean([most if e is None else e for e in chosen]), mean_epochs or np.nan)
+            mean.compare(
+                where, np.mean([most if e is None else e for e in chosen]), mean_epochs or np.nan
+            )
             share.compare(where, 100 * np.mean([e is None for e in chosen]), unconverged or np.nan)
 
 
 def check_readings(case: str, check: Check) -> None:
-    """Compare MRR* under every reading in a case's table with that computed from its table of ranks.
+    """Compare MRR* under every reading in a case's table with that
+    computed from its table of ranks.
 
     Among false candidates alone, the term of MRR* is also the reciprocal rank.
     """
@@ -121,32 +182,59 @@ def check_readings(case: str, check: Check) -> None:
             check.compare(where, here.get(group, np.inf), there.get(group, np.inf))
     for truth in ("all", "split"):
         reciprocal = 1 / ranked.columns["rank_true"]
-        check.compare(f"terms of {truth}, {case}", reciprocal, ranked.columns[f"closeness_true_{truth}"])
+        check.compare(
+            f"terms of {truth}, {case}", reciprocal, ranked.columns[f"closeness_true_{truth}"]
+        )
 
 
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
-    """Compare random grid points, and mean epochs of experiments with one source; print which vectors are skipped."""
+    """Compare random grid points, and mean epochs of experiments with one source;
+    print which vectors are skipped.
+    """
     experiments = []
     for name, settings in params["experiments"].items():
         listed = settings.get("initializers", "all")
         experiments.append(
-            Experiment(name, [key for key in params["initializers"] if listed == "all" or key in listed])
+            Experiment(
+                name, [key for key in params["initializers"] if listed == "all" or key in listed]
+            )
         )
-    checks = [Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5), Check("mean epochs", 6e-3),
-              Check("unconverged %", 6e-3), Check("readings of MRR*", 1e-5)]  # fmt: skip
+    checks = [
+        Check("initial vectors", 1e-5),
+        Check("immediate MRR*", 1e-5),
+        Check("mean epochs", 6e-3),
+        Check("unconverged %", 6e-3),
+        Check("readings of MRR*", 1e-5),
+    ]
     initial, immediate, epochs, unconverged, readings = checks
-    cells = [(experiment, *cell[:2]) for experiment in experiments for cell in experiment.novel if cell[2] == 1]
+    cells = [
+        (experiment, *cell[:2])
+        for experiment in experiments
+        for cell in experiment.novel
+        if cell[2] == 1
+    ]
     if params["embedding"]["model"] == "analogy":
-        chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
-        left_open = sum(check_cell(*cell, params["initializers"], initial, immediate) for cell in chosen)
+        chosen = [
+            cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]
+        ]
+        left_open = sum(
+            check_cell(*cell, params["initializers"], initial, immediate) for cell in chosen
+        )
         others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
-        print(f"Not computed again: vectors of {others or 'none'}; and {left_open} "
-              f"vectors whose last indicator scores less than {UNDECIDED:.0e} above the next entity.")  # fmt: skip
+        print(
+            f"Not computed again: vectors of {others or 'none'}; and {left_open} "
+            f"vectors whose last indicator scores less than {UNDECIDED:.0e} above the next entity."
+        )
     else:
-        print("Not computed again: vectors and MRR*, which this check recomputes only for the model ANALOGY.")
+        print(
+            "Not computed again: vectors and MRR*, which this check "
+            "recomputes only for the model ANALOGY."
+        )
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
-            check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged)
+            check_epochs(
+                experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged
+            )
     for path in sorted(Path("data/beyond/readings").glob("*.ranks.parquet")):
         check_readings(path.name.removesuffix(".ranks.parquet"), readings)
     return checks
@@ -154,16 +242,29 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=12, help="grid points whose vectors and MRR* are computed again")
+    parser.add_argument(
+        "--cells",
+        type=int,
+        default=12,
+        help="grid points whose vectors and MRR* are computed again",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the choice of grid points")
     given = parser.parse_args()
     try:
-        checks = verify(YAML(typ="safe", pure=True).load(Path("params.yaml")), given.cells, given.seed)
+        checks = verify(
+            YAML(typ="safe", pure=True).load(Path("params.yaml")), given.cells, given.seed
+        )
     except OSError as error:
         sys.exit(f"verify: {error}")
-    print(f"\n{'compared':18}{'number':>8}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}")
+    print(
+        f"\n{'compared':18}{'number':>8}{'largest difference':>20}{'tolerance':>11}"
+        f"{'disagreements':>15}"
+    )
     for check in checks:
-        numbers = f"{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}"
+        numbers = (
+            f"{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}"
+            f"{len(check.disagreements):15}"
+        )
         print(f"{check.about:18}{numbers}")
     for line in [line for check in checks for line in check.disagreements][:20]:
         print(line)

@@ -1,4 +1,5 @@
-"""Copy the pipeline, with the params of a quick run and any other changes, into a folder for ``dvc repro``.
+"""Copy the pipeline, with the params of a quick run and any other changes,
+into a folder for ``dvc repro``.
 
 A params.yaml in the folder that was edited there stays, with the changes of --set and --drop alone.
 """
@@ -25,22 +26,40 @@ YAML_1_2 = YAML()  # keeps the comments
 DROP = "<dropped>"
 #: A copy of the params that this tool wrote into a workspace.
 WRITTEN = ".dvc/tmp/params.yaml"
-#: Changes for a run of about five minutes: fewer seeds, sizes and epochs, and the mean as the only control.
+#: Changes for a run of about five minutes: fewer seeds, sizes and epochs, and the mean as the only
+#: control.
 QUICK: dict[str, Any] = {
-    "experiments.published": DROP, "sources.published": DROP,
-    "initializers.gaussian": DROP, "initializers.gaussian_centred": DROP, "initializers.es_permuted": DROP,
-    "initializers.es_permuted_kinds": DROP, "initializers.kind_mean": DROP, "initializers.soft_hybrid": DROP,
-    "experiments.ai2thor.sessions.seeds": 4, "experiments.ai2thor.sessions.sizes": [1, 5],
-    "experiments.transfer.sessions.seeds": 4, "training.max_epochs": 60, "finetuning.max_epochs": 40,
-    "sweep.k": [1, 4, 8, 18, 30], "sweep.seeds": 3, "trajectory.epochs": 40, "compare_models.seeds": 2,
-    "explorer.size": 5, "explorer.seed": 3,
-    "cross_validation.folds": 3, "cross_validation.dimension": [40], "cross_validation.ratio": [],
-    "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
-}  # fmt: skip
+    "experiments.published": DROP,
+    "sources.published": DROP,
+    "initializers.gaussian": DROP,
+    "initializers.gaussian_centred": DROP,
+    "initializers.es_permuted": DROP,
+    "initializers.es_permuted_kinds": DROP,
+    "initializers.kind_mean": DROP,
+    "initializers.soft_hybrid": DROP,
+    "experiments.ai2thor.sessions.seeds": 4,
+    "experiments.ai2thor.sessions.sizes": [1, 5],
+    "experiments.transfer.sessions.seeds": 4,
+    "training.max_epochs": 60,
+    "finetuning.max_epochs": 40,
+    "sweep.k": [1, 4, 8, 18, 30],
+    "sweep.seeds": 3,
+    "trajectory.epochs": 40,
+    "compare_models.seeds": 2,
+    "explorer.size": 5,
+    "explorer.seed": 3,
+    "cross_validation.folds": 3,
+    "cross_validation.dimension": [40],
+    "cross_validation.ratio": [],
+    "cross_validation.learning_rate": [0.2],
+    "cross_validation.weight_decay": [],
+}
 
 
 def make(folder: Path, changes: dict[str, Any], source: Path = ROOT / "params.yaml") -> None:
-    """Create or refresh a workspace with the params of ``source``, changed; the outputs of its last run stay."""
+    """Create or refresh a workspace with the params of ``source``, changed;
+    the outputs of its last run stay.
+    """
     for name in COPIED:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -57,7 +76,8 @@ def make(folder: Path, changes: dict[str, Any], source: Path = ROOT / "params.ya
         subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
         for option in ("core.analytics", "core.check_update"):
             subprocess.run([*dvc, "config", option, "false"], cwd=folder, check=True)
-    shutil.copy2(ROOT / ".dvcignore", folder)  # replaces the empty file of `dvc init`: bytecode is no dependency
+    # replaces the empty file of `dvc init`: bytecode is no dependency
+    shutil.copy2(ROOT / ".dvcignore", folder)
 
 
 def change(params: dict[str, Any], key: str, value: Any) -> None:
@@ -72,7 +92,9 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
 
 
 def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Apply the changes whose parent key exists; a name whose key is dropped is also removed from all lists."""
+    """Apply the changes whose parent key exists;
+    a name whose key is dropped is also removed from all lists.
+    """
     for key, value in changes.items():
         parent = key.rpartition(".")[0]
         if not parent or value_of(params, parent) is not None:
@@ -91,7 +113,9 @@ def forget(values: Any, names: set[str]) -> None:
 def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change; values in YAML")
+    parser.add_argument(
+        "--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change; values in YAML"
+    )
     parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to remove")
     given = parser.parse_args()
     with errors_in_one_line("workspace"):
@@ -103,11 +127,16 @@ def main() -> None:
 
 
 def make_checked(folder: Path, changes: dict[str, Any]) -> None:
-    """Make a workspace with the quick params, or with those in it if they were edited there; InputError if refused."""
+    """Make a workspace with the quick params, or with those in it if they were edited there;
+    InputError if refused.
+    """
     params, written = folder / "params.yaml", folder / WRITTEN
     before = read(params) and params.read_bytes() if params.exists() and written.exists() else b""
     if edited := before and before != written.read_bytes():
-        print(f"workspace: {params} was edited and stays; without it, {ROOT / params.name} is used again")
+        print(
+            f"workspace: {params} was edited and stays; without it, "
+            f"{ROOT / params.name} is used again"
+        )
     make(folder, changes if edited else QUICK | changes, params if edited else ROOT / params.name)
     try:
         load(params)

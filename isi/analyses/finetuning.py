@@ -16,28 +16,46 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
 
 FACTOR = at_least(0, REAL.type)
-#: Rows of runs. ``k``: indicator set size. ``factor``: learning rate divided by that of the section ``finetuning``.
-INDICATOR_SWEEP = runs_table("data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": FROM_1})
-RATE_SWEEP = runs_table("data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": FACTOR})
+#: Rows of runs. ``k``: indicator set size. ``factor``: learning rate divided by that of the section
+#: ``finetuning``.
+INDICATOR_SWEEP = runs_table(
+    "data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": FROM_1}
+)
+RATE_SWEEP = runs_table(
+    "data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": FACTOR}
+)
 FINETUNE_ONLY = runs_table("data/analyses/finetune_only/{experiment}.parquet")
 SCOPE = "known_closed"  #: Neither its queries nor its candidates include novel entities.
 
 
 class Sweep(Study):
-    """``sweep`` in params: indicator set sizes ``k``, initializers, and |ξ| and number of seeds of the runs."""
+    """``sweep`` in params: indicator set sizes ``k``, initializers,
+    and |ξ| and number of seeds of the runs.
+    """
 
-    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]  #: with their options other than k
-    k: Annotated[list[Count], Field(min_length=1), EachOnce, ensure(lambda k: sorted(k) == k, "ascending values")]
+    #: with their options other than k
+    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
+    k: Annotated[
+        list[Count],
+        Field(min_length=1),
+        EachOnce,
+        ensure(lambda k: sorted(k) == k, "ascending values"),
+    ]
     size: Count
     seeds: Count
 
 
 class RateSweep(Study):
-    """``rate_sweep`` in params: factors on the fine-tuning learning rate, initializers, and |ξ| of the runs."""
+    """``rate_sweep`` in params: factors on the fine-tuning learning rate, initializers,
+    and |ξ| of the runs.
+    """
 
     initializers: list[Name]
     factors: Annotated[
-        list[Positive], Field(min_length=1), EachOnce, ensure(lambda values: 1 not in values, "factors other than 1")
+        list[Positive],
+        Field(min_length=1),
+        EachOnce,
+        ensure(lambda values: 1 not in values, "factors other than 1"),
     ]
     size: Count
 
@@ -45,7 +63,9 @@ class RateSweep(Study):
 def finetune_only(
     points: GridPoints, theta0: Embedding, root: int, negatives: Negatives, optimizer: Optimizer
 ) -> pd.DataFrame:
-    """Fine-tune Θ⁰ on D⁰; rows of ``FINETUNE_ONLY``: measures in ``SCOPE`` before training and after every epoch."""
+    """Fine-tune Θ⁰ on D⁰; rows of ``FINETUNE_ONLY``:
+    measures in ``SCOPE`` before training and after every epoch.
+    """
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)
     data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)

@@ -1,4 +1,6 @@
-"""Insert hidden entities into a model of PyKEEN: by ``isi.pykeen.insert``, by PyKEEN's initializer, by retraining."""
+"""Insert hidden entities into a model of PyKEEN:
+by ``isi.pykeen.insert``, by PyKEEN's initializer, by retraining.
+"""
 
 import gc
 import logging
@@ -40,7 +42,9 @@ BATCH = 256  #: Number of triples in a batch of evaluation.
 def hidden_in(
     points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Rows of ``HIDDEN_ENTITIES`` for one seed, and the CPU seconds by method, initializer and ``told``."""
+    """Rows of ``HIDDEN_ENTITIES`` for one seed, and the CPU seconds by method,
+    initializer and ``told``.
+    """
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
@@ -61,13 +65,19 @@ def hidden_in(
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     seconds = [{"method": "known", "seconds": time.process_time() - start}]
     pairs = valid.mapped_triples.numpy()
-    before = {"method": "nothing", "asked": "earlier"} | ranked(case.model, both_ends(pairs), split.triples)
+    before = {"method": "nothing", "asked": "earlier"} | ranked(
+        case.model, both_ends(pairs), split.triples
+    )
     answers = list[dict[str, Any]]([before])
     methods: dict[str, dict[str, Any]] = {
-        "insert": {}, **{name: {"initializer": name} for name in settings.initializers}, "own": {"pykeen_rows": True},
-        "insert_new_rows": {"then": "new_rows"}, "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
-        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"}, "retrained": {"then": "retrain"},
-    }  # fmt: skip
+        "insert": {},
+        **{name: {"initializer": name} for name in settings.initializers},
+        "own": {"pykeen_rows": True},
+        "insert_new_rows": {"then": "new_rows"},
+        "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
+        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"},
+        "retrained": {"then": "retrain"},
+    }
     for number, (name, options) in product(settings.max_insert_triples, methods.items()):
         if name == "retrained" and number is not None:
             continue
@@ -76,7 +86,9 @@ def hidden_in(
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
         answers += [row | measures for measures in measured(model, split, pairs)]
-    return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
+    return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(
+        seconds
+    )
 
 
 def check_name(name: str, known: Iterable[str], key: str) -> None:
@@ -99,13 +111,18 @@ class Case:
     seed: int
 
     def enlarged(
-        self, insert_triples: np.ndarray, initializer: str | None = None, pykeen_rows: bool = False,
+        self,
+        insert_triples: np.ndarray,
+        initializer: str | None = None,
+        pykeen_rows: bool = False,
         then: Literal["new_rows", "all_rows", "retrain"] | None = None,
-    ) -> tuple[Model, Inserted | None]:  # fmt: skip
-        """The model with the hidden entities, and the result of ``isi.pykeen.insert`` (None for other methods).
+    ) -> tuple[Model, Inserted | None]:
+        """The model with the hidden entities, and the result of ``isi.pykeen.insert``
+        (None for other methods).
 
-        The rows of hidden entities come from ``initializer`` (None: the default) or, with ``pykeen_rows``, from
-        PyKEEN's initializer. ``then`` trains the new rows, or all rows, or instead retrains a model from scratch.
+        The rows of hidden entities come from ``initializer`` (None: the default) or, with
+        ``pykeen_rows``, from PyKEEN's initializer. ``then`` trains the new rows, or all rows, or
+        instead retrains a model from scratch.
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
@@ -113,18 +130,28 @@ class Case:
         if then == "retrain":
             return trained(larger, self.valid, training, self.seed), None
         result = inserted(
-            self.model, self.train, insert_triples, new=self.names[known:], words=self.words,
-            initializer="mean" if pykeen_rows else initializer, seed=self.seed,
-        )  # fmt: skip
+            self.model,
+            self.train,
+            insert_triples,
+            new=self.names[known:],
+            words=self.words,
+            initializer="mean" if pykeen_rows else initializer,
+            seed=self.seed,
+        )
         entities = result.entities
         if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
             entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
         if then == "new_rows":
             entities, _ = fit_new(
-                entities, result.relations, insert_triples, new=len(result.new), model=result.model,
-                epochs=self.settings.epochs, seed=self.seed,
-            )  # fmt: skip
+                entities,
+                result.relations,
+                insert_triples,
+                new=len(result.new),
+                model=result.model,
+                epochs=self.settings.epochs,
+                seed=self.seed,
+            )
         model, _ = enlarge(self.model, self.train, replace(result, entities=entities))
         if then == "all_rows":
             torch.manual_seed(self.seed)
@@ -132,53 +159,88 @@ class Case:
         return model.eval(), None if pykeen_rows else result
 
 
-def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:
-    """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3); labels are listed in the order of ids."""
-    entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
+def factory_of(
+    triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]
+) -> TriplesFactory:
+    """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3);
+    labels are listed in the order of ids.
+    """
+    entity_ids, relation_ids = (
+        {name: row for row, name in enumerate(names)} for names in (entities, relations)
+    )
     return TriplesFactory(torch.from_numpy(triples), entity_ids, relation_ids)
 
 
 def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
     torch.manual_seed(seed)
-    return cast(Model, model_resolver.make(
-        settings.model, triples_factory=factory, embedding_dim=settings.dimension, loss=settings.loss,
-        loss_kwargs=settings.loss_options, regularizer=None, random_seed=seed,
-    ))  # fmt: skip
+    return cast(
+        Model,
+        model_resolver.make(
+            settings.model,
+            triples_factory=factory,
+            embedding_dim=settings.dimension,
+            loss=settings.loss,
+            loss_kwargs=settings.loss_options,
+            regularizer=None,
+            random_seed=seed,
+        ),
+    )
 
 
-def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
+def trained(
+    factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int
+) -> Model:
     """Train a model, with early stopping on the MRR of the validation triples."""
     model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
-            model, evaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=settings.frequency,
-            patience=settings.patience, metric="mrr", relative_delta=0.0, best_model_path=Path(folder, "best.pt"),
-        )  # fmt: skip
+            model,
+            evaluator(),
+            factory,
+            valid,
+            evaluation_batch_size=BATCH,
+            frequency=settings.frequency,
+            patience=settings.patience,
+            metric="mrr",
+            relative_delta=0.0,
+            best_model_path=Path(folder, "best.pt"),
+        )
         fit(model, factory, settings, settings.max_epochs, stopper=stopper)
     return model.eval()
 
 
-def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any) -> None:
-    """Train with PyKEEN's negative sampling and Adam; ``warm`` lets PyKEEN continue a trained model."""
+def fit(
+    model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any
+) -> None:
+    """Train with PyKEEN's negative sampling and Adam;
+    ``warm`` lets PyKEEN continue a trained model.
+    """
     SLCWATrainingLoop(
-        model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
+        model=model,
+        triples_factory=factory,
+        optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
-    ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)  # fmt: skip
+    ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)
 
 
 def evaluator() -> RankBasedEvaluator:
-    """An evaluator of MRR and Hits@k alone; PyKEEN's other measures take most of the time of an evaluation."""
+    """An evaluator of MRR and Hits@k alone; PyKEEN's other measures take most of
+    the time of an evaluation.
+    """
     return RankBasedEvaluator(metrics=["mrr", "hits_at_k"], add_defaults=False)
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """For each value of ``asked`` (``HIDDEN_ENTITIES``): queries, MRR and Hits@10 of filtered realistic ranks."""
+    """For each value of ``asked`` (``HIDDEN_ENTITIES``):
+    queries, MRR and Hits@10 of filtered realistic ranks.
+    """
     by_head = split.queries[:, HEAD] >= split.known
     of_heads, of_tails = split.queries[by_head], split.queries[~by_head]
     queries: dict[str, Parts] = {
-        "known": [("tail", of_heads), ("head", of_tails)], "hidden": [("head", of_heads), ("tail", of_tails)],
+        "known": [("tail", of_heads), ("head", of_tails)],
+        "hidden": [("head", of_heads), ("tail", of_tails)],
         "earlier": both_ends(valid),
-    }  # fmt: skip
+    }
     for name, parts in queries.items():
         yield {"asked": name} | ranked(model, parts, split.true)
 
@@ -188,15 +250,33 @@ def both_ends(triples: np.ndarray) -> Parts:
 
 
 def ranked(model: Model, parts: Parts, true: np.ndarray) -> dict[str, Any]:
-    """Queries, MRR and Hits@10 of realistic ranks of the ends of triples, filtered by ``true``, (N, 3)."""
+    """Queries, MRR and Hits@10 of realistic ranks of the ends of triples,
+    filtered by ``true``, (N, 3).
+    """
     measures, rows = {"mrr": "inverse_harmonic_mean_rank", "hits_at_10": "hits_at_10"}, []
     for slot, triples in parts:
         if len(triples):
-            metric = evaluator().evaluate(
-                model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=torch.from_numpy(true),
-                batch_size=BATCH, use_tqdm=False,
-            ).get_metric  # fmt: skip
-            rows.append([len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures.values())])
+            metric = (
+                evaluator()
+                .evaluate(
+                    model,
+                    torch.from_numpy(triples),
+                    targets=(slot,),
+                    additional_filter_triples=torch.from_numpy(true),
+                    batch_size=BATCH,
+                    use_tqdm=False,
+                )
+                .get_metric
+            )
+            rows.append(
+                [
+                    len(triples),
+                    *(metric(f"{slot}.realistic.{measure}") for measure in measures.values()),
+                ]
+            )
     number, *values = np.array(rows).T
-    means = {measure: each @ number / number.sum() for measure, each in zip(measures, values, strict=True)}
+    means = {
+        measure: each @ number / number.sum()
+        for measure, each in zip(measures, values, strict=True)
+    }
     return {"queries": int(number.sum())} | means

@@ -24,16 +24,31 @@ RATE = at_least(0, REAL.type)
 #: Measures of each setting on each held-out fold, at the best epoch (section 5.3).
 CROSS_VALIDATION = Table(
     "data/analyses/cross_validation/{experiment}.parquet",
-    {"dimension": FROM_1, "ratio": FROM_1, "learning_rate": RATE, "weight_decay": RATE, "fold": FROM_0,
-     **dict.fromkeys(MEASURES, SHARE), "epoch": FROM_1},
-    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"], ordered=True,
-)  # fmt: skip
+    {
+        "dimension": FROM_1,
+        "ratio": FROM_1,
+        "learning_rate": RATE,
+        "weight_decay": RATE,
+        "fold": FROM_0,
+        **dict.fromkeys(MEASURES, SHARE),
+        "epoch": FROM_1,
+    },
+    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
+    ordered=True,
+)
 #: Test measures of the joint model with one scoring function, by seed.
 MODEL_COMPARISON = Table(
     "data/analyses/models/{experiment}/{model}.parquet",
-    {"seed": FROM_0, "epochs": FROM_1, **MEASURE_COLUMNS, "valid_mrr_star": SHARE, "queries": FROM_0},
-    key=["seed"], checks=[null_without("queries", *MEASURES)],
-)  # fmt: skip
+    {
+        "seed": FROM_0,
+        "epochs": FROM_1,
+        **MEASURE_COLUMNS,
+        "valid_mrr_star": SHARE,
+        "queries": FROM_0,
+    },
+    key=["seed"],
+    checks=[null_without("queries", *MEASURES)],
+)
 
 
 class Setting(Section):
@@ -46,7 +61,9 @@ class Setting(Section):
 
 
 class CrossValidation(Study):
-    """``cross_validation`` in params: the number of folds, and for each factor the values to try."""
+    """``cross_validation`` in params: the number of folds,
+    and for each factor the values to try.
+    """
 
     folds: Annotated[int, Field(ge=2)]
     dimension: list[Count]
@@ -55,9 +72,15 @@ class CrossValidation(Study):
     weight_decay: list[NotNegative]
 
     def settings(self, choice: Setting) -> list[Setting]:
-        """``choice``, then a copy of it for each factor and listed value, which differs in that factor."""
-        changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
-        return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
+        """``choice``, then a copy of it for each factor and listed value,
+        which differs in that factor.
+        """
+        changes = [
+            {factor: value} for factor in Setting.model_fields for value in getattr(self, factor)
+        ]
+        return list(
+            dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)])
+        )
 
 
 class ModelTraining(Section):
@@ -68,17 +91,26 @@ class ModelTraining(Section):
 
 
 class ModelComparison(Study):
-    """``compare_models`` in params: the number of seeds, and training options by embedding model."""
+    """``compare_models`` in params: the number of seeds,
+    and training options by embedding model.
+    """
 
     seeds: Count
     models: dict[Name, ModelTraining]
 
 
-def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
-    """A model per fold, ≤ ``stack`` in a stack; fold i validates the model of seed i. InputError if a fold is empty."""
+def fold_points(
+    experiment: str, graph: Graph, root: int, number: int, stack: int
+) -> list[GridPoints]:
+    """A model per fold, ≤ ``stack`` in a stack; fold i validates the model of seed i.
+    InputError if a fold is empty.
+    """
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
-        expected = "expected fewer folds: one is empty, since each entity and relation keeps a training triple"
+        expected = (
+            "expected fewer folds: one is empty, since each entity and "
+            "relation keeps a training triple"
+        )
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
     numbers = [list(range(first, min(first + stack, number))) for first in range(0, number, stack)]
     return [GridPoints.without_insertion(experiment, graph, part, splits[part]) for part in numbers]
@@ -87,20 +119,36 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
 def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
     """The configuration ``choice`` with the options of a setting."""
     negatives = choice.negatives.model_copy(update=setting.model_dump(include={"ratio"}))
-    training = choice.training.model_copy(update=setting.model_dump(include={"learning_rate", "weight_decay"}))
+    training = choice.training.model_copy(
+        update=setting.model_dump(include={"learning_rate", "weight_decay"})
+    )
     return replace(choice, dimension=setting.dimension, negatives=negatives, training=training)
 
 
 def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
-    """Rows of ``CROSS_VALIDATION`` for the folds of a stack: validation measures at the best epoch."""
+    """Rows of ``CROSS_VALIDATION`` for the folds of a stack:
+    validation measures at the best epoch.
+    """
     best = trained.log[trained.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
     return best.assign(**setting.model_dump())
 
 
 def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
-    """Train joint models; rows of ``MODEL_COMPARISON``: test measures, epochs trained, best validation MRR*."""
-    trained, no_novel = train_stack(points, config), torch.empty(len(points.seeds), 0, dtype=torch.int64)
-    results = evaluate(trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]})
+    """Train joint models; rows of ``MODEL_COMPARISON``:
+    test measures, epochs trained, best validation MRR*.
+    """
+    trained, no_novel = (
+        train_stack(points, config),
+        torch.empty(len(points.seeds), 0, dtype=torch.int64),
+    )
+    results = evaluate(
+        trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]}
+    )
     by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
-    epochs, valid = by_seed["epoch"].max().rename("epochs"), best["mrr_star"].last().rename("valid_mrr_star")
-    return run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
+    epochs, valid = (
+        by_seed["epoch"].max().rename("epochs"),
+        best["mrr_star"].last().rename("valid_mrr_star"),
+    )
+    return (
+        run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
+    )

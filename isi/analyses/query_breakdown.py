@@ -1,4 +1,6 @@
-"""Measures right after insertion by relation, hidden slot and role of the novel entity; ranks for Table 3."""
+"""Measures right after insertion by relation, hidden slot and role of the novel entity;
+ranks for Table 3.
+"""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -24,35 +26,68 @@ from isi.models.stack import Embedding
 from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, one_of
 from isi.tables.table import Table, concat
 
-NOVEL_AT = ("none", "given", "answer", "both")  #: Slots with a novel entity; index: 1 if given, plus 2 if answer.
+#: Slots with a novel entity; index: 1 if given, plus 2 if answer.
+NOVEL_AT = ("none", "given", "answer", "both")
 USED = 1e-3  #: Magnitude above which a coordinate of a relation counts as used.
 GROUP = ["place", "relation", "hidden", "novel"]
 
 
 def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Table:
-    """A table of mean MRR* and MRR over the queries of each relation, hidden slot and role of the novel entity.
+    """A table of mean MRR* and MRR over the queries of each relation,
+    hidden slot and role of the novel entity.
 
-    ``filter``: ``learned`` is the scope's filter, ``true`` is all true triples. ``hidden``: the slot to predict.
-    ``novel``: a value of ``NOVEL_AT``. ``observations``: count of the relation in D¹, its weight in equation 7.
+    ``filter``: ``learned`` is the scope's filter, ``true`` is all true triples. ``hidden``: the
+    slot to predict. ``novel``: a value of ``NOVEL_AT``. ``observations``: count of the relation in
+    D¹, its weight in equation 7.
     """
     return Table(
         template,
-        {**(by or {}), **SIZE_AND_SEED, **SESSION, "model": NAME, "scope": one_of(*SCOPES),
-         "filter": one_of("learned", "true"), "relation": NAME, "hidden": one_of("head", "relation", "tail"),
-         "novel": one_of(*NOVEL_AT), "queries": FROM_1, "mrr_star": SHARE, "mrr": SHARE,
-         "observations": at_least(1, "int64")},
-        key=[*(by or {}), "size", "seed", "session", "model", "scope", "filter", "relation", "hidden", "novel"],
-    )  # fmt: skip
+        {
+            **(by or {}),
+            **SIZE_AND_SEED,
+            **SESSION,
+            "model": NAME,
+            "scope": one_of(*SCOPES),
+            "filter": one_of("learned", "true"),
+            "relation": NAME,
+            "hidden": one_of("head", "relation", "tail"),
+            "novel": one_of(*NOVEL_AT),
+            "queries": FROM_1,
+            "mrr_star": SHARE,
+            "mrr": SHARE,
+            "observations": at_least(1, "int64"),
+        },
+        key=[
+            *(by or {}),
+            "size",
+            "seed",
+            "session",
+            "model",
+            "scope",
+            "filter",
+            "relation",
+            "hidden",
+            "novel",
+        ],
+    )
 
 
 #: The query breakdown of every model right after insertion.
 QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
-#: ``used``: number of the ``of`` coordinates (scalars or blocks) that ``relation`` uses (null: at least one relation).
+#: ``used``: number of the ``of`` coordinates (scalars or blocks) that ``relation`` uses (null: at
+#: least one relation).
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
-    {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
+    {
+        "seed": FROM_0,
+        "model": NAME,
+        "relation": NAME.optional,
+        "part": NAME,
+        "used": FROM_0,
+        "of": FROM_0,
+    },
     key=["seed", "model", "relation", "part"],
-)  # fmt: skip
+)
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(
     "data/analyses/affordances/{experiment}.parquet",
@@ -61,7 +96,9 @@ AFFORDANCES = Table(
 
 
 class Affordances(Study):
-    """``affordances`` in params: the experiments, the relation that is queried, and the entities of Table 3."""
+    """``affordances`` in params: the experiments, the relation that is queried,
+    and the entities of Table 3.
+    """
 
     relation: str
     entities: Annotated[list[str], Field(min_length=1), EachOnce]
@@ -70,14 +107,20 @@ class Affordances(Study):
 def break_down(
     points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
-    """Rows of ``QUERY_BREAKDOWN`` for Θ⁰ with inserted vectors (M, n, d) by initializer, and for the joint model."""
+    """Rows of ``QUERY_BREAKDOWN`` for Θ⁰ with inserted vectors (M, n, d) by initializer,
+    and for the joint model.
+    """
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
-    models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
+    models = {
+        name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()
+    }
     cases = product({**models, JOINT_MODEL: joint}.items(), query_sets_with_filters(points))
     for (name, embedding), query_sets in cases:
-        pieces = [{key: query_terms(ranked, is_novel) for key, ranked in piece.items()}
-                  for piece in rank_queries(embedding, query_sets)]  # fmt: skip
+        pieces = [
+            {key: query_terms(ranked, is_novel) for key, ranked in piece.items()}
+            for piece in rank_queries(embedding, query_sets)
+        ]
         for scope, which in query_sets:
             terms = pd.concat(piece[scope, which] for piece in pieces).groupby(GROUP)
             means = terms.mean().assign(queries=terms.size()).reset_index()
@@ -92,20 +135,28 @@ def break_down(
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
-    """Query sets of session 1 by (scope, filter); novel is apart, since each mapping shares ``Queries.triples``."""
+    """Query sets of session 1 by (scope, filter);
+    novel is apart, since each mapping shares ``Queries.triples``.
+    """
     session, novel = points.session(1), points.novel_in(1)
     epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
     heldout = {name: epochs[name] for name in ("all", "novel_heldout")}
     return [
         {(name, "learned"): queries for name, queries in scopes.items()}
-        | {(name, "true"): make_queries(session, queries.triples, queries.queried, true, queries.candidates)
-           for name, queries in scopes.items()}
+        | {
+            (name, "true"): make_queries(
+                session, queries.triples, queries.queried, true, queries.candidates
+            )
+            for name, queries in scopes.items()
+        }
         for scopes in (heldout, novel_query_set(session, novel, points.insert_mask(1)))
-    ]  # fmt: skip
+    ]
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
-    """A row for each query: columns ``GROUP``, its term of MRR*, its reciprocal rank; ``is_novel``: (M, E), bool."""
+    """A row for each query: columns ``GROUP``, its term of MRR*, its reciprocal rank;
+    ``is_novel``: (M, E), bool.
+    """
     (heads, relation, tails), (by_head, by_relation, by_tail) = ranked.rows.ids, ranked.slots
     head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
     model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # without padding
@@ -114,41 +165,72 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
         return values[model, query].cpu().numpy()
 
     return pd.concat(
-        pd.DataFrame({
-            "place": model.cpu().numpy(), "relation": column(relation), "hidden": hidden, "novel": column(novel),
-            "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
-        })
+        pd.DataFrame(
+            {
+                "place": model.cpu().numpy(),
+                "relation": column(relation),
+                "hidden": hidden,
+                "novel": column(novel),
+                "mrr_star": column(terms.closeness.double()),
+                "mrr": column(1 / terms.rank.double()),
+            }
+        )
         for hidden, terms, novel in (  # in a fixed order, which sets the last bits of the means
-            ("head", by_head, tail + 2 * head), ("tail", by_tail, head + 2 * tail),
+            ("head", by_head, tail + 2 * head),
+            ("tail", by_tail, head + 2 * tail),
             ("relation", by_relation, head | tail),
         )
-    )  # fmt: skip
+    )
 
 
-def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Rows of ``USED_COORDINATES`` for relation vectors (M, R, w); none unless ``model`` is a BlockModel."""
+def used_coordinates(
+    model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]
+) -> pd.DataFrame:
+    """Rows of ``USED_COORDINATES`` for relation vectors (M, R, w);
+    none unless ``model`` is a BlockModel.
+    """
     parts, by = [], pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
-    for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
+    for part, magnitude in (
+        model.magnitudes(relation).items() if isinstance(model, BlockModel) else ()
+    ):
         uses = magnitude > USED  # (M, R, parts)
         used = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1).flatten().numpy()
-        parts.append(by.to_frame(index=False).assign(model=JOINT_MODEL, part=part, used=used, of=uses.shape[-1]))
+        parts.append(
+            by.to_frame(index=False).assign(
+                model=JOINT_MODEL, part=part, used=used, of=uses.shape[-1]
+            )
+        )
     return concat(parts, USED_COORDINATES).query("of > 0")
 
 
 def rank_answers(
     points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
 ) -> pd.DataFrame:
-    """Rows of ``AFFORDANCES``: entities of D¹ ranked for (novel, relation, ?), with novel vectors (M, n, d)."""
+    """Rows of ``AFFORDANCES``: entities of D¹ ranked for (novel, relation, ?),
+    with novel vectors (M, n, d).
+    """
     session, novel = points.session(1), points.novel_in(1)
     embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, relation))
     rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
     model, place, answer = rank.nonzero()
-    columns = {"seed": np.array(points.seeds)[model], "entity": points.novel[model, 0, place], "answer": answer}
-    return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(initializer=initializer)
+    columns = {
+        "seed": np.array(points.seeds)[model],
+        "entity": points.novel[model, 0, place],
+        "answer": answer,
+    }
+    return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(
+        initializer=initializer
+    )
 
 
 def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
-    """Rank of each candidate in its row, from 1; ties go to the lower id; 0 for other entities; shapes (..., E)."""
-    order = scores.masked_fill(~candidates, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
+    """Rank of each candidate in its row, from 1; ties go to the lower id; 0 for other entities;
+    shapes (..., E).
+    """
+    order = (
+        scores.masked_fill(~candidates, -torch.inf)
+        .sort(dim=-1, descending=True, stable=True)
+        .indices
+    )
     return (order.argsort(-1) + 1) * candidates

@@ -16,7 +16,14 @@ from torch import Tensor
 from isi.analyses.variants import Changes
 from isi.config import Count, EachOnce, Name, Names, Section, ensure
 from isi.evaluation import readings
-from isi.evaluation.readings import ASPECTS, FILTERS, RANKINGS, QueryRanks, ReadingQueries, reading_queries
+from isi.evaluation.readings import (
+    ASPECTS,
+    FILTERS,
+    RANKINGS,
+    QueryRanks,
+    ReadingQueries,
+    reading_queries,
+)
 from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import InsertConfig, finetune, init_context, with_vectors
 from isi.experiment.runner import Compute, run, stack_height
@@ -32,47 +39,75 @@ from isi.training.trainer import never_stop
 
 #: A model's column ``k``: the number of indicators of a sweep; 0: that of params, or none.
 MODEL = {"model": NAME, "k": FROM_0}
-#: The evidence: every query of D¹ right after insertion. ``triple``: id in D¹'s graph; ``hidden``: the slot to predict;
-#: ``closeness_FILTER_TRUTH``: its term of MRR*; ``rank_FILTER``: the plain rank.
+#: The evidence: every query of D¹ right after insertion. ``triple``: id in D¹'s graph; ``hidden``:
+#: the slot to predict; ``closeness_FILTER_TRUTH``: its term of MRR*; ``rank_FILTER``: the plain
+#: rank.
 RANKS = Table(
     "data/beyond/readings/{case}.ranks.parquet",
-    {**MODEL, **SIZE_AND_SEED, "triple": FROM_0, "hidden": one_of("head", "relation", "tail"),
-     "relation": NAME, "split": one_of(*SPLIT_NAMES), "novel": FROM_0, "count": at_least(1, "int64"),
-     **{f"closeness_{filter_name}_{truth}": SHARE for filter_name, truth in RANKINGS},
-     **{f"rank_{filter_name}": at_least(1, "float64") for filter_name in FILTERS}},
+    {
+        **MODEL,
+        **SIZE_AND_SEED,
+        "triple": FROM_0,
+        "hidden": one_of("head", "relation", "tail"),
+        "relation": NAME,
+        "split": one_of(*SPLIT_NAMES),
+        "novel": FROM_0,
+        "count": at_least(1, "int64"),
+        **{f"closeness_{filter_name}_{truth}": SHARE for filter_name, truth in RANKINGS},
+        **{f"rank_{filter_name}": at_least(1, "float64") for filter_name in FILTERS},
+    },
     key=["model", "k", "size", "seed", "triple", "hidden"],
-)  # fmt: skip
-#: MRR* right after insertion under each reading, null without queries; ``epochs``: those to convergence, the maximum
-#: for a run that never did, null for the joint model and for a run that ended before this reading was decided.
+)
+#: MRR* right after insertion under each reading, null without queries; ``epochs``: those to
+#: convergence, the maximum for a run that never did, null for the joint model and for a run that
+#: ended before this reading was decided.
 READINGS = Table(
     "data/beyond/readings/{case}.parquet",
-    {**MODEL, **SIZE_AND_SEED, **dict.fromkeys(ASPECTS, NAME), "mrr_star": SHARE.optional,
-     "epochs": at_least(0, "float64").optional},
+    {
+        **MODEL,
+        **SIZE_AND_SEED,
+        **dict.fromkeys(ASPECTS, NAME),
+        "mrr_star": SHARE.optional,
+        "epochs": at_least(0, "float64").optional,
+    },
     key=["model", "k", "size", "seed", *ASPECTS],
-)  # fmt: skip
-#: MRR* by epoch under each reading, -1 without queries: a tensor ``MODEL.size=NN`` for each initializer and each size
-#: with curves; shape (seeds, epochs, readings), float32.
+)
+#: MRR* by epoch under each reading, -1 without queries: a tensor ``MODEL.size=NN`` for each
+#: initializer and each size with curves; shape (seeds, epochs, readings), float32.
 READING_CURVES = TensorFile("data/beyond/readings/{case}.curves.safetensors")
 HIDDEN = ("head", "relation", "tail")
 ORDER = ["model", "k", "size", "seed"]  #: Rows of a table are in this order, whatever the stacks.
 
-Numbers = Annotated[list[Count], Field(min_length=1), EachOnce]  #: Numbers k of indicators of a sweep.
+#: Numbers k of indicators of a sweep.
+Numbers = Annotated[list[Count], Field(min_length=1), EachOnce]
 
 
 class ReadingCase(Section):
-    """An entry of ``readings`` in the params of the second pipeline: a graph and the conditions of its training."""
+    """An entry of ``readings`` in the params of the second pipeline:
+    a graph and the conditions of its training.
+    """
 
-    rules = ((lambda case: set(case.curves) <= set(case.finetuned) <= set(case.sessions.sizes),
-              "expected curves among the sizes in finetuned, and these among sessions.sizes"),)  # fmt: skip
+    rules = (
+        (
+            lambda case: set(case.curves) <= set(case.finetuned) <= set(case.sessions.sizes),
+            "expected curves among the sizes in finetuned, and these among sessions.sizes",
+        ),
+    )
     title: str  #: in the report
     graph: GraphOf
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
     initializers: Annotated[Names, Field(min_length=1)]
-    finetuned: Annotated[list[Count], EachOnce]  #: sizes that are fine-tuned; the others only measured at once
-    curves: Annotated[list[Count], EachOnce]  #: of these, sizes that are fine-tuned for all epochs, for learning curves
-    #: readings by name: a run without curves ends once it has converged under each of them; []: under every one
-    converging: Annotated[list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings"), EachOnce]
-    indicators: Annotated[dict[Name, Numbers], Field(default_factory=dict)]  #: of a sweep, which has no curves
+    #: sizes that are fine-tuned; the others only measured at once
+    finetuned: Annotated[list[Count], EachOnce]
+    #: of these, sizes that are fine-tuned for all epochs, for learning curves
+    curves: Annotated[list[Count], EachOnce]
+    #: readings by name: a run without curves ends once it has converged under each of them; []:
+    #: under every one
+    converging: Annotated[
+        list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings"), EachOnce
+    ]
+    #: of a sweep, which has no curves
+    indicators: Annotated[dict[Name, Numbers], Field(default_factory=dict)]
     changes: Changes
 
 
@@ -103,7 +138,9 @@ class ReadingConfig:
 
 
 #: Arguments of ``measure_stack``.
-ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Inserted | None, Sequence[str], bool]
+ReadingTask = tuple[
+    GridPoints, Embedding, Embedding, np.ndarray, Inserted | None, Sequence[str], bool
+]
 
 
 def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTables:
@@ -119,7 +156,9 @@ def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTa
         for initializer, k in config.initializers:
             inserted = initializer if sizes[0] else initializer.training(max_epochs=0), k
             has_curves = sizes[1] and not k
-            tasks.append((points, result.theta, joint, store.words(), inserted, case.converging, has_curves))
+            tasks.append(
+                (points, result.theta, joint, store.words(), inserted, case.converging, has_curves)
+            )
         tasks.append((points, joint, joint, store.words(), None, case.converging, False))
     parts = run(measure_stack, tasks, config.compute, f"{store.experiment}, readings")
     ranks, rows, curved = zip(*parts, strict=True)
@@ -131,7 +170,9 @@ def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTa
     return ReadingTables(ranks, rows, {name: torch.cat(of) for name, of in curves.items()})
 
 
-def _joint_models(config: ReadingConfig, grid: Sequence[GridPoints], name: str) -> dict[tuple[int, ...], Embedding]:
+def _joint_models(
+    config: ReadingConfig, grid: Sequence[GridPoints], name: str
+) -> dict[tuple[int, ...], Embedding]:
     """The joint model of each stack of seeds; all sizes share it."""
     tasks = joint_tasks(grid, config.training)
     trained = run(train_stack, tasks, config.compute, f"{name}, joint")
@@ -139,10 +180,16 @@ def _joint_models(config: ReadingConfig, grid: Sequence[GridPoints], name: str) 
 
 
 def measure_stack(
-    points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, inserted: Inserted | None,
-    converging: Sequence[str], curves: bool,
-) -> tuple[pd.DataFrame, pd.DataFrame, Tensor | None]:  # fmt: skip
-    """Ranks, readings and, with ``curves``, MRR* by epoch, (seeds, epochs, readings), at a stack of grid points.
+    points: GridPoints,
+    theta: Embedding,
+    joint: Embedding,
+    words: np.ndarray,
+    inserted: Inserted | None,
+    converging: Sequence[str],
+    curves: bool,
+) -> tuple[pd.DataFrame, pd.DataFrame, Tensor | None]:
+    """Ranks, readings and, with ``curves``, MRR* by epoch, (seeds, epochs, readings),
+    at a stack of grid points.
 
     ``inserted``: the initializer; None: the joint model is measured.
     """
@@ -159,9 +206,14 @@ def measure_stack(
     epochs, seen = None, None
     if inserted and config.optimizer.max_epochs:
         target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
-        watch = ReadingWatch(queries, target, config.optimizer.max_epochs, readings.places_of(converging), curves)
+        watch = ReadingWatch(
+            queries, target, config.optimizer.max_epochs, readings.places_of(converging), curves
+        )
         finetune(points, theta, config, watch)
-        epochs, seen = watch.epochs, torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None
+        epochs, seen = (
+            watch.epochs,
+            torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None,
+        )
     seeds = np.array(points.seeds)
     columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
     return (
@@ -172,16 +224,23 @@ def measure_stack(
 
 
 class ReadingWatch:
-    """Watches fine-tuning under every reading: ``epochs`` until MRR* reached the target, (M, readings), float64.
+    """Watches fine-tuning under every reading:
+    ``epochs`` until MRR* reached the target, (M, readings), float64.
 
-    Without ``curves``, an embedding ends once it has converged under each of ``converging``, places of readings (none:
-    all of them). Then ``epochs`` is NaN where it had not yet converged under another one; ``last``, the maximum, where
-    it never does. ``seen`` has MRR* by epoch with ``curves``; shape: (M, readings).
+    Without ``curves``, an embedding ends once it has converged under each of ``converging``, places
+    of readings (none: all of them). Then ``epochs`` is NaN where it had not yet converged under
+    another one; ``last``, the maximum, where it never does. ``seen`` has MRR* by epoch with
+    ``curves``; shape: (M, readings).
     """
 
     def __init__(
-        self, queries: ReadingQueries, target: Tensor, last: int, converging: Sequence[int], curves: bool
-    ) -> None:  # fmt: skip
+        self,
+        queries: ReadingQueries,
+        target: Tensor,
+        last: int,
+        converging: Sequence[int],
+        curves: bool,
+    ) -> None:
         self.queries, self.target, self.last = queries, target, last
         self.converging = list(converging) or list(range(target.shape[1]))
         self.first = torch.full(target.shape, -1)
@@ -197,7 +256,9 @@ class ReadingWatch:
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         measured = readings.values(readings.rank_all(embedding, self.queries), self.queries)
         is_reached = readings.reached(measured, self.target[models])
-        self.first[models] = torch.where(is_reached & (self.first[models] < 0), epoch, self.first[models])
+        self.first[models] = torch.where(
+            is_reached & (self.first[models] < 0), epoch, self.first[models]
+        )
         self.ended[models] = epoch
         if self.curves:
             self.seen.append(measured)
@@ -216,15 +277,22 @@ def _rank_rows(
     graph, new = session.graph, touches(session.graph, membership(novel, session.entities.shape[1]))
     model, query = (queries.triples >= 0).nonzero(as_tuple=True)
     triple = queries.triples[model, query]
-    numbers: dict[str, Tensor] = {"triple": triple, "novel": new[model, triple].long(), "count": graph.counts[triple]}
+    numbers: dict[str, Tensor] = {
+        "triple": triple,
+        "novel": new[model, triple].long(),
+        "count": graph.counts[triple],
+    }
     names = {
         "relation": np.array(graph.relations)[graph.triples[triple, 1].cpu()],
-        "split": np.array(SPLIT_NAMES)[session.splits[model, triple].cpu()], "seed": seeds[model.cpu()],
-    }  # fmt: skip
+        "split": np.array(SPLIT_NAMES)[session.splits[model, triple].cpu()],
+        "seed": seeds[model.cpu()],
+    }
     frames = []
     for slot, hidden in enumerate(HIDDEN):
         for place, (filter_name, truth) in enumerate(RANKINGS):
-            numbers[f"closeness_{filter_name}_{truth}"] = ranks.closeness[model, place, slot, query].double()
+            numbers[f"closeness_{filter_name}_{truth}"] = ranks.closeness[
+                model, place, slot, query
+            ].double()
             numbers[f"rank_{filter_name}"] = ranks.rank[model, place, slot, query].double()
         arrays = {name: values.cpu().numpy() for name, values in numbers.items()}
         frames.append(pd.DataFrame({**names, **arrays, "hidden": hidden}))
@@ -233,7 +301,9 @@ def _rank_rows(
 
 def _reading_rows(measured: Tensor, epochs: np.ndarray | None, seeds: np.ndarray) -> pd.DataFrame:
     """Rows of ``READINGS`` without the model's columns and the size."""
-    frame = _by_reading(readings.readings(), seeds).assign(mrr_star=measured.flatten().cpu().numpy())
+    frame = _by_reading(readings.readings(), seeds).assign(
+        mrr_star=measured.flatten().cpu().numpy()
+    )
     number = np.full(measured.numel(), np.nan) if epochs is None else epochs.flatten()
     return frame.assign(epochs=number)
 

@@ -15,7 +15,8 @@ from isi.models.stack import Embedding
 from isi.tables.table import TensorFile
 from isi.training.trainer import never_stop
 
-#: Shapes: entity (1,), known (E,), theta0 (E, d); of each initializer: NAME.path (epochs + 1, d), NAME.indicators (E,).
+#: Shapes: entity (1,), known (E,), theta0 (E, d); of each initializer: NAME.path (epochs + 1, d),
+#: NAME.indicators (E,).
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
 #: Initializers whose path Figure 1 shows.
 TRACED = ("xavier", "iu", "es", "rs", "ers")
@@ -38,11 +39,19 @@ class Trajectories(NovelSet):
 def trace_trajectory(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, place: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors of the novel entity at ``place`` at epochs 0, 1, ..., (epochs + 1, d), and its indicators, (E,) bool."""
-    novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
+    """Vectors of the novel entity at ``place`` at epochs 0, 1, ..., (epochs + 1, d),
+    and its indicators, (E,) bool.
+    """
+    novel, initial, path = (
+        points.novel_in(1),
+        initialize(points, theta, words, config),
+        list[Tensor](),
+    )
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        path.append(embedding.entity[0, novel[0, place]].clone() if epoch else initial.vectors[0, place])
+        path.append(
+            embedding.entity[0, novel[0, place]].clone() if epoch else initial.vectors[0, place]
+        )
         return never_stop(epoch, embedding, models)
 
     finetune(points, with_vectors(theta, novel, initial.vectors), config, watch)
@@ -54,7 +63,9 @@ def trace_trajectory(
 def place_of_traced(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
-    """Index in ``novel`` of the first entity of ``kind`` with a word vector and insert triples, or None."""
+    """Index in ``novel`` of the first entity of ``kind`` with a word vector
+    and insert triples, or None.
+    """
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())

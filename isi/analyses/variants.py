@@ -1,4 +1,6 @@
-"""Variants of an experiment: other params, other word vectors, fewer insert triples, or another graph."""
+"""Variants of an experiment: other params, other word vectors, fewer insert triples,
+or another graph.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +29,18 @@ from isi.tables.rules import NAME
 
 S = TypeVar("S", bound=Section)
 
-#: Runs of the initializers and the joint model of a variant, by experiment, and the query breakdown at epoch 0.
+#: Runs of the initializers and the joint model of a variant, by experiment, and the query breakdown
+#: at epoch 0.
 VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
 VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.queries.parquet", {"experiment": NAME})
 #: The same for an entry of ``graphs``.
 GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
 GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/queries.parquet")
 
-LEARNED = ("embedding", "models", "negatives", "training")  #: Sections on which Θ⁰ and the joint model depend.
-CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")  #: Sections that a variant may change.
+#: Sections on which Θ⁰ and the joint model depend.
+LEARNED = ("embedding", "models", "negatives", "training")
+#: Sections that a variant may change.
+CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")
 
 Changes = Annotated[dict[str, Any], Field(default_factory=dict)]  #: New values by dotted key.
 
@@ -44,16 +49,20 @@ class Variant(Section):
     """An entry of ``variants`` in the params of the second pipeline."""
 
     title: str  #: in the report
-    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]  #: section of the report
+    #: section of the report
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
     seeds: Count  #: number of seeds of the sessions, from the first on
-    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]  #: replace those of params.yaml
+    #: replace those of params.yaml
+    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
     changes: Changes
-    max_insert_triples: Annotated[int, Field(ge=0)] | None = None  #: of each novel entity; null: all
+    #: of each novel entity; null: all
+    max_insert_triples: Annotated[int, Field(ge=0)] | None = None
     finetuned: bool = True  #: whether to fine-tune; else only measure right after insertion
-    full_curves: bool = False  #: whether to fine-tune for all epochs (learning curves); else until convergence
+    #: whether to fine-tune for all epochs (learning curves); else until convergence
+    full_curves: bool = False
     trained: bool = False  #: whether to train Θ⁰ and the joint model even if no change affects them
 
     def changes_one_of(self, *sections: str) -> bool:
@@ -62,7 +71,9 @@ class Variant(Section):
 
 
 class GraphExperiment(Section):
-    """An entry of ``graphs`` in the params of the second pipeline: an experiment on a graph of its own."""
+    """An entry of ``graphs`` in the params of the second pipeline:
+    an experiment on a graph of its own.
+    """
 
     title: str  #: in the report
     source: dict[str, Any]  #: a reader and its settings, as under ``sources``
@@ -75,9 +86,16 @@ class GraphExperiment(Section):
     def variant(self, name: str) -> Variant:
         """This experiment as a variant, which trains Θ⁰ and the joint model itself."""
         return Variant(
-            title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
-            size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
-        )  # fmt: skip
+            title=self.title,
+            group="graphs",
+            experiments=[name],
+            initializers=self.initializers,
+            size=self.sessions.sizes[0],
+            seeds=self.sessions.seeds,
+            options={},
+            changes=self.changes,
+            trained=True,
+        )
 
 
 @dataclass(frozen=True)
@@ -91,13 +109,17 @@ class VariantConfig:
 
 
 def changed(params: S, changes: Mapping[str, Any]) -> S:
-    """Params with new values at dotted keys; ``InputError`` for a key outside ``CHANGEABLE`` or an invalid value."""
+    """Params with new values at dotted keys; ``InputError`` for a key outside
+    ``CHANGEABLE`` or an invalid value.
+    """
     for key, value in changes.items():
         name, _, within = key.partition(".")
         if name not in CHANGEABLE or not within:
             raise InputError("", key, f"expected a dotted key below {', '.join(CHANGEABLE)}")
         section = getattr(params, name)
-        place = values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
+        place = values = (
+            section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
+        )
         *parents, last = within.split(".")
         for parent in parents:
             place = place.setdefault(parent, {})
@@ -116,7 +138,12 @@ def results(
     parts = [
         [frame.assign(experiment=store.experiment) for frame in frames]
         for store in stores
-        for frames in run(run_variant, tasks(variant, config, store), config.compute, f"{name}, {store.experiment}")
+        for frames in run(
+            run_variant,
+            tasks(variant, config, store),
+            config.compute,
+            f"{name}, {store.experiment}",
+        )
     ]
     runs, answers = (pd.concat(frames) for frames in zip(*parts, strict=True))
     ordered = runs.sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
@@ -125,7 +152,9 @@ def results(
 
 Models = tuple[Embedding, list[Embedding]]  #: Θ⁰ and the joint model of each session.
 #: Arguments of ``run_variant``.
-VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None]
+VariantTask = tuple[
+    GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None
+]
 
 
 def tasks(variant: Variant, config: VariantConfig, store: Store) -> list[VariantTask]:
@@ -148,11 +177,17 @@ def tasks(variant: Variant, config: VariantConfig, store: Store) -> list[Variant
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of all initializers and the joint model at grid points, and their query breakdown at epoch 0."""
+    """Runs of all initializers and the joint model at grid points,
+    and their query breakdown at epoch 0.
+    """
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
-    targets, runs, inserted = joint_targets(measured, points), [measured.assign(model=JOINT_MODEL)], {}
+    targets, runs, inserted = (
+        joint_targets(measured, points),
+        [measured.assign(model=JOINT_MODEL)],
+        {},
+    )
     for name, config in configs.items():
         seen = replace(points, insert_triples=limit_insert_triples(points, most, config.root))
         result = insert_stack(seen, theta0, words, targets, config)
@@ -169,13 +204,17 @@ def train_models(points: GridPoints, config: TrainConfig) -> Models:
 
 
 def limit_insert_triples(points: GridPoints, most: int | None, root: int) -> np.ndarray:
-    """At most ``most`` (None: all) random insert triples per novel entity, (I, 4); a lower limit gives a subset."""
+    """At most ``most`` (None: all) random insert triples per novel entity, (I, 4);
+    a lower limit gives a subset.
+    """
     triples = points.insert_triples
     if most is None or not len(triples):
         return triples
     slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)
     orders = [
-        stream(root, "told", points.size, points.seeds[model], place, *later_key(session)).permutation(count)
+        stream(
+            root, "told", points.size, points.seeds[model], place, *later_key(session)
+        ).permutation(count)
         for (session, model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
     ]
     return triples[np.concatenate(orders) < most]

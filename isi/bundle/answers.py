@@ -1,10 +1,12 @@
-"""Ranked answers to a query, each with a calibrated probability, which is comparable between queries.
+"""Ranked answers to a query, each with a calibrated probability,
+which is comparable between queries.
 
-The probability estimates the share of known answers among answers of equal score (Platt 1999): a logistic curve of the
-score. For a known entity, there is a curve for each relation and slot, fitted to the candidate answers to queries about
-the entities (or a sample of them) in known triples of the relation. For an inserted entity, the curves are fitted to
-hidden known entities that were inserted in the same way (``isi.insertion.probability``). In both cases a true but
-unknown answer counts as wrong, and vectors trained together with the answers flatter them.
+The probability estimates the share of known answers among answers of equal score (Platt 1999): a
+logistic curve of the score. For a known entity, there is a curve for each relation and slot, fitted
+to the candidate answers to queries about the entities (or a sample of them) in known triples of the
+relation. For an inserted entity, the curves are fitted to hidden known entities that were inserted
+in the same way (``isi.insertion.probability``). In both cases a true but unknown answer counts as
+wrong, and vectors trained together with the answers flatter them.
 """
 
 from __future__ import annotations
@@ -20,10 +22,11 @@ from isi.bundle.query import Fact, OpenBundle, Query, answers_in
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.probability import PlattCurve, fit_platt
 
-#: Least probability of an answer that is stated as one. With it, four in five of the best answers about hidden objects
-#: of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
+#: Least probability of an answer that is stated as one. With it, four in five of the best answers
+#: about hidden objects of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
 LIKELY = 0.3
-MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Maximum number of answers and of queried entities per curve.
+#: Maximum number of answers and of queried entities per curve.
+MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
 
 
 @dataclass(frozen=True)
@@ -37,74 +40,122 @@ class Answer:
     given: bool  #: whether it makes a fact that was added after training
     known: bool  #: whether it makes a known triple, given or trained on
     inserted: bool  #: whether it is an inserted entity
-    shared_by: list[str] | None = None  #: indicators with this known answer; None if no indicators were given
+    #: indicators with this known answer; None if no indicators were given
+    shared_by: list[str] | None = None
 
     @property
     def unsupported(self) -> bool:
-        """Whether it is probable (no curve: rank 1), but neither known nor an answer of an indicator."""
+        """Whether it is probable (no curve: rank 1),
+        but neither known nor an answer of an indicator.
+        """
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 
 
 @dataclass(frozen=True)
 class Answers:
-    """The best answers to a query: first known ones, of these first given ones, then predictions by their score."""
+    """The best answers to a query: first known ones, of these first given ones,
+    then predictions by their score.
+    """
 
     query: Fact  #: names, with ``?`` in place of the answer
     answers: list[Answer]
 
     @property
     def sure(self) -> bool:
-        """Whether an answer is known, or its probability is at least ``LIKELY``; true without probabilities."""
-        return any(best.known or best.probability is None or best.probability >= LIKELY for best in self.answers)
+        """Whether an answer is known, or its probability is at least ``LIKELY``;
+        true without probabilities.
+        """
+        return any(
+            best.known or best.probability is None or best.probability >= LIKELY
+            for best in self.answers
+        )
 
 
 Curve = Callable[[Tensor], Tensor]  #: From scores, (N,), to probabilities.
 
 
 def answer(
-    opened: OpenBundle, query: Query, most: int, curve: Curve | None, given: Collection[Fact] = (),
+    opened: OpenBundle,
+    query: Query,
+    most: int,
+    curve: Curve | None,
+    given: Collection[Fact] = (),
     indicators: Collection[int] | None = None,
-) -> Answers:  # fmt: skip
-    """The ``most`` best answers. ``given``: facts that were added; ``indicators``: ids, for ``Answer.shared_by``."""
+) -> Answers:
+    """The ``most`` best answers. ``given``: facts that were added;
+    ``indicators``: ids, for ``Answer.shared_by``.
+    """
     entities, scores = opened.ranked(query)
-    names, known = opened.entity_names, torch.isin(entities, torch.tensor(sorted(opened.answers(query)))).tolist()
+    names, known = (
+        opened.entity_names,
+        torch.isin(entities, torch.tensor(sorted(opened.answers(query)))).tolist(),
+    )
     first_inserted = len(names) - len(opened.manifest.inserted)
-    is_given = [known[place] and completed(opened, query, row) in given for place, row in enumerate(entities.tolist())]
+    is_given = [
+        known[place] and completed(opened, query, row) in given
+        for place, row in enumerate(entities.tolist())
+    ]
     usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
     if query.given not in usual and not any(known):
         curve = torch.zeros_like  # no known triple asks this of its kind
-    order = sorted(range(len(entities)), key=lambda place: (not is_given[place], not known[place]))[:most]
-    shared = {} if indicators is None else {row: opened.answers(query._replace(given=row)) for row in indicators}
+    order = sorted(range(len(entities)), key=lambda place: (not is_given[place], not known[place]))[
+        :most
+    ]
+    shared = (
+        {}
+        if indicators is None
+        else {row: opened.answers(query._replace(given=row)) for row in indicators}
+    )
     rows = [
         Answer(
-            names[row], place + 1, scores[place].item(), probability, is_given[place], known[place],
+            names[row],
+            place + 1,
+            scores[place].item(),
+            probability,
+            is_given[place],
+            known[place],
             row >= first_inserted,
-            None if indicators is None else [names[other] for other, answers in shared.items() if row in answers],
+            None
+            if indicators is None
+            else [names[other] for other, answers in shared.items() if row in answers],
         )
         for place, row, probability in zip(
             order, entities[order].tolist(), _probabilities(curve, scores[order]), strict=True
         )
-    ]  # fmt: skip
+    ]
     return Answers(opened.named(query), rows)
 
 
 def answer_relation(
-    opened: OpenBundle, head: int, tail: int, most: int, curve_of: Callable[[int], Curve | None],
+    opened: OpenBundle,
+    head: int,
+    tail: int,
+    most: int,
+    curve_of: Callable[[int], Curve | None],
     given: Collection[Fact] = (),
-) -> Answers:  # fmt: skip
-    """The relations between two entities: known ones, then the most probable. Kinds that do not fit: probability 0."""
+) -> Answers:
+    """The relations between two entities: known ones, then the most probable.
+    Kinds that do not fit: probability 0.
+    """
     names, labels = opened.entity_names, opened.relation_names
     scores = opened.embedding.score_relations(torch.tensor([[head]]), torch.tensor([[tail]]))[0, 0]
     rows = []
     for place, relation in enumerate(scores.sort(descending=True, stable=True).indices.tolist()):
         if tail in answers_in(opened.retracted, Query(head, relation, TAIL)):
             continue
-        fits = tail in opened.candidates(relation, TAIL) and head in opened.candidates(relation, HEAD)
+        fits = tail in opened.candidates(relation, TAIL) and head in opened.candidates(
+            relation, HEAD
+        )
         (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
-        known, fact = tail in opened.answers(Query(head, relation, TAIL)), (names[head], labels[relation], names[tail])
+        known, fact = (
+            tail in opened.answers(Query(head, relation, TAIL)),
+            (names[head], labels[relation], names[tail]),
+        )
         score = scores[relation].item()
-        rows.append(Answer(labels[relation], place + 1, score, probability, fact in given, known, False))
+        rows.append(
+            Answer(labels[relation], place + 1, score, probability, fact in given, known, False)
+        )
     rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
     return Answers((names[head], "?", names[tail]), rows[:most])
 
@@ -112,7 +163,11 @@ def answer_relation(
 def completed(opened: OpenBundle, query: Query, answer: int) -> Fact:
     """The triple of a query and its answer, by name."""
     ends = (query.given, answer) if query.slot == TAIL else (answer, query.given)
-    return opened.entity_names[ends[0]], opened.relation_names[query.relation], opened.entity_names[ends[1]]
+    return (
+        opened.entity_names[ends[0]],
+        opened.relation_names[query.relation],
+        opened.entity_names[ends[1]],
+    )
 
 
 def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
@@ -120,12 +175,18 @@ def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
 
 
 def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
-    """The curve for a relation and the slot of the answer, from known triples; None if the relation has none."""
+    """The curve for a relation and the slot of the answer, from known triples;
+    None if the relation has none.
+    """
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
     if not given:
         return None
     most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
     sample, candidates = given[:: -(-len(given) // most)], opened.candidates(relation, slot)
     scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
-    answers = [torch.tensor(sorted(opened.answers(Query(entity, relation, slot)))) for entity in sample]
-    return fit_platt(scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers]))
+    answers = [
+        torch.tensor(sorted(opened.answers(Query(entity, relation, slot)))) for entity in sample
+    ]
+    return fit_platt(
+        scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers])
+    )

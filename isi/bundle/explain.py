@@ -1,4 +1,6 @@
-"""Why an inserted entity is where it is: its indicators, and insertions without one piece of its input (ablations)."""
+"""Why an inserted entity is where it is: its indicators,
+and insertions without one piece of its input (ablations).
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from isi.insertion.api import init_context_of
 from isi.insertion.interference import Interference
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
-SHOWN, LEAST = 8, 0.01  #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
+#: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
+SHOWN, LEAST = 8, 0.01
 
 
 @dataclass(frozen=True)
@@ -29,10 +32,12 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the vector (MAP: in the mean of the prior); None if there are none or many equal ones: then similarity decides
+    #: in the vector (MAP: in the mean of the prior); None if there are none or many equal ones:
+    #: then similarity decides
     weight: float | None
     words: float | None  #: cosine of the word vectors; None if one is missing
-    relations: float | None  #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); None without facts
+    #: mean of cos(v_e, ᾱ_r) over relations of facts (docs/method.md); None without facts
+    relations: float | None
 
 
 class Lost(NamedTuple):
@@ -84,7 +89,8 @@ class Report:
     notes: list[str]  #: sentences
     indicators: list[Indicator]
     answers: list[Answers]  #: to the queries that fit the entity
-    unsupported: list[tuple[Fact, float | None]]  #: probable triples that no indicator supports, and probabilities
+    #: probable triples that no indicator supports, and probabilities
+    unsupported: list[tuple[Fact, float | None]]
     nearest: list[tuple[str, float]]  #: entities with the highest cosines
     interference: Interference | None  #: of this entity alone; None without known triples
     interference_of_all: Interference | None  #: of all inserted entities
@@ -99,7 +105,8 @@ class Snapshot:
     additions: Additions
 
 
-#: The best answers to a query, so many of them, with ``Answer.shared_by`` for the ids of indicators.
+#: The best answers to a query, so many of them, with ``Answer.shared_by`` for the ids of
+#: indicators.
 Ask = Callable[[Query, int, Collection[int]], Answers]
 
 
@@ -112,12 +119,17 @@ def report(
     interference: Interference | None,
     interference_of_all: Interference | None,
 ) -> Report:
-    """Report on an inserted entity, with the ``top`` best answers to each query and nearest entities."""
+    """Report on an inserted entity, with the ``top`` best answers to each
+    query and nearest entities.
+    """
     now, record = snapshot.now, row.record
     entity = now.entity_ids[record.entity]
     shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    ranked = [(query, ask(query, max(top, EXAMINED), weights)) for query in queries_of(now, entity, weights)]
+    ranked = [
+        (query, ask(query, max(top, EXAMINED), weights))
+        for query in queries_of(now, entity, weights)
+    ]
     unsupported = [
         (completed(now, query, now.entity_ids[best.entity]), best.probability)
         for query, answers in ranked
@@ -146,14 +158,19 @@ def report(
 
 
 def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
-    """Explain an inserted entity; ablations compare the ``top`` best answers to the queries that fit it."""
+    """Explain an inserted entity; ablations compare the ``top`` best answers
+    to the queries that fit it.
+    """
     now, inserter, record = snapshot.now, snapshot.inserter, row.record
     name = record.entity
     shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     queries = queries_of(now, now.entity_ids[name], weights)
     facts, base = record.insert_triples, inserter.base
-    pieces = [("fact", " ".join(fact), inserter, [other for other in facts if other != fact]) for fact in facts]
+    pieces = [
+        ("fact", " ".join(fact), inserter, [other for other in facts if other != fact])
+        for fact in facts
+    ]
     if row.words.vector is not None:
         without_words = Inserter(replace(base, words=None), None, inserter.chosen)
         pieces.append(("words", name, without_words, facts))
@@ -161,26 +178,47 @@ def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
         if indicator.weight is not None:
             fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
             rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
-            pieces.append(("indicator", indicator.entity, replace(inserter, base=fewer, _curves={}), rest))
+            pieces.append(
+                ("indicator", indicator.entity, replace(inserter, base=fewer, _curves={}), rest)
+            )
     without = [_ablation(snapshot, row, *piece, queries, top) for piece in pieces]
-    without.sort(key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf")))
-    return Explanation(name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without)
+    without.sort(
+        key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf"))
+    )
+    return Explanation(
+        name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without
+    )
 
 
 def _ablation(
-    snapshot: Snapshot, row: InsertedEntity, left_out: str, piece: str, inserter: Inserter, facts: list[Fact],
-    queries: Sequence[Query], top: int,
-) -> Ablation:  # fmt: skip
-    """Insert an entity again by the same initializer, alone, with the given facts; compare its best answers."""
+    snapshot: Snapshot,
+    row: InsertedEntity,
+    left_out: str,
+    piece: str,
+    inserter: Inserter,
+    facts: list[Fact],
+    queries: Sequence[Query],
+    top: int,
+) -> Ablation:
+    """Insert an entity again by the same initializer, alone, with the given facts;
+    compare its best answers.
+    """
     record, now = row.record, snapshot.now
     same = NewEntity(
-        definition=record.definition, kind=row.kind or None, initializer=record.initializer, options=record.options,
+        definition=record.definition,
+        kind=row.kind or None,
+        initializer=record.initializer,
+        options=record.options,
         seed=record.seed,
-    )  # fmt: skip
+    )
     names = inserter.base.entity_ids.keys() | {record.entity}
     known = [fact for fact in facts if {fact[0], fact[2]} <= names]
     try:
-        if not known and (row.words.vector is None or left_out == "words") and record.requested_initializer is None:
+        if (
+            not known
+            and (row.words.vector is None or left_out == "words")
+            and record.requested_initializer is None
+        ):
             raise InputError("", "", "no input is left")
         alone = Additions(retracted=dict(snapshot.additions.retracted))
         alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
@@ -190,40 +228,68 @@ def _ablation(
     place = now.entity_ids[record.entity]
     entities = now.entities.copy()
     entities[place] = changed.vector
-    vector, stored = torch.from_numpy(changed.vector).double(), torch.from_numpy(row.vector).double()
+    vector, stored = (
+        torch.from_numpy(changed.vector).double(),
+        torch.from_numpy(row.vector).double(),
+    )
     other, changes = replace(now, entities=entities), list[Lost]()
     for query in queries:
         old, new = (
-            [now.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()] for bundle in (now, other)
+            [now.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()]
+            for bundle in (now, other)
         )
         if set(old) != set(new):
-            lost, added = ([name for name in best if name not in rest] for best, rest in ((old, new), (new, old)))
+            lost, added = (
+                [name for name in best if name not in rest]
+                for best, rest in ((old, new), (new, old))
+            )
             changes.append(Lost(now.named(query), lost, added))
     moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
-    return Ablation(left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes)
+    return Ablation(
+        left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes
+    )
 
 
 def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
-    """The indicators of an inserted entity, by falling weight; without weights, the most similar known entities."""
+    """The indicators of an inserted entity, by falling weight;
+    without weights, the most similar known entities.
+    """
     inserter, name = snapshot.inserter, row.record.entity
     known = inserter.base.entity_ids.keys() | {name}
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
-    method = Method(0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed)
+    method = Method(
+        0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed
+    )
     words, known_triples = {name: row.words}, inserter.known_triples(snapshot.additions)
     result = inserter.insert(method, [name], facts, words, [row.kind], known_triples)
     seen = init_context_of(
-        result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
-        inserter.word_rows([name], words), inserter.kind_ids([row.kind]), 0,
-    )  # fmt: skip
-    has_words, has_triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
+        result.embedding,
+        torch.tensor(result.new),
+        result.known,
+        result.insert_triples,
+        result.known_triples,
+        inserter.word_rows([name], words),
+        inserter.kind_ids([row.kind]),
+        0,
+    )
+    has_words, has_triples = (
+        bool(similarity.has_words(seen)),
+        bool(similarity.has_insert_triples(seen)),
+    )
     candidates, named = seen.candidates[0, 0], similarity.word_eligible(seen)[0, 0]
-    similar, related = similarity.word_similarity(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
+    similar, related = (
+        similarity.word_similarity(seen)[0, 0],
+        similarity.mean_relational_score(seen)[0, 0],
+    )
     likeness = similar * named * has_words + related * has_triples
     weight, rank = None, likeness.masked_fill(~candidates, -torch.inf)
     if result.weights is not None:
-        weights = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
+        weights = torch.zeros(len(rank)).index_copy(
+            0, torch.arange(result.known), torch.tensor(result.weights[0])
+        )
         of_candidates = weights[candidates]
-        if len(of_candidates) <= SHOWN or of_candidates.min() < of_candidates.max():  # many equal ones say nothing
+        # many equal ones say nothing
+        if len(of_candidates) <= SHOWN or of_candidates.min() < of_candidates.max():
             weight, rank = weights, weights + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
     best = best[torch.isfinite(rank[best])]

@@ -1,9 +1,11 @@
-"""A bundle: an embedding as a folder, with names, known triples, and a record of each inserted entity.
+"""A bundle: an embedding as a folder, with names, known triples,
+and a record of each inserted entity.
 
-``embedding.json`` is the manifest, ``vectors.safetensors`` has the tensors (``entities``, ``relations`` and, if there
-are any, ``words``), ``entities.tsv`` has names, kinds and phrases in the order of ids, ``relations.tsv`` names,
-``triples.tsv`` the known triples by name. Equal bundles give equal bytes. The files of a folder are checked against
-each other when it is read and before it is written. It is written completely or not at all.
+``embedding.json`` is the manifest, ``vectors.safetensors`` has the tensors (``entities``,
+``relations`` and, if there are any, ``words``), ``entities.tsv`` has names, kinds and phrases in
+the order of ids, ``relations.tsv`` names, ``triples.tsv`` the known triples by name. Equal bundles
+give equal bytes. The files of a folder are checked against each other when it is read and before it
+is written. It is written completely or not at all.
 """
 
 import json
@@ -28,35 +30,52 @@ from isi.names import check_text, name_fault
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
 STORED = "inserted.safetensors"  #: Computed from the others (``isi.bundle.stored``).
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
-COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail")}
+COLUMNS = {
+    ENTITIES: ("entity", "kind", "phrase"),
+    RELATIONS: ("relation",),
+    TRIPLES: ("head", "relation", "tail"),
+}
 MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
 #: Keys of fields in version 1 of the format, where they differ from the names here.
-KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told",
-        "requested_initializer": "asked"}  # fmt: skip
+KEYS = {
+    "model_name": "family",
+    "model_options": "family_options",
+    "insert_triples": "told",
+    "requested_initializer": "asked",
+}
 Text = Annotated[str, AfterValidator(check_text)]
 TEXTS = TypeAdapter(list[Text])
-NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]  #: Head, relation and tail by name; a list in JSON.
+#: Head, relation and tail by name; a list in JSON.
+NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
 
 
 class ManifestSection(BaseModel):
     """Base of the objects in ``embedding.json``."""
 
     model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True,
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        populate_by_name=True,
         alias_generator=lambda name: KEYS.get(name, name),
-    )  # fmt: skip
+    )
 
 
 class WordSource(ManifestSection):
     """The source of word vectors, from which a new phrase gets a comparable vector."""
 
     source: Text  #: a file's name or path, ``shipped``, or a description
-    text: Text  #: the embedded text: definition, phrase, wordnet (phrase and definition), glove (mean of words)
-    model: Text | None  #: the sentence model that made them; null if there was none or it is unknown
+    #: the embedded text: definition, phrase, wordnet (phrase and definition), glove (mean of words)
+    text: Text
+    #: the sentence model that made them; null if there was none or it is unknown
+    model: Text | None
 
 
 class InsertionRecord(ManifestSection):
-    """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``; and the reason."""
+    """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``;
+    and the reason.
+    """
 
     entity: Text
     insert_triples: list[NamedTriple]
@@ -76,7 +95,8 @@ class Manifest(ManifestSection):
     model_options: dict[str, Option]
     words: WordSource | None
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
-    inserted: list[InsertionRecord]  #: one per inserted entity; these have the last rows, in this order
+    #: one per inserted entity; these have the last rows, in this order
+    inserted: list[InsertionRecord]
 
 
 class ManifestFile(Manifest):
@@ -103,7 +123,8 @@ class Bundle:
     phrases: list[str]  #: the words of each entity's name, for its word vector
     relation_names: list[str]
     triples: np.ndarray  #: ids; shape: (T, 3), int64
-    words: np.ndarray | None = None  #: shape: (E, v), float32; zero rows if missing; None if all are missing
+    #: shape: (E, v), float32; zero rows if missing; None if all are missing
+    words: np.ndarray | None = None
 
     def insertions(self) -> dict[str, InsertionRecord]:
         """Records of insertions by entity name."""
@@ -112,40 +133,66 @@ class Bundle:
     def named_triples(self) -> list[tuple[str, str, str]]:
         """The known triples by name."""
         names, labels = self.entity_names, self.relation_names
-        return [(names[head], labels[relation], names[tail]) for head, relation, tail in self.triples.tolist()]
+        return [
+            (names[head], labels[relation], names[tail])
+            for head, relation, tail in self.triples.tolist()
+        ]
 
     def sizes(self) -> dict[str, int]:
         """The sizes that ``embedding.json`` lists too."""
-        return {"entities": len(self.entities), "relations": len(self.relations), "dimension": self.entities.shape[1],
-                "triples": len(self.triples)}  # fmt: skip
+        return {
+            "entities": len(self.entities),
+            "relations": len(self.relations),
+            "dimension": self.entities.shape[1],
+            "triples": len(self.triples),
+        }
 
 
 def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
-    """Write a bundle, completely or not at all. It may replace an empty folder, or a bundle if no change is lost.
+    """Write a bundle, completely or not at all.
+    It may replace an empty folder, or a bundle if no change is lost.
 
     ``journal``: the changes that led to the bundle (``isi.bundle.journal``).
     """
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
-        RELATIONS: [(name,) for name in bundle.relation_names], TRIPLES: bundle.named_triples(),
-    }  # fmt: skip
-    files = {VECTORS: save({name: np.ascontiguousarray(table) for name, table in tensors.items() if table is not None})}
+        RELATIONS: [(name,) for name in bundle.relation_names],
+        TRIPLES: bundle.named_triples(),
+    }
+    files = {
+        VECTORS: save(
+            {
+                name: np.ascontiguousarray(table)
+                for name, table in tensors.items()
+                if table is not None
+            }
+        )
+    }
     for name, table in rows.items():
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
-    manifest = {"format": "isi embedding", "version": 1} | bundle.manifest.model_dump(by_alias=True) | bundle.sizes()
+    manifest = (
+        {"format": "isi embedding", "version": 1}
+        | bundle.manifest.model_dump(by_alias=True)
+        | bundle.sizes()
+    )
     manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
-    files[MANIFEST] = (json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    files[MANIFEST] = (
+        json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    ).encode()
     _checked(folder, files)
     if journal:
         files[JOURNAL] = journal.encode()
     with at(folder):
         _refuse_to_replace(folder, files.get(JOURNAL, b""))
-    temporary, old = (folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp"))
+    temporary, old = (
+        folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp")
+    )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         for path in list(folder.parent.iterdir()):
-            if re.fullmatch(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp", path.name):  # of a killed process
+            # of a killed process
+            if re.fullmatch(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp", path.name):
                 shutil.rmtree(path)
         temporary.mkdir()
         for name, content in files.items():
@@ -166,9 +213,17 @@ def _refuse_to_replace(folder: Path, journal: bytes) -> None:
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
     for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, STORED, *COLUMNS}):
-        raise InputError("", name, "not a file of a bundle: expected an empty folder, or a bundle without other files")
-    if JOURNAL in present and set((folder / JOURNAL).read_bytes().splitlines()) - set(journal.splitlines()):
-        raise InputError("", JOURNAL, "already holds a bundle with other changes: choose another folder")
+        raise InputError(
+            "",
+            name,
+            "not a file of a bundle: expected an empty folder, or a bundle without other files",
+        )
+    if JOURNAL in present and set((folder / JOURNAL).read_bytes().splitlines()) - set(
+        journal.splitlines()
+    ):
+        raise InputError(
+            "", JOURNAL, "already holds a bundle with other changes: choose another folder"
+        )
 
 
 def read(folder: Path) -> Bundle:
@@ -181,7 +236,9 @@ def read(folder: Path) -> Bundle:
 
 
 def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
-    """Parse and check a bundle (InputError); ``files``: bytes by file name; ``folder``: for messages alone."""
+    """Parse and check a bundle (InputError); ``files``: bytes by file name;
+    ``folder``: for messages alone.
+    """
     with at(folder / MANIFEST):
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
     rows = {}
@@ -189,11 +246,16 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
         with at(folder / name):
             header, *rows[name] = split_rows(files[name].decode(), columns)
             if header != list(columns):
-                raise InputError("", "line 1", f"expected the columns {', '.join(columns)}, got {short(header)}")
+                raise InputError(
+                    "", "line 1", f"expected the columns {', '.join(columns)}, got {short(header)}"
+                )
     names, kinds, phrases = ([row[place] for row in rows[ENTITIES]] for place in range(3))
     labels = [name for (name,) in rows[RELATIONS]]
     triples = triple_ids([folder / name for name in COLUMNS], names, labels, rows[TRIPLES], first=2)
-    path, numbers = folder / VECTORS, {"entities": len(names), "relations": len(labels), "words": len(names)}
+    path, numbers = (
+        folder / VECTORS,
+        {"entities": len(names), "relations": len(labels), "words": len(names)},
+    )
     try:
         tensors: dict[str, np.ndarray] = load(files[VECTORS])
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
@@ -201,7 +263,9 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
     for name in {"entities", "relations"} | tensors.keys():
         with at(path, f"tensor {name!r:.80}"):
             if name not in numbers or name not in tensors:
-                raise InputError("", "", "missing" if name in numbers else "expected no tensor of this name")
+                raise InputError(
+                    "", "", "missing" if name in numbers else "expected no tensor of this name"
+                )
             check_numbers(tensors[name], numbers[name])
     about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
     vectors = tensors["entities"], tensors["relations"]
@@ -209,39 +273,59 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
     with at(folder / MANIFEST):
         for key, number in bundle.sizes().items():
             if (got := getattr(manifest, key)) != number:
-                raise InputError("", key, f"expected {number}, the number in the other files, got {got}")
+                raise InputError(
+                    "", key, f"expected {number}, the number in the other files, got {got}"
+                )
         if list(bundle.insertions()) != names[len(names) - len(manifest.inserted) :]:
-            raise InputError("", "inserted", f"expected the names in the last rows of {ENTITIES}, in order")
+            raise InputError(
+                "", "inserted", f"expected the names in the last rows of {ENTITIES}, in order"
+            )
         known = set(names)
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:
-                if not {head, tail} <= known or relation not in labels or record.entity not in (head, tail):
+                if (
+                    not {head, tail} <= known
+                    or relation not in labels
+                    or record.entity not in (head, tail)
+                ):
                     expected = f"expected triples of known names, each with {record.entity!r:.80}"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():
-            raise InputError(folder / name, "", f"its SHA-256 is not the one in {MANIFEST}: one of the two was changed")
+            raise InputError(
+                folder / name,
+                "",
+                f"its SHA-256 is not the one in {MANIFEST}: one of the two was changed",
+            )
     return bundle
 
 
 def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
-    """The rows of a tab-separated table, header included. There is no quoting: fields hold no tab or line break."""
+    """The rows of a tab-separated table, header included. There is no quoting:
+    fields hold no tab or line break.
+    """
     rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, row in enumerate(rows, 1):
         with at("", f"line {number}"):
             if len(row) != len(columns):
-                raise InputError("", "", f"expected the columns {', '.join(columns)}, got {short(row)}")
+                raise InputError(
+                    "", "", f"expected the columns {', '.join(columns)}, got {short(row)}"
+                )
             TEXTS.validate_python(row)
     return rows
 
 
 def triple_ids(
-    paths: Sequence[Path], names: Sequence[str], labels: Sequence[str], rows: Sequence[Sequence[str]], first: int
+    paths: Sequence[Path],
+    names: Sequence[str],
+    labels: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    first: int,
 ) -> np.ndarray:
     """Convert triples of names to ids, shape (T, 3), int64.
 
-    ``paths``: the files of entities, relations and triples. An ``InputError`` names the line, counted from ``first``,
-    of a blank, repeated or unknown name.
+    ``paths``: the files of entities, relations and triples. An ``InputError`` names the line,
+    counted from ``first``, of a blank, repeated or unknown name.
     """
     entities, relations = dict[str, int](), dict[str, int]()
     for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
@@ -253,18 +337,35 @@ def triple_ids(
                 raise InputError(path, f"line {row + first}", fault)
     triples = []
     for line, triple in enumerate(rows, first):
-        for slot, name, known in zip(COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True):
+        for slot, name, known in zip(
+            COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True
+        ):
             if name not in known:
-                raise InputError(paths[2], f"line {line}", f"expected a known name as {slot}, got {short(name)}")
+                raise InputError(
+                    paths[2], f"line {line}", f"expected a known name as {slot}, got {short(name)}"
+                )
             triples.append(known[name])
     return np.array(triples, np.int64).reshape(-1, 3)
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``, so that float32 scores are finite."""
-    if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
-        raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
+    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``,
+    so that float32 scores are finite.
+    """
+    if (
+        table.ndim != 2
+        or len(table) != rows
+        or not table.size
+        or table.dtype not in (np.float32, np.float64)
+    ):
+        raise InputError(
+            "",
+            "",
+            f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}",
+        )
     largest = np.abs(table).max(1)
     if not (sound := largest <= LARGEST).all():  # false for NaN
         row = int(sound.argmin())
-        raise InputError("", f"row {row}", f"expected finite |x| up to {LARGEST:g}, got {largest[row]:.3g}")
+        raise InputError(
+            "", f"row {row}", f"expected finite |x| up to {LARGEST:g}, got {largest[row]:.3g}"
+        )

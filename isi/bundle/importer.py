@@ -1,6 +1,8 @@
-"""Import of embeddings from other tools as bundles: names, triples and tensors of PyKEEN, OpenKE or plain files.
+"""Import of embeddings from other tools as bundles:
+names, triples and tensors of PyKEEN, OpenKE or plain files.
 
-Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; only ``isi.pykeen.pickled`` runs pickled code.
+Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; only ``isi.pykeen.pickled``
+runs pickled code.
 """
 
 import hashlib
@@ -28,24 +30,38 @@ from isi.insertion.arguments import argument, array_of, checked_model
 from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
-#: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies the form.
-PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
+#: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies
+#: the form.
+PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = (
+    "training_triples",
+    "entity2id.txt",
+    "relation2id.txt",
+    "train2id.txt",
+)
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
-FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth", ".ckpt")  #: Suffixes of tensor files.
-#: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex numbers alternate.
+#: Suffixes of tensor files.
+FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth", ".ckpt")
+#: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex
+#: numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
-#: Names of the tables of entities and relations in other tools. Two names: real and imaginary half of one table.
-#: Both tables may have the same prefix, which ends with a dot: ``module.``, ``_orig_mod.``, ``model.``.
+#: Names of the tables of entities and relations in other tools. Two names: real and imaginary half
+#: of one table. Both tables may have the same prefix, which ends with a dot: ``module.``,
+#: ``_orig_mod.``, ``model.``.
 NAMES = {
     slot: [
-        (slot,), (single,), (f"{short}_emb",), (f"{short}_embeddings.weight",), (f"{short}_emb.weight",),
+        (slot,),
+        (single,),
+        (f"{short}_emb",),
+        (f"{short}_embeddings.weight",),
+        (f"{short}_emb.weight",),
         (f"{short}_re_embeddings.weight", f"{short}_im_embeddings.weight"),
-        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"), (f"{single}{OF_PYKEEN}",),
+        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"),
+        (f"{single}{OF_PYKEEN}",),
         (f"{single}_embedding",),
     ]
     for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
-}  # fmt: skip
+}
 LISTED = 8  #: Maximum number of tensors that a message names.
 OTHERS = "for other models, use isi.pykeen.insert"
 
@@ -60,42 +76,66 @@ class Labels:
     triples: np.ndarray  #: ids; shape: (T, 3), int64
 
 
-def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
-    """Make a bundle of labels and tensor files; InputError if they do not fit, or if no margin can be estimated.
+def of_tensors(
+    labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]
+) -> Bundle:
+    """Make a bundle of labels and tensor files;
+    InputError if they do not fit, or if no margin can be estimated.
 
-    The margin of a distance model, if not given, lies midway between mean distances of known and corrupted triples.
+    The margin of a distance model, if not given, lies midway between mean distances of known and
+    corrupted triples.
     """
     with argument("model"):
         fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
     estimated = "margin" in fields and "margin" not in options
     if estimated and not len(labels.triples):
-        raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
-    defaults = {"squared": False, "margin": 1.0}  # for the scores from which the margin is estimated
+        raise InputError(
+            "--set",
+            "margin",
+            "expected margin=NUMBER: without known triples it cannot be estimated",
+        )
+    # for the scores from which the margin is estimated
+    defaults = {"squared": False, "margin": 1.0}
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
     bundle = bundle_of(model, options, read_tables(files, model), labels, files)
     if estimated:
-        margin = max(1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6)
+        margin = max(
+            1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6
+        )
         bundle.manifest.model_options["margin"] = margin
     return bundle
 
 
 def bundle_of(
-    model: str, options: Mapping[str, Option], tables: Sequence[np.ndarray], labels: Labels, files: Sequence[Path]
+    model: str,
+    options: Mapping[str, Option],
+    tables: Sequence[np.ndarray],
+    labels: Labels,
+    files: Sequence[Path],
 ) -> OpenBundle:
     """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
-    checked, names = checked_model(model, options, entities.shape[1]), (labels.entities, labels.relations)
+    checked, names = (
+        checked_model(model, options, entities.shape[1]),
+        (labels.entities, labels.relations),
+    )
     if len(relations) == 2 * len(labels.relations):
-        expected = f"expected {len(labels.relations)} rows, got twice as many, as a model with inverse triples has"
+        expected = (
+            f"expected {len(labels.relations)} rows, got twice as many, "
+            "as a model with inverse triples has"
+        )
         raise InputError(files[0], "relations", f"{expected}: {OTHERS}")
     for slot, rows, listed in zip(NAMES, tables, names, strict=True):
         with at(files[0], slot):
             check_numbers(rows, len(listed))
     digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     manifest = Manifest(
-        model_name=model, model_options={name: vars(checked)[name] for name in options}, words=None,
-        made={"imported": labels.form, "files": digests}, inserted=[],
-    )  # fmt: skip
+        model_name=model,
+        model_options={name: vars(checked)[name] for name in options},
+        words=None,
+        made={"imported": labels.form, "files": digests},
+        inserted=[],
+    )
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
     bundle = OpenBundle(manifest, entities, relations, names[0], kinds, phrases, names[1], triples)
@@ -107,17 +147,32 @@ def bundle_of(
 def tensors_in(folder: Path, form: str) -> list[Path]:
     """The tensor files in a folder; ``InputError`` if there are none."""
     others = ("results.json", "metadata.json") if form == "PyKEEN" else ()
-    files = sorted(path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others)
+    files = sorted(
+        path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others
+    )
     if not files:
-        pickled = f" ({PICKLE} is a pickle, which is read with --trust-pickle alone)" * (folder / PICKLE).exists()
-        raise InputError(folder, "", f"expected a file of tensors{pickled}: {', '.join(FORMS)}, or --tensors FILE")
+        pickled = (
+            f" ({PICKLE} is a pickle, which is read with --trust-pickle alone)"
+            * (folder / PICKLE).exists()
+        )
+        raise InputError(
+            folder,
+            "",
+            f"expected a file of tensors{pickled}: {', '.join(FORMS)}, or --tensors FILE",
+        )
     return files
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tensors of a file by name (``.npy``: the file's name); ``InputError`` refuses pickled code."""
+    """The tensors of a file by name (``.npy``: the file's name);
+    ``InputError`` refuses pickled code.
+    """
     if path.suffix not in FORMS or not path.is_file():
-        raise InputError(path, "", f"expected an existing file of tensors, with a suffix among {', '.join(FORMS)}")
+        raise InputError(
+            path,
+            "",
+            f"expected an existing file of tensors, with a suffix among {', '.join(FORMS)}",
+        )
     try:
         if path.suffix == ".npy":
             return {path.stem: np.load(path, allow_pickle=False)}
@@ -126,9 +181,17 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
                 return dict(arrays)
         if path.suffix == ".json":  # as OpenKE writes it
             tables = dict(_flat(json.loads(path.read_bytes())))
-            return {name: np.array(rows, np.float32) for name, rows in tables.items() if isinstance(rows, list)}
+            return {
+                name: np.array(rows, np.float32)
+                for name, rows in tables.items()
+                if isinstance(rows, list)
+            }
         state = dict(_flat(load_file(path) if path.suffix == ".safetensors" else _state_dict(path)))
-        return {name: array_of(value) for name, value in state.items() if isinstance(value, torch.Tensor)}
+        return {
+            name: array_of(value)
+            for name, value in state.items()
+            if isinstance(value, torch.Tensor)
+        }
     except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
         message = cut(" ".join(str(error).split()), 120) or type(error).__name__
         raise InputError(path, "", f"expected tensors by name ({message})") from error
@@ -140,14 +203,18 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
         with warnings.catch_warnings(action="ignore"):
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError) as error:
-        raise ValueError("as torch.save(model.state_dict(), FILE) writes them; other pickles are not read") from error
+        raise ValueError(
+            "as torch.save(model.state_dict(), FILE) writes them; other pickles are not read"
+        ) from error
     if not isinstance(state, Mapping):
         raise ValueError(f"a state dict, got {type(state).__name__}")
     return state
 
 
 def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The values in a mapping and in mappings within it, by their keys joined with dots: ``model.entities``."""
+    """The values in a mapping and in mappings within it, by their keys joined with dots:
+    ``model.entities``.
+    """
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")
@@ -156,7 +223,9 @@ def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
-    """The tables of entities and of relations in files; InputError unless there is one of each in all of them."""
+    """The tables of entities and of relations in files;
+    InputError unless there is one of each in all of them.
+    """
     read = {file: read_tensors(file) for file in files}
     tensors = {name: values for by_name in read.values() for name, values in by_name.items()}
     with at(" ".join(map(str, read))):
@@ -166,7 +235,10 @@ def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
         for name in parts:
             first, *others = (file for file in read if name in read[file])
             for other in others:
-                expected = f"expected this table in one file, but {first} has it, too: choose with --tensors FILE"
+                expected = (
+                    f"expected this table in one file, but {first} has it, too: "
+                    "choose with --tensors FILE"
+                )
                 raise InputError(other, name, expected)
         with at(first):
             _refuse_sum_of_moduli(model, read[first])
@@ -175,7 +247,9 @@ def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
 
 
 def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """The names of the two tables (or of their halves) by slot; InputError unless one prefix gives one of each."""
+    """The names of the two tables (or of their halves) by slot;
+    InputError unless one prefix gives one of each.
+    """
     by_slot = {slot: _by_prefix(tensors, slot) for slot in NAMES}
     both = [prefix for prefix in by_slot["entities"] if prefix in by_slot["relations"]]
     fitting = [by_slot[slot][prefix] for prefix in both for slot in NAMES]
@@ -183,12 +257,17 @@ def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
         return {slot: tables[0] for slot, tables in zip(NAMES, fitting, strict=True)}
     several = [name for tables in fitting for parts in tables for name in parts]
     listed = (several or sorted(tensors))[:LISTED]
-    expected = "expected one table of entities and one of relations (named as here, in PyKEEN, TorchKGE or OpenKE)"
+    expected = (
+        "expected one table of entities and one of relations (named as here, in PyKEEN, "
+        "TorchKGE or OpenKE)"
+    )
     raise InputError("", "", f"{expected}, got {', '.join(listed)[:200] or 'no tensor'}")
 
 
 def _by_prefix(tensors: Sequence[str], slot: str) -> dict[str, list[tuple[str, ...]]]:
-    """The names of each table of a slot, by the prefix (empty, or up to a dot) before its name in ``NAMES``."""
+    """The names of each table of a slot, by the prefix (empty, or up to a dot)
+    before its name in ``NAMES``.
+    """
     tables = dict[str, list[tuple[str, ...]]]()
     for parts in NAMES[slot]:
         for name in tensors:
@@ -200,24 +279,41 @@ def _by_prefix(tensors: Sequence[str], slot: str) -> dict[str, list[tuple[str, .
 
 
 def _refuse_sum_of_moduli(model: str, tensors: Mapping[str, np.ndarray]) -> None:
-    """InputError for RotatE of OpenKE or KnowledgeGraphEmbedding, which store the range of their angles."""
+    """InputError for RotatE of OpenKE or KnowledgeGraphEmbedding,
+    which store the range of their angles.
+    """
     for name in tensors:
         if model == "rotate" and name.endswith("embedding_range"):
-            expected = "expected RotatE with a Euclidean norm; this one's distance is the sum of moduli"
+            expected = (
+                "expected RotatE with a Euclidean norm; this one's distance is the sum of moduli"
+            )
             raise InputError("", name, expected)
 
 
-def _table(tensors: Mapping[str, np.ndarray], parts: Sequence[str], slot: str, model: str) -> np.ndarray:
-    """A slot's real table. Complex rows become real and imaginary halves, or angles if they are RotatE's relations."""
+def _table(
+    tensors: Mapping[str, np.ndarray], parts: Sequence[str], slot: str, model: str
+) -> np.ndarray:
+    """A slot's real table. Complex rows become real and imaginary halves,
+    or angles if they are RotatE's relations.
+    """
     for part in parts:
         values = tensors[part]
-        if values.ndim != 2 or values.dtype.kind not in "biufc" or values.shape != tensors[parts[0]].shape:
-            expected = f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
+        if (
+            values.ndim != 2
+            or values.dtype.kind not in "biufc"
+            or values.shape != tensors[parts[0]].shape
+        ):
+            expected = (
+                f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
+            )
             raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
     whole = np.concatenate([tensors[part] for part in parts], axis=1)
     if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
         if whole.shape[1] % 2:
-            expected = f"expected rows that alternate real and imaginary parts, got rows of {whole.shape[1]} numbers"
+            expected = (
+                "expected rows that alternate real and imaginary parts, "
+                f"got rows of {whole.shape[1]} numbers"
+            )
             raise InputError("", parts[0], expected)
         whole = whole[:, ::2] + 1j * whole[:, 1::2]
     if np.iscomplexobj(whole):
@@ -227,24 +323,41 @@ def _table(tensors: Mapping[str, np.ndarray], parts: Sequence[str], slot: str, m
 
 
 def read_labels(folder: Path) -> Labels:
-    """Read names and known triples of a folder of PyKEEN, of OpenKE, or of plain files; no pickle is read."""
+    """Read names and known triples of a folder of PyKEEN, of OpenKE, or of plain files;
+    no pickle is read.
+    """
     rows: Iterable[Any]
     if (folder / PYKEEN).is_dir():
-        form, files = "PyKEEN", [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")]
+        form, files = (
+            "PyKEEN",
+            [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")],
+        )
         files, first = [*files, folder / PYKEEN / "numeric_triples.tsv.gz"], 2
         entities, relations = (_pykeen_names(path) for path in files[:2])
         rows = _pykeen_triples(files[2], entities, relations)
     elif (folder / ENTITY2ID).exists():
-        form, files, first = "entity2id", [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)], 1
+        form, files, first = (
+            "entity2id",
+            [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)],
+            1,
+        )
         entities, relations = read_id_names(files[0]), read_id_names(files[1])
         rows = read_ids(folder, [TRAIN2ID]) if files[2].exists() else []
     elif (folder / ENTITY_NAMES).exists():
-        form, files, first = "arrays", [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)], 1
+        form, files, first = (
+            "arrays",
+            [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)],
+            1,
+        )
         entities, relations = ([name for (name,) in _lines(path, ["name"])] for path in files[:2])
         rows = _lines(files[2], ["head", "relation", "tail"]) if files[2].exists() else []
     else:
-        raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
-    return Labels(form, entities, relations, triple_ids(files, entities, relations, list(rows), first))
+        raise InputError(
+            folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}"
+        )
+    return Labels(
+        form, entities, relations, triple_ids(files, entities, relations, list(rows), first)
+    )
 
 
 def _lines(path: Path, columns: Sequence[str]) -> list[list[str]]:
@@ -261,12 +374,19 @@ def _pykeen_names(path: Path) -> list[str]:
     return list(table["label"])
 
 
-def _pykeen_triples(path: Path, entities: Sequence[str], relations: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+def _pykeen_triples(
+    path: Path, entities: Sequence[str], relations: Sequence[str]
+) -> Iterator[tuple[str, str, str]]:
     triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
     most = [len(entities), len(relations), len(entities)]
     for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
-        raise InputError(path, f"line {row + 2}", f"expected ids of {most[0]} entities and {most[1]} relations")
-    return ((entities[head], relations[relation], entities[tail]) for head, relation, tail in triples.tolist())
+        raise InputError(
+            path, f"line {row + 2}", f"expected ids of {most[0]} entities and {most[1]} relations"
+        )
+    return (
+        (entities[head], relations[relation], entities[tail])
+        for head, relation, tail in triples.tolist()
+    )
 
 
 def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:

@@ -1,8 +1,8 @@
 """The changes of a live embedding, the state that they leave, and the file that lists them.
 
-``journal.jsonl`` in the folder of a bundle has a line of JSON for each change, and one for each choice of an
-initializer. Lines are only appended, but for ``isi compact``. A last line without a line end is of a process that was
-killed: it does not count.
+``journal.jsonl`` in the folder of a bundle has a line of JSON for each change, and one for each
+choice of an initializer. Lines are only appended, but for ``isi compact``. A last line without a
+line end is of a process that was killed: it does not count.
 """
 
 import json
@@ -56,8 +56,9 @@ class NewEntity(ManifestSection):
 class Change(ManifestSection):
     """One change.
 
-    ``remove`` takes back entities with all their facts, or facts alone: those that were added are gone, those that the
-    embedding was trained on are retracted. ``move`` replaces facts by others. ``undo`` takes back the last change.
+    ``remove`` takes back entities with all their facts, or facts alone: those that were added are
+    gone, those that the embedding was trained on are retracted. ``move`` replaces facts by others.
+    ``undo`` takes back the last change.
     """
 
     do: Literal["insert", "observe", "move", "remove", "undo"]
@@ -84,7 +85,9 @@ class Change(ManifestSection):
 
 
 class Chosen(ManifestSection):
-    """The initializer for new entities with so many facts, with or without words (``isi.insertion.choice``)."""
+    """The initializer for new entities with so many facts,
+    with or without words (``isi.insertion.choice``).
+    """
 
     do: Literal["choose"] = "choose"
     facts: int
@@ -115,7 +118,13 @@ class Alteration:
     def inverse(self) -> "Alteration":
         """What takes it back."""
         return Alteration(
-            self.removed, self.inserted, self.dropped, self.added, self.restored, self.retracted, self.order
+            self.removed,
+            self.inserted,
+            self.dropped,
+            self.added,
+            self.restored,
+            self.retracted,
+            self.order,
         )
 
     @property
@@ -131,12 +140,15 @@ class Alteration:
 
 @dataclass
 class Additions:
-    """What changes leave: inserted entities in order, added facts, and facts of training that were retracted."""
+    """What changes leave: inserted entities in order, added facts,
+    and facts of training that were retracted.
+    """
 
     entities: dict[str, NewEntity] = field(default_factory=dict)
     facts: dict[Fact, None] = field(default_factory=dict)
     retracted: dict[Fact, None] = field(default_factory=dict)
-    of_entity: dict[str, set[Fact]] = field(default_factory=dict)  #: the added facts of each inserted entity
+    #: the added facts of each inserted entity
+    of_entity: dict[str, set[Fact]] = field(default_factory=dict)
     done: list[Alteration] = field(default_factory=list)  #: by the changes in force, in order
 
     def alteration(self, change: Change) -> Alteration:
@@ -224,11 +236,14 @@ def additions_of(changes: Iterable[Change]) -> Additions:
     return result
 
 
-def replayed(changes: Sequence[Change], base: Bundle, file: Path | None, lines: Sequence[int]) -> Additions:
+def replayed(
+    changes: Sequence[Change], base: Bundle, file: Path | None, lines: Sequence[int]
+) -> Additions:
     """What changes leave in a bundle of known entities with the triples of training.
 
-    An ``InputError`` names the file and the line of the first change that does not fit: an unknown entity, relation or
-    fact, a name that is known already, or nothing to undo. ``lines``: the number of each change's line.
+    An ``InputError`` names the file and the line of the first change that does not fit: an unknown
+    entity, relation or fact, a name that is known already, or nothing to undo. ``lines``: the
+    number of each change's line.
     """
     result = Additions()
     names, relations = frozenset(base.entity_names), frozenset(base.relation_names)
@@ -241,7 +256,11 @@ def replayed(changes: Sequence[Change], base: Bundle, file: Path | None, lines: 
 
 
 def _fault(
-    change: Change, state: Additions, names: frozenset[str], relations: frozenset[str], trained: frozenset[Fact]
+    change: Change,
+    state: Additions,
+    names: frozenset[str],
+    relations: frozenset[str],
+    trained: frozenset[Fact],
 ) -> str | None:
     """Why a change does not fit a state, or None."""
     if change.do == "undo":
@@ -269,9 +288,10 @@ def _fault(
 def compacted(changes: Iterable[Change], written: Sequence[Fact] = ()) -> list[Change]:
     """A shorter list of changes, each with its time and source, that leaves the same state.
 
-    Of each change, what a later one has taken back is left out, and ``undo`` with what it took back. ``written``: facts
-    in the folder's ``triples.tsv`` that changes have added. Those that no longer hold are added and removed first:
-    without these two changes, they would count as facts of training.
+    Of each change, what a later one has taken back is left out, and ``undo`` with what it took
+    back. ``written``: facts in the folder's ``triples.tsv`` that changes have added. Those that no
+    longer hold are added and removed first: without these two changes, they would count as facts of
+    training.
     """
     in_force = list[Change]()
     for change in changes:
@@ -324,7 +344,9 @@ def from_records(bundle: Bundle) -> Iterator[Change]:
 
 
 def read(folder: Path) -> list[Line] | None:
-    """The lines of a folder's journal; None without any. An ``InputError`` names the broken line."""
+    """The lines of a folder's journal; None without any.
+    An ``InputError`` names the broken line.
+    """
     path, lines = folder / JOURNAL, list[Line]()
     if not path.exists():
         return None
@@ -356,13 +378,15 @@ class Journal:
     def __init__(self, folder: Path) -> None:
         """Open it. An ``InputError`` refuses it where another process has it open.
 
-        A broken last line is cut off by the first ``append``, so that a folder on a read-only disk can be opened.
+        A broken last line is cut off by the first ``append``, so that a folder on a read-only disk
+        can be opened.
         """
         import fcntl
 
         self.path = folder / JOURNAL
         try:
-            self._lock = os.open(folder, os.O_RDONLY)  # of the folder: a journal without lines is no file
+            # of the folder: a journal without lines is no file
+            self._lock = os.open(folder, os.O_RDONLY)
         except OSError as error:
             raise unwritable(folder, error) from error
         try:

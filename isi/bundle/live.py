@@ -1,8 +1,10 @@
-"""A live embedding: a bundle to which entities and facts are added, from which they are removed, and that answers.
+"""A live embedding: a bundle to which entities and facts are added, from which they are removed,
+and that answers.
 
-The rows of known entities never change. The vector of an inserted entity is a function of its facts: it is computed
-again from all of them whenever one comes or goes, in whatever order they came. Inserted entities are no indicators of
-each other. Those that share a fact are inserted together (``isi.insertion.rounds``).
+The rows of known entities never change. The vector of an inserted entity is a function of its
+facts: it is computed again from all of them whenever one comes or goes, in whatever order they
+came. Inserted entities are no indicators of each other. Those that share a fact are inserted
+together (``isi.insertion.rounds``).
 """
 
 from __future__ import annotations
@@ -44,14 +46,15 @@ from isi.insertion.arguments import TripleForms
 from isi.insertion.interference import Interference, measure
 from isi.names import clean
 
-STORED_EVERY = 100  #: Changes, after which the computed vectors are written, in case the process is killed.
+#: Changes, after which the computed vectors are written, in case the process is killed.
+STORED_EVERY = 100
 
 
 class LiveEmbedding:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and ``isi.of`` make one.
 
-    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores of known names are
-    ignored. An ``InputError`` refuses an unknown name, and changes nothing.
+    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores
+    of known names are ignored. An ``InputError`` refuses an unknown name, and changes nothing.
 
     Example:
         home = isi.open("home")
@@ -63,19 +66,29 @@ class LiveEmbedding:
     """
 
     def __init__(
-        self, bundle: Bundle, lines: Sequence[Line] | None = None, folder: Path | None = None,
-        vectors: Path | None = None, journal: Journal | None = None,
-    ) -> None:  # fmt: skip
-        """Use ``isi.open``. ``lines``: those of the journal; None: the bundle's own records of insertions."""
+        self,
+        bundle: Bundle,
+        lines: Sequence[Line] | None = None,
+        folder: Path | None = None,
+        vectors: Path | None = None,
+        journal: Journal | None = None,
+    ) -> None:
+        """Use ``isi.open``. ``lines``: those of the journal;
+        None: the bundle's own records of insertions.
+        """
         opened = bundle if isinstance(bundle, OpenBundle) else OpenBundle(**vars(bundle))
         records = opened.manifest.inserted
         listed = list(journals.from_records(opened)) if lines is None else list(lines)
-        numbered = [(line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)]
+        numbered = [
+            (line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)
+        ]
         self.folder, self.changes = folder, [change for change, _ in numbered]
         known = opened.part(np.arange(len(opened.entities) - len(records)))
         added = _added_later(self.changes, known)
         #: what the folder's other files have and the embedding was not trained on
-        self._written_facts = [fact for fact in known.named_triples() if fact in added] if added else []
+        self._written_facts = (
+            [fact for fact in known.named_triples() if fact in added] if added else []
+        )
         self._written_entities = len(records)
         known = replace(known, triples=known.triples_without(added))
         phrases = phrase_vectors(known, vectors)
@@ -87,10 +100,15 @@ class LiveEmbedding:
         self.base: OpenBundle = known if phrases is None else replace(known, words=phrases.known)
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
-        self.inserter, self._known_curves = Inserter(self.base, phrases, chosen), dict[tuple[int, int], Curve | None]()
+        self.inserter, self._known_curves = (
+            Inserter(self.base, phrases, chosen),
+            dict[tuple[int, int], Curve | None](),
+        )
         self.inserter.stored = stored.read(folder) if folder else {}
         file = folder / folders.JOURNAL if folder and lines is not None else None
-        self.additions = journals.replayed(self.changes, self.base, file, [number for _, number in numbered])
+        self.additions = journals.replayed(
+            self.changes, self.base, file, [number for _, number in numbered]
+        )
         self._rows = self.inserter.rows(self.additions, self.additions.entities.keys())
         self._rows = {name: self._rows[name] for name in self.additions.entities}
         self._fact_ids = self._ids_now(self.additions.facts)
@@ -98,22 +116,34 @@ class LiveEmbedding:
         self._unchanged = len(self.changes)
         self._append(self.changes if lines is None else [])
 
-    # -- changes -------------------------------------------------------------------------------------------------------
+    # -- changes -----------------------------------------------------------------------------------
 
     def insert(
-        self, entities: str | Sequence[str], facts: Any = (), *, definition: str | Mapping[str, str] | None = None,
-        kind: str | Mapping[str, str] | None = None, initializer: str | None = None,
-        options: Mapping[str, Any] | None = None, seed: int = 0, new: bool = False, upsert: bool = False,
-        time: datetime | None = None, source: str | None = None,
-    ) -> Effect:  # fmt: skip
+        self,
+        entities: str | Sequence[str],
+        facts: Any = (),
+        *,
+        definition: str | Mapping[str, str] | None = None,
+        kind: str | Mapping[str, str] | None = None,
+        initializer: str | None = None,
+        options: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        new: bool = False,
+        upsert: bool = False,
+        time: datetime | None = None,
+        source: str | None = None,
+    ) -> Effect:
         """Insert one or more new entities with their facts.
 
         Args:
             entities: a name, or several.
-            facts: triples; for one entity also its tails by relation, ``{"atLocation": "kitchen"}``.
-            definition: a sentence for the word vector; by name for several entities. So is ``kind``; without it, the
-                kind follows from the facts, or else from the most similar words.
-            initializer: None: the best for hidden known entities with as many facts. ``options`` replace its defaults.
+            facts: triples; for one entity also its tails by relation,
+                ``{"atLocation": "kitchen"}``.
+            definition: a sentence for the word vector; by name for several entities. So is
+                ``kind``; without it, the kind follows from the facts, or else from the most similar
+                words.
+            initializer: None: the best for hidden known entities with as many facts. ``options``
+                replace its defaults.
             seed: of a random initializer.
             new: insert a name that looks like a known one ("Forks" beside "fork").
             upsert: of an entity that is known already, only the facts are added.
@@ -122,8 +152,14 @@ class LiveEmbedding:
         names = [entities] if isinstance(entities, str) else list(entities)
         for argument, each in {"definition": definition, "kind": kind}.items():
             if isinstance(each, Mapping) and (others := each.keys() - set(names)):
-                raise InputError(argument, "", f"expected names of the entities to insert, got {min(others)!r:.80}")
-        if isinstance(facts, Mapping) and not any(isinstance(tails, Mapping) for tails in facts.values()):
+                raise InputError(
+                    argument,
+                    "",
+                    f"expected names of the entities to insert, got {min(others)!r:.80}",
+                )
+        if isinstance(facts, Mapping) and not any(
+            isinstance(tails, Mapping) for tails in facts.values()
+        ):
             facts = dict.fromkeys(names, facts)
         present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
         names = [name for name in names if name not in present]
@@ -132,15 +168,30 @@ class LiveEmbedding:
         for name in names:
             first = spellings.setdefault(bare(name), clean(name))
             if first != clean(name):
-                raise InputError(repr(name)[:80], "", f"expected each new entity once: {first!r:.80} is the same name")
+                raise InputError(
+                    repr(name)[:80],
+                    "",
+                    f"expected each new entity once: {first!r:.80} is the same name",
+                )
             words = self.inserter.words(name, NewEntity())
             same = words.nearest is not None and (words.cosine or 0.0) > SAME
-            check_new(name, self.now.entity_names, self.base.entity_names[words.nearest or 0] if same else None, new)
-            text, named = (each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind))
+            check_new(
+                name,
+                self.now.entity_names,
+                self.base.entity_names[words.nearest or 0] if same else None,
+                new,
+            )
+            text, named = (
+                each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
+            )
             of_kind = named and find(named, kinds, "kind", "a kind")
             with at(repr(name)[:80]):
                 about[clean(name)] = NewEntity(
-                    definition=text, kind=of_kind, initializer=initializer, options=dict(options or {}), seed=seed
+                    definition=text,
+                    kind=of_kind,
+                    initializer=initializer,
+                    options=dict(options or {}),
+                    seed=seed,
                 )
         listed = self.now.facts(facts, list(about))
         added = self.now.unknown(listed)
@@ -150,11 +201,18 @@ class LiveEmbedding:
         return self._change(change, len(listed) - len(added), notes)
 
     def observe(
-        self, facts: TripleForms, *, upsert: bool = False, time: datetime | None = None, source: str | None = None
+        self,
+        facts: TripleForms,
+        *,
+        upsert: bool = False,
+        time: datetime | None = None,
+        source: str | None = None,
     ) -> Effect:
-        """Add facts between known or inserted entities. Inserted ones get a new vector from all their facts.
+        """Add facts between known or inserted entities.
+        Inserted ones get a new vector from all their facts.
 
-        ``upsert``: insert entities that are not known yet. ``time`` and ``source`` are as in ``insert``.
+        ``upsert``: insert entities that are not known yet. ``time`` and ``source`` are as in
+        ``insert``.
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
@@ -169,12 +227,20 @@ class LiveEmbedding:
         return self._change(change, len(listed) - len(added))
 
     def move(
-        self, head: str, relation: str, tail: str, *, instead_of: str | None = None,
-        time: datetime | None = None, source: str | None = None,
-    ) -> Effect:  # fmt: skip
-        """Replace the facts with this head and relation by one fact: ``move("mug", "atLocation", "desk")``.
+        self,
+        head: str,
+        relation: str,
+        tail: str,
+        *,
+        instead_of: str | None = None,
+        time: datetime | None = None,
+        source: str | None = None,
+    ) -> Effect:
+        """Replace the facts with this head and relation by one fact:
+        ``move("mug", "atLocation", "desk")``.
 
-        ``instead_of``: replace the fact with this tail alone. An ``InputError`` refuses one that does not hold.
+        ``instead_of``: replace the fact with this tail alone. An ``InputError`` refuses one that
+        does not hold.
         """
         ((head, relation, tail),) = self.now.facts([(head, relation, tail)])
         ids = self.now.entity_ids
@@ -194,23 +260,34 @@ class LiveEmbedding:
         return self._change(change, int(tail in tails))
 
     def remove(
-        self, entities: str | Sequence[str] = (), facts: TripleForms = (), *,
-        time: datetime | None = None, source: str | None = None,
-    ) -> Effect:  # fmt: skip
+        self,
+        entities: str | Sequence[str] = (),
+        facts: TripleForms = (),
+        *,
+        time: datetime | None = None,
+        source: str | None = None,
+    ) -> Effect:
         """Take inserted entities back with all their facts, or single facts.
 
-        A fact that the embedding was trained on is retracted: it is no answer any more, and vectors of inserted
-        entities are computed without it. ``undo`` brings it back, and so does ``observe``.
+        A fact that the embedding was trained on is retracted: it is no answer any more, and vectors
+        of inserted entities are computed without it. ``undo`` brings it back, and so does
+        ``observe``.
         """
-        names = [self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)]
+        names = [
+            self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)
+        ]
         listed = self.now.facts(facts)
         for fact in self.now.unknown(listed):
             raise InputError("", " ".join(fact), "expected a fact that holds")
         about = dict.fromkeys(names, NewEntity())
-        return self._change(_checked_change("remove", entities=about, facts=listed, time=time, source=source))
+        return self._change(
+            _checked_change("remove", entities=about, facts=listed, time=time, source=source)
+        )
 
     def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
-        """Take the last change back, a second time the one before; an ``InputError`` if there is none."""
+        """Take the last change back, a second time the one before;
+        an ``InputError`` if there is none.
+        """
         if not self.additions.done:
             raise InputError("undo", "", "there is no change to take back")
         return self._change(_checked_change("undo", time=time, source=source))
@@ -221,16 +298,21 @@ class LiveEmbedding:
         return list(self.changes)
 
     def compact(self) -> int:
-        """Leave out of the journal what later changes have taken back; the number of lines that are gone.
+        """Leave out of the journal what later changes have taken back;
+        the number of lines that are gone.
 
-        The state stays, with the time and source of each fact. ``undo`` then reaches the changes that remain.
+        The state stays, with the time and source of each fact. ``undo`` then reaches the changes
+        that remain.
         """
         if self.folder and not self._journal:
-            raise InputError("compact", "", "expected an embedding that was opened with journal=True")
+            raise InputError(
+                "compact", "", "expected an embedding that was opened with journal=True"
+            )
         changes = journals.compacted(self.changes, self._written_facts)
         lines: list[Line] = [*self.inserter.chosen.values(), *changes]
         gone = len(self.changes) - len(changes)
-        is_unread = self._written_entities and not lines  # without lines, the entities in the folder count
+        # without lines, the entities in the folder count
+        is_unread = self._written_entities and not lines
         if gone < 0 or is_unread or changes == self.changes:
             return 0
         if self._journal:
@@ -241,50 +323,70 @@ class LiveEmbedding:
         return gone
 
     def prepare(self) -> None:
-        """Choose initializers and fit curves now, in some seconds, so that no later call waits for that.
+        """Choose initializers and fit curves now, in some seconds,
+        so that no later call waits for that.
 
         Without it, the first insertion with a number of facts makes the choice for this number.
         """
         for step in self.inserter.preparation():
             step()
 
-    # -- answers -------------------------------------------------------------------------------------------------------
+    # -- answers -----------------------------------------------------------------------------------
 
     def ask(
-        self, head: str | None = None, relation: str | None = None, tail: str | None = None, top: int = 10
+        self,
+        head: str | None = None,
+        relation: str | None = None,
+        tail: str | None = None,
+        top: int = 10,
     ) -> Answers:
-        """The best answers to a query with one missing part: tail, head or relation. Facts stand first.
+        """The best answers to a query with one missing part: tail, head or relation.
+        Facts stand first.
 
-        An answer has a calibrated probability where known entities allow it; ``Answers.sure`` is false where the best
-        one is below ``LIKELY``.
+        An answer has a calibrated probability where known entities allow it; ``Answers.sure`` is
+        false where the best one is below ``LIKELY``.
         """
         if (head is None) + (relation is None) + (tail is None) != 1:
-            raise InputError("ask", "", "expected two of head, relation and tail: the third one is the answer")
+            raise InputError(
+                "ask", "", "expected two of head, relation and tail: the third one is the answer"
+            )
         now, given = self.now, self.additions.facts
-        first, last = (None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail))
+        first, last = (
+            None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail)
+        )
         if relation is None:
             ends = first or 0, last or 0
-            curve_of = partial(self._curve, max(ends), slot=TAIL)  # of an inserted entity if there is one
+            # of an inserted entity if there is one
+            curve_of = partial(self._curve, max(ends), slot=TAIL)
             return answer_relation(now, *ends, top, curve_of, given)
         label = now.relation_ids[find(relation, now.relation_ids, "relation", "a relation")]
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
         return self.ask_query(query, top)
 
-    def ask_query(self, query: Query, top: int, indicators: Collection[int] | None = None) -> Answers:
+    def ask_query(
+        self, query: Query, top: int, indicators: Collection[int] | None = None
+    ) -> Answers:
         """The answers to a query by ids; with ``Answer.shared_by`` if ``indicators`` are given."""
         return answer(self.now, query, top, self._curve(*query), self.additions.facts, indicators)
 
     def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
         """The ``number`` other entities with the highest cosine to an entity, and these cosines."""
         row = self.now.entity_ids[self._entity(entity)]
-        return [(self.now.entity_names[other], cosine) for other, cosine in self.now.nearest(row, number)]
+        return [
+            (self.now.entity_names[other], cosine)
+            for other, cosine in self.now.nearest(row, number)
+        ]
 
     def explain(self, entity: str, top: int = 5) -> Explanation:
-        """Why an inserted entity is where it is: its indicators, and the effect of each part of its input."""
+        """Why an inserted entity is where it is: its indicators,
+        and the effect of each part of its input.
+        """
         return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
-        """What is known and predicted about an inserted entity, with the ``top`` best answers to each query."""
+        """What is known and predicted about an inserted entity,
+        with the ``top`` best answers to each query.
+        """
         name = self._inserted(entity)
         return report(
             self._snapshot(),
@@ -298,10 +400,14 @@ class LiveEmbedding:
     def _snapshot(self) -> Snapshot:
         return Snapshot(self.now, self.inserter, self.additions)
 
-    def interference(self, entities: Sequence[str] = (), most: int = 256, show: int = 5) -> Interference | None:
-        """How far inserted entities push known answers down: all of them, or those named; None without known triples.
+    def interference(
+        self, entities: Sequence[str] = (), most: int = 256, show: int = 5
+    ) -> Interference | None:
+        """How far inserted entities push known answers down: all of them, or those named;
+        None without known triples.
 
-        ``isi.insertion.interference`` defines the measures. The queries are of triples of training that hold.
+        ``isi.insertion.interference`` defines the measures. The queries are of triples of training
+        that hold.
         """
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
@@ -309,10 +415,18 @@ class LiveEmbedding:
         chosen = [now.entity_ids[self._inserted(name)] for name in entities]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
-            part.embedding, part.names, part.labels, self.known_triples, [part.triples], known, most, 0, show
+            part.embedding,
+            part.names,
+            part.labels,
+            self.known_triples,
+            [part.triples],
+            known,
+            most,
+            0,
+            show,
         )
 
-    # -- state ---------------------------------------------------------------------------------------------------------
+    # -- state -------------------------------------------------------------------------------------
 
     @property
     def inserted(self) -> dict[str, InsertedEntity]:
@@ -342,24 +456,36 @@ class LiveEmbedding:
         )
 
     def save(self, folder: str | Path | None = None) -> None:
-        """Append the changes to the journal of the folder that was opened, or write all into another folder."""
+        """Append the changes to the journal of the folder that was opened,
+        or write all into another folder.
+        """
         path = Path(folder) if folder is not None else self.folder
         if path is None:
-            raise InputError("save", "", "expected a folder: this embedding was not opened from one")
+            raise InputError(
+                "save", "", "expected a folder: this embedding was not opened from one"
+            )
         if self.base.scoring is not None:
-            expected = "expected a model that isi has: DistMult, ComplEx, TransE or RotatE without inverse triples"
+            expected = (
+                "expected a model that isi has: DistMult, ComplEx, "
+                "TransE or RotatE without inverse triples"
+            )
             raise InputError("save", "", expected)
         if self.folder is None or path.resolve() != self.folder.resolve():
             words = self._words  # inserted entities have none: their names give them again
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
-            trained_too = np.concatenate([self.base.triples, self._fact_ids])  # the journal retracts
+            # the journal retracts
+            trained_too = np.concatenate([self.base.triples, self._fact_ids])
             lines: list[Line] = [*self.inserter.chosen.values(), *self.changes]
-            folders.write(path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines))
+            folders.write(
+                path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
+            )
         elif self._pending:
             journal = Journal(path)
             try:
                 if len(journals.read(path) or ()) != self._on_disk:
-                    raise InputError(path, "", "another process has changed this embedding: open it again")
+                    raise InputError(
+                        path, "", "another process has changed this embedding: open it again"
+                    )
                 journal.append(self._pending)
             finally:
                 journal.close()
@@ -391,11 +517,12 @@ class LiveEmbedding:
     def __repr__(self) -> str:
         sizes = self.base.sizes()
         return (
-            f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities, {len(self._rows):,} inserted,"
-            f" {len(self.additions.facts):,} facts added to {sizes['triples']:,}, {self.base.manifest.model_name})"
+            f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities,"
+            f" {len(self._rows):,} inserted, {len(self.additions.facts):,} facts added to"
+            f" {sizes['triples']:,}, {self.base.manifest.model_name})"
         )
 
-    # -- inside --------------------------------------------------------------------------------------------------------
+    # -- inside ------------------------------------------------------------------------------------
 
     def _change(self, change: Change, known: int = 0, notes: Sequence[str] = ()) -> Effect:
         """Compute what a change alters, write it to an open journal, and only then accept it."""
@@ -427,7 +554,9 @@ class LiveEmbedding:
         )
 
     def _touched(self, altered: Alteration) -> set[str]:
-        """The inserted entities whose input a difference alters: all, if it alters facts of training."""
+        """The inserted entities whose input a difference alters:
+        all, if it alters facts of training.
+        """
         if altered.retracted or altered.restored:
             return set(self.additions.entities)
         facts = altered.added + altered.dropped
@@ -435,7 +564,9 @@ class LiveEmbedding:
         return (ends | altered.inserted.keys()) & self.additions.entities.keys()
 
     def _accept(self, altered: Alteration) -> None:
-        """Bring what is derived from the additions up to date, in a time that hardly grows with their number."""
+        """Bring what is derived from the additions up to date,
+        in a time that hardly grows with their number.
+        """
         before = self.now
         self.__dict__.pop("now")
         if altered.retracted or altered.restored:
@@ -478,7 +609,11 @@ class LiveEmbedding:
         known = self._entity(name)
         if known not in self._rows:
             there = ", ".join(self._rows)[:120] or "none"
-            raise InputError(repr(known)[:80], "", f"expected an entity that was inserted ({there}): known ones stay")
+            raise InputError(
+                repr(known)[:80],
+                "",
+                f"expected an entity that was inserted ({there}): known ones stay",
+            )
         return known
 
     def _curve(self, entity: int, relation: int, slot: int) -> Curve | None:
@@ -488,15 +623,22 @@ class LiveEmbedding:
                 self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
             return self._known_curves[relation, slot]
         curves = self.inserter.curves(self._rows[self.now.entity_names[entity]])
-        return None if curves is None else lambda scores: curves(scores, torch.full(scores.shape, relation))
+        return (
+            None
+            if curves is None
+            else lambda scores: curves(scores, torch.full(scores.shape, relation))
+        )
 
 
-def open_live(folder: str | Path, *, vectors: str | Path | None = None, journal: bool = False) -> LiveEmbedding:
+def open_live(
+    folder: str | Path, *, vectors: str | Path | None = None, journal: bool = False
+) -> LiveEmbedding:
     """Open the folder of a bundle, as ``isi train``, ``isi import`` or the pipeline writes it.
 
     Args:
         vectors: a word2vec or GloVe file, whose word vectors replace those of the bundle.
-        journal: write each change to the folder's journal before it counts, and refuse other processes meanwhile.
+        journal: write each change to the folder's journal before it counts, and refuse other
+            processes meanwhile.
 
     Raises:
         InputError: the folder or its journal is missing or broken, or open in another process.
@@ -519,7 +661,9 @@ def _checked_change(do: str, **fields: Any) -> Change:
 
 
 def _added_later(changes: Sequence[Change], known: OpenBundle) -> set[Fact]:
-    """The triples of a bundle that changes have added: those that a change adds before any removes them."""
+    """The triples of a bundle that changes have added:
+    those that a change adds before any removes them.
+    """
     first = dict[Fact, bool]()
     for change in changes:
         for fact in change.removed:

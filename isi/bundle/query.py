@@ -1,4 +1,6 @@
-"""Queries to a bundle: scores, known answers, candidates, nearest entities, and lookup of typed names."""
+"""Queries to a bundle: scores, known answers, candidates, nearest entities,
+and lookup of typed names.
+"""
 
 from collections import ChainMap, Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -20,9 +22,11 @@ from isi.insertion.arguments import Names, checked_model, listed_triples, stack_
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-ENOUGH = 0.1  #: A query fits an entity if more than this share of its indicators, by weight, have known answers.
+#: A query fits an entity if more than this share of its indicators, by weight, have known answers.
+ENOUGH = 0.1
 USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
-#: Without facts, a known entity counts for the kind of a new one with the weight exp(cosine of the words / this).
+#: Without facts, a known entity counts for the kind of a new one with the weight exp(cosine of the
+#: words / this).
 TEMPERATURE = 0.07
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
 
@@ -31,7 +35,9 @@ Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 
 
 class Query(NamedTuple):
-    """A query by ids: (given, relation, ?) if the slot is ``TAIL``, (?, relation, given) if it is ``HEAD``."""
+    """A query by ids: (given, relation, ?) if the slot is ``TAIL``,
+    (?, relation, given) if it is ``HEAD``.
+    """
 
     given: int
     relation: int
@@ -119,16 +125,24 @@ class OpenBundle(Bundle):
         return np.array([self.kind_numbers.get(kind, -1) for kind in self.kinds])
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """Ids of entities without a kind, or of a usual kind in this slot of known triples; all if it has no kinds.
+        """Ids of entities without a kind, or of a usual kind in this slot of known triples;
+        all if it has no kinds.
 
-        Usual is a kind that at least two entities, or a tenth of those in the other slot, have in their triples.
+        Usual is a kind that at least two entities, or a tenth of those in the other slot, have in
+        their triples.
         """
         triples = self.triples[self.triples[:, RELATION] == relation]
         others, kinds = triples[:, HEAD + TAIL - slot], self.kind_ids[triples[:, slot]]
-        pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(self.entities)
+        pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(
+            self.entities
+        )
         usual, support = np.unique(pairs, return_counts=True)
         usual = usual[(support > 1) | (support >= USUAL * len(np.unique(others)))]
-        fits = (self.kind_ids < 0) | np.isin(self.kind_ids, usual) if len(pairs) else np.full(len(self.kinds), True)
+        fits = (
+            (self.kind_ids < 0) | np.isin(self.kind_ids, usual)
+            if len(pairs)
+            else np.full(len(self.kinds), True)
+        )
         return torch.from_numpy(np.flatnonzero(fits))
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
@@ -144,7 +158,9 @@ class OpenBundle(Bundle):
         return candidates[best.indices], best.values
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
-        """The ``number`` other entities with the highest cosine to ``entity``, and these cosines, best first."""
+        """The ``number`` other entities with the highest cosine to ``entity``,
+        and these cosines, best first.
+        """
         vectors = normalize(self.embedding.entity[0], dim=-1)
         cosines = (vectors @ vectors[entity]).index_fill(0, torch.tensor(entity), -torch.inf)
         best = cosines.sort(descending=True, stable=True)
@@ -171,11 +187,12 @@ class OpenBundle(Bundle):
         return count
 
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
-        """The kind of a new entity and the reason; empty texts if unknown. ``alike``: cosines of its words, (E,).
+        """The kind of a new entity and the reason; empty texts if unknown.
+        ``alike``: cosines of its words, (E,).
 
-        Each fact counts for the kind of the most similar known entity in the same slot of its relation (without words:
-        for all kinds there, by their shares), if this kind is usual there. Without facts, all known entities count,
-        similar ones most.
+        Each fact counts for the kind of the most similar known entity in the same slot of its
+        relation (without words: for all kinds there, by their shares), if this kind is usual there.
+        Without facts, all known entities count, similar ones most.
         """
         votes, roles = np.zeros(len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
@@ -202,7 +219,9 @@ class OpenBundle(Bundle):
         return np.bincount(self.kind_ids[entities], weights, len(self.kind_numbers))
 
     def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
-        """Facts in any form of ``listed_triples``, by name and once each; InputError for a name that is unknown."""
+        """Facts in any form of ``listed_triples``, by name and once each;
+        InputError for a name that is unknown.
+        """
         names, listed = ChainMap(dict.fromkeys(new, -1), self.entity_ids), dict[Fact, None]()
         for head, relation, tail in as_facts(facts):
             place = f"{head} {relation} {tail}"[:80]
@@ -215,9 +234,11 @@ class OpenBundle(Bundle):
         """Those of the facts that are no known triples."""
         ids, labels = self.entity_ids, self.relation_ids
         return [
-            (head, relation, tail) for head, relation, tail in facts
-            if not {head, tail} <= ids.keys() or ids[tail] not in self.answers(Query(ids[head], labels[relation], TAIL))
-        ]  # fmt: skip
+            (head, relation, tail)
+            for head, relation, tail in facts
+            if not {head, tail} <= ids.keys()
+            or ids[tail] not in self.answers(Query(ids[head], labels[relation], TAIL))
+        ]
 
     def named(self, query: Query) -> tuple[str, str, str]:
         """A query as names, with a question mark for the answer."""
@@ -225,7 +246,9 @@ class OpenBundle(Bundle):
         return (given, relation, "?") if query.slot == TAIL else ("?", relation, given)
 
     def part(self, rows: np.ndarray) -> Self:
-        """The bundle restricted to the entities ``rows`` (ids), in this order, and the triples between them."""
+        """The bundle restricted to the entities ``rows`` (ids), in this order,
+        and the triples between them.
+        """
         new_id = np.full(len(self.entities), -1)
         new_id[rows] = np.arange(len(rows))
         triples = self.triples.copy()
@@ -234,15 +257,22 @@ class OpenBundle(Bundle):
         names, kinds, phrases = ([listed[row] for row in rows] for listed in texts)
         inserted = [record for record in self.manifest.inserted if record.entity in set(names)]
         return replace(
-            self, manifest=self.manifest.model_copy(update={"inserted": inserted}), entities=self.entities[rows],
-            entity_names=names, kinds=kinds, phrases=phrases, triples=triples[(triples >= 0).all(1)],
+            self,
+            manifest=self.manifest.model_copy(update={"inserted": inserted}),
+            entities=self.entities[rows],
+            entity_names=names,
+            kinds=kinds,
+            phrases=phrases,
+            triples=triples[(triples >= 0).all(1)],
             retracted=np.zeros((0, 3), np.int64),
             words=None if self.words is None else self.words[rows],
-        )  # fmt: skip
+        )
 
 
 def as_facts(facts: Any) -> list[Fact]:
-    """Facts in any form of ``listed_triples`` as typed; an ``InputError`` refuses what is not three texts."""
+    """Facts in any form of ``listed_triples`` as typed;
+    an ``InputError`` refuses what is not three texts.
+    """
     listed = list[Fact]()
     for number, fact in enumerate(listed_triples(facts)):
         whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
@@ -262,7 +292,9 @@ def answers_in(triples: np.ndarray, query: Query) -> set[int]:
 
 
 def open_bundle(folder: Path) -> OpenBundle:
-    """Read the bundle of a folder. An ``InputError`` refuses a broken one, or tables that do not fit the model."""
+    """Read the bundle of a folder. An ``InputError`` refuses a broken one,
+    or tables that do not fit the model.
+    """
     opened = OpenBundle(**vars(read(folder)))
     with at(folder / MANIFEST, "family"):
         opened.model  # noqa: B018  # checks the manifest
@@ -272,10 +304,12 @@ def open_bundle(folder: Path) -> OpenBundle:
 
 
 def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float]) -> list[Query]:
-    """The queries that fit an entity: relations and slots in which it or enough similar entities have known answers.
+    """The queries that fit an entity: relations and slots in which it or enough similar
+    entities have known answers.
 
-    Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If no query fits, all
-    do. At most ``MOST_QUERIES`` are returned: those with own answers, then with most similar entities (or weight).
+    Similar are entities of its kind, or, if it has no kind, its ``indicators`` (weights by id). If
+    no query fits, all do. At most ``MOST_QUERIES`` are returned: those with own answers, then with
+    most similar entities (or weight).
     """
     kind, weights, enough = opened.kind_ids[entity], np.zeros(len(opened.entities)), 0.0
     weights[opened.kind_ids == kind] = 1.0
@@ -287,7 +321,9 @@ def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float])
     for relation in range(len(opened.relations)):
         for slot in (TAIL, HEAD):
             similar = opened.in_slot(relation, HEAD + TAIL - slot)
-            of_query[Query(entity, relation, slot)] = float("inf") if entity in similar else weights[similar].sum()
+            of_query[Query(entity, relation, slot)] = (
+                float("inf") if entity in similar else weights[similar].sum()
+            )
     fit = [query for query, weight in of_query.items() if weight > enough] or list(of_query)
     best = sorted(fit, key=of_query.__getitem__, reverse=True)[:MOST_QUERIES]
     return [query for query in fit if query in best]

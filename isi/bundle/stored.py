@@ -1,7 +1,8 @@
-"""The vectors of inserted entities in the folder of a bundle, so that opening it does not compute them again.
+"""The vectors of inserted entities in the folder of a bundle,
+so that opening it does not compute them again.
 
-``inserted.safetensors`` holds what was computed when the folder was last closed. It may be deleted. A vector counts
-only where all its inputs are the same: each has a key, which is a digest of them.
+``inserted.safetensors`` holds what was computed when the folder was last closed. It may be deleted.
+A vector counts only where all its inputs are the same: each has a key, which is a digest of them.
 """
 
 import json
@@ -60,7 +61,9 @@ def read(folder: Path) -> dict[str, StoredVector]:
 
 
 def write(folder: Path, vectors: Mapping[str, StoredVector]) -> None:
-    """Write the vectors by key; nothing where the disk does not allow it, since they can be computed."""
+    """Write the vectors by key; nothing where the disk does not allow it,
+    since they can be computed.
+    """
     table = np.stack([stored.vector for stored in vectors.values()])
     about = {
         "keys": json.dumps(list(vectors)),

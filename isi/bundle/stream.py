@@ -1,7 +1,9 @@
-"""Requests to a live embedding as lines of JSON, from standard input or a Unix socket, and the line that answers each.
+"""Requests to a live embedding as lines of JSON, from standard input or a Unix socket,
+and the line that answers each.
 
-A request has one key of ``VERBS``, perhaps more keys of ``Request``, and perhaps an ``id``, which the answer repeats:
-``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``. docs/live.md lists them.
+A request has one key of ``VERBS``, perhaps more keys of ``Request``, and perhaps an ``id``, which
+the answer repeats: ``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``. docs/live.md lists
+them.
 """
 
 import asyncio
@@ -49,12 +51,15 @@ def _as_queries(queries: Any) -> Any:
 
 Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, or ``true`` for none.
 Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
-Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]  #: null is what is asked for
+#: null is what is asked for
+Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
 EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
 
 
 class Request(Section):
-    """A request without its ``id``; the keys are named after methods of ``LiveEmbedding`` and their parameters."""
+    """A request without its ``id``; the keys are named after methods of
+    ``LiveEmbedding`` and their parameters.
+    """
 
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)] = Field({})
@@ -63,7 +68,9 @@ class Request(Section):
     remove: Names = Field([])
     undo: Literal[True] = True
     #: one query, or several
-    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)] = Field([])
+    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)] = (
+        Field([])
+    )
     nearest: Text = ""
     explain: Text = ""
     interference: Names = Field([])
@@ -117,7 +124,9 @@ def _undo(live: LiveEmbedding, given: Request) -> Result:
 
 
 def _ask(live: LiveEmbedding, given: Request) -> Result:
-    results = [_answers(live.ask(head, relation, tail, given.top)) for head, relation, tail in given.ask]
+    results = [
+        _answers(live.ask(head, relation, tail, given.top)) for head, relation, tail in given.ask
+    ]
     return results[0] if len(results) == 1 else {"results": results}
 
 
@@ -166,8 +175,8 @@ VERBS: dict[str, Callable[[LiveEmbedding, Request], Result]] = {
 def answer(live: LiveEmbedding, line: bytes) -> bytes:
     """The line that answers a request: what was done or found.
 
-    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has one that fails
-    unexpectedly (``internal: ...``); its traceback goes to standard error.
+    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has
+    one that fails unexpectedly (``internal: ...``); its traceback goes to standard error.
     """
     label: dict[str, Any] = {}
     try:
@@ -176,7 +185,9 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
             label = _label(request)
             given = check(request, Request, "", "")
             if len(verbs := VERBS.keys() & request.keys()) != 1:
-                raise InputError("", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}")
+                raise InputError(
+                    "", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}"
+                )
             verb = verbs.pop()
             if "facts" in request and verb not in ("insert", "remove"):
                 raise InputError("", "facts", f"expected them with insert or remove, got {verb}")
@@ -190,25 +201,33 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
 
 
 def _label(request: dict[str, Any]) -> dict[str, Any]:
-    """The ``id`` of a request, taken out of it; an ``InputError`` refuses one that no answer can repeat."""
+    """The ``id`` of a request, taken out of it;
+    an ``InputError`` refuses one that no answer can repeat.
+    """
     if "id" not in request:
         return {}
     label = {"id": request.pop("id")}
     try:
         from_json(to_json(label), allow_inf_nan=False)
     except ValueError as error:  # half of a character, an infinite number, hundreds of nested lists
-        raise InputError("", "id", f"expected a value that JSON holds, got {short(label['id'])}") from error
+        raise InputError(
+            "", "id", f"expected a value that JSON holds, got {short(label['id'])}"
+        ) from error
     return label
 
 
 def log_internal(error: Exception) -> str:
-    """Print the traceback of an unexpected error to standard error; one line that says what it was."""
+    """Print the traceback of an unexpected error to standard error;
+    one line that says what it was.
+    """
     traceback.print_exception(error)
     return f"internal: {type(error).__name__}: {short(str(error))}"
 
 
 def _parsed(line: bytes) -> dict[str, Any]:
-    """A request as an object; InputError for other text, and for a key that stands in an object twice."""
+    """A request as an object; InputError for other text,
+    and for a key that stands in an object twice.
+    """
     try:
         text = line.decode("utf-8-sig")
         request = json.loads(text, object_pairs_hook=_keys_once, parse_constant=_refuse_constant)
@@ -235,7 +254,9 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def take_step(steps: Iterator[Callable[[], object]]) -> bool:
-    """Take the next step of a preparation (``Inserter.preparation``), if any is left; a failure is logged."""
+    """Take the next step of a preparation (``Inserter.preparation``), if any is left;
+    a failure is logged.
+    """
     step = next(steps, None)
     if step is None:
         return False
@@ -247,8 +268,11 @@ def take_step(steps: Iterator[Callable[[], object]]) -> bool:
 
 
 def answer_input(live: LiveEmbedding, steps: Iterator[Callable[[], object]]) -> None:
-    """Answer standard input on standard output, to its end. While no request waits, take the next of the ``steps``."""
-    with open(0, "rb", buffering=0, closefd=False) as requests:  # without a buffer, which ``select`` would not see
+    """Answer standard input on standard output, to its end.
+    While no request waits, take the next of the ``steps``.
+    """
+    # without a buffer, which ``select`` would not see
+    with open(0, "rb", buffering=0, closefd=False) as requests:
         while True:
             while not select([requests], [], [], 0)[0] and take_step(steps):
                 pass
@@ -261,7 +285,8 @@ def answer_input(live: LiveEmbedding, steps: Iterator[Callable[[], object]]) -> 
 async def serve(live: LiveEmbedding, steps: Iterator[Callable[[], object]], socket: Path) -> None:
     """Answer the clients of a Unix socket, a request of each in turn, until SIGTERM or Ctrl-C.
 
-    Only its owner can connect to the socket. An ``InputError`` refuses one that another process serves.
+    Only its owner can connect to the socket. An ``InputError`` refuses one that another process
+    serves.
     """
 
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -300,7 +325,9 @@ _TOO_LONG = to_json({"error": f"request: expected at most {LONGEST:,} bytes in a
 
 
 async def _request(reader: asyncio.StreamReader) -> bytes:
-    """The next line of a client; of one that is too long, the first part, which is too long, too."""
+    """The next line of a client; of one that is too long, the first part,
+    which is too long, too.
+    """
     try:
         return await reader.readuntil(b"\n")
     except asyncio.IncompleteReadError as error:
@@ -323,13 +350,15 @@ def _is_served(socket: Path) -> bool:
 
 
 def _stop_by_signals(loop: asyncio.AbstractEventLoop, stopped: asyncio.Event) -> None:
-    """End the process at once on SIGTERM and Ctrl-C, within a step of the preparation or a request, too.
+    """End the process at once on SIGTERM and Ctrl-C,
+    within a step of the preparation or a request, too.
 
     What such a request has not written to the journal is not done; a part of a line does not count.
     """
 
     def stop(*_: object) -> NoReturn:
-        loop.call_soon_threadsafe(stopped.set)  # where Python ignores exceptions, as in a destructor
+        # where Python ignores exceptions, as in a destructor
+        loop.call_soon_threadsafe(stopped.set)
         raise SystemExit(0)
 
     for number in STOPPING:

@@ -1,8 +1,10 @@
-"""Training of a bundle from a graph: settings are chosen on validation triples, then all triples are trained on.
+"""Training of a bundle from a graph: settings are chosen on validation triples,
+then all triples are trained on.
 
-Loss, negatives and optimizer are the pipeline's, except that weight decay is ``DECAY`` / E (an entity has a share of
-about 1 / E in the mean gradient of a batch; the paper's 0.001 holds rare entities near zero), and that tables start in
-±``INIT_RANGE`` (in ±0.01 the gradients of product models almost vanish).
+Loss, negatives and optimizer are the pipeline's, except that weight decay is ``DECAY`` / E (an
+entity has a share of about 1 / E in the mean gradient of a batch; the paper's 0.001 holds rare
+entities near zero), and that tables start in ±``INIT_RANGE`` (in ±0.01 the gradients of product
+models almost vanish).
 """
 
 from __future__ import annotations
@@ -33,9 +35,24 @@ from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
 from isi.experiment.train import TrainConfig, train_stack
 from isi.graph.files import read_graph
-from isi.graph.graph import HEAD, RELATION, TAIL, Graph, GraphTables, MinedSource, build_graph, build_tables
+from isi.graph.graph import (
+    HEAD,
+    RELATION,
+    TAIL,
+    Graph,
+    GraphTables,
+    MinedSource,
+    build_graph,
+    build_tables,
+)
 from isi.graph.sessions import TEST, TRAIN, VALID, split
-from isi.insertion.arguments import TripleForms, argument, checked_model, column_names, listed_triples
+from isi.insertion.arguments import (
+    TripleForms,
+    argument,
+    checked_model,
+    column_names,
+    listed_triples,
+)
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
@@ -48,26 +65,34 @@ from isi.training.trainer import Training
 
 COMPARED, RATES = ("transe", "complex", "analogy"), (0.1, 0.3)  #: Models and learning rates.
 OPTIONS: dict[str, dict[str, Option]] = {
-    "transe": {"margin": 2.0, "squared": True}, "rotate": {"margin": 4.0, "squared": True}, "transe_l1": {"margin": 8.0}
-}  # fmt: skip
+    "transe": {"margin": 2.0, "squared": True},
+    "rotate": {"margin": 4.0, "squared": True},
+    "transe_l1": {"margin": 8.0},
+}
 DECAY, INIT_RANGE = 0.01, 0.3
 DRAWS = 4  #: Random choices of validation triples; each setting trains a model for each of them.
 LEAST, MOST = 20, 200  #: Epochs of a setting.
 FEWEST = 50  #: Test triples, unless they are over a fifth of all; of a large graph a tenth.
-MOST_HELD_OUT, MOST_SCORES = 1000, 2**25  #: Maximum number of test triples, and this number times E.
-#: On a large graph (not ``is_dense``): maximum number of observations in a batch; negatives of each kind.
+#: Maximum number of test triples, and this number times E.
+MOST_HELD_OUT, MOST_SCORES = 1000, 2**25
+#: On a large graph (not ``is_dense``): maximum number of observations in a batch; negatives of each
+#: kind.
 LARGEST_BATCH, SAMPLED = 1024, 3
-#: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds for each update: they
-#: turn a budget of seconds into one of work, so that the result depends on the arguments alone.
+#: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds
+#: for each update: they turn a budget of seconds into one of work, so that the result depends on
+#: the arguments alone.
 DENSE_RATE, LIST_RATE, OVERHEAD = 1.4e10, 1e8, 5e-4
-#: Two relations repeat each other if they share more than this share of the pairs of either, and this number.
+#: Two relations repeat each other if they share more than this share of the pairs of either, and
+#: this number.
 REPEATED, FEWEST_REPEATED = 0.8, 5
-CLEARLY = 2.0  #: Standard errors by which the reciprocal ranks of a model that has learned exceed others.
+#: Standard errors by which the reciprocal ranks of a model that has learned exceed others.
+CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
 class TrainingSummary:
-    """How a bundle was trained, and filtered MRRs of test triples, which a model with its settings was not trained on.
+    """How a bundle was trained, and filtered MRRs of test triples,
+    which a model with its settings was not trained on.
 
     The bundle itself is trained on all triples. MRRs are None if no triple can leave training.
     """
@@ -84,44 +109,67 @@ class TrainingSummary:
     repeated: list[list[str]]  #: relations that repeat each other; one alone is symmetric
     test_triples: int  #: head and tail of each are queried
     mrr: float | None
-    frequency: float | None  #: of candidates ranked by their number of training triples in the slot of the relation
+    #: of candidates ranked by their number of training triples in the slot of the relation
+    frequency: float | None
     chance: float | None  #: expectation of random ranks
     warning: str | None  #: a sentence
 
     def __str__(self) -> str:
         text = (
-            f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,} entities and"
-            f" {self.relations:,} relations; model {self.model}, learning rate {self.learning_rate:g}, {self.epochs}"
-            f" epochs in batches of {self.batch_size:,}, chosen on validation triples."
+            f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,}"
+            f" entities and {self.relations:,} relations; model {self.model}, learning rate"
+            f" {self.learning_rate:g}, {self.epochs} epochs in batches of {self.batch_size:,},"
+            " chosen on validation triples."
         )
         if self.repeated:
             named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
-            text += f"\nTriples of symmetric, inverse or equal relations ({named}) are split together with those that"
+            text += (
+                f"\nTriples of symmetric, inverse or equal relations ({named}) are "
+                "split together with those that"
+            )
             text += " they repeat."
         if self.mrr is not None:
-            text += f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; of answers by frequency"
-            text += f" {self.frequency:.3f}, at random {self.chance:.3f}. In the end, all triples were trained on."
+            text += (
+                f"\nMRR of {self.test_triples:,} test triples: {self.mrr:.3f}; "
+                "of answers by frequency"
+            )
+            text += (
+                f" {self.frequency:.3f}, at random {self.chance:.3f}. In the end, "
+                "all triples were trained on."
+            )
         return text + f"\nWarning: {self.warning}." * bool(self.warning)
 
 
 def tables_of(triples: TripleForms) -> GraphTables:
-    """The graph of triples of names (forms: ``listed_triples``; a table may have a column ``count``).
+    """The graph of triples of names
+    (forms: ``listed_triples``; a table may have a column ``count``).
 
     InputError for a wrong triple, name or count.
     """
     with argument("triples"):
-        rows = [tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,) for row in listed_triples(triples)]
+        rows = [
+            tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,)
+            for row in listed_triples(triples)
+        ]
         for row, triple in enumerate(rows):
             if len(triple) != len(TRIPLE):
-                raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-        frame = pd.DataFrame(rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object)
+                raise InputError(
+                    "", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}"
+                )
+        frame = pd.DataFrame(
+            rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object
+        )
         check_names(frame, "")
         frame = cleaned(frame)
-        counted: Any = next((name for name in column_names(triples) if str(name).casefold() == COUNT), None)
+        counted: Any = next(
+            (name for name in column_names(triples) if str(name).casefold() == COUNT), None
+        )
         counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
-            raise InputError("", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}")
+            raise InputError(
+                "", "", f"expected 1 to {MOST_OBSERVED:,} observations, got {sum(counts):,}"
+            )
         return build_tables(MinedSource("triples", frame, Naming()(frame, ())))
 
 
@@ -135,7 +183,8 @@ def described(tables: GraphTables, path: Path) -> tuple[GraphTables, str]:
 def with_kinds(
     tables: GraphTables, kinds: Mapping[str, str], phrases: Mapping[str, str] | None = None
 ) -> tuple[GraphTables, str]:
-    """The graph with kinds and phrases by entity (``by_known_name``), and a note of names that have no match.
+    """The graph with kinds and phrases by entity (``by_known_name``),
+    and a note of names that have no match.
 
     All other kinds and phrases stay. InputError if no name matches.
     """
@@ -146,23 +195,34 @@ def with_kinds(
     matched, missing = by_known_name(listed, names)
     if not matched:
         got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
-        raise InputError("", "", f"expected the kind or the phrase of an entity of the graph, got {got}")
+        raise InputError(
+            "", "", f"expected the kind or the phrase of an entity of the graph, got {got}"
+        )
     kind = [new_kinds.get(name, old) for name, old in zip(names, entities["kind"], strict=True)]
-    phrase = [new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)]
+    phrase = [
+        new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)
+    ]
     without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
     note = note_of_kinds(missing, len(listed), without, len(names))
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
 def train(
-    triples: TripleForms | str | Path, *, kinds: Mapping[str, str] | None = None, model: str | None = None,
-    learning_rate: float | None = None, dimension: int = 100, budget: float = 60, seed: int = 0,
-) -> LiveEmbedding:  # fmt: skip
-    """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file that ``isi train`` reads.
+    triples: TripleForms | str | Path,
+    *,
+    kinds: Mapping[str, str] | None = None,
+    model: str | None = None,
+    learning_rate: float | None = None,
+    dimension: int = 100,
+    budget: float = 60,
+    seed: int = 0,
+) -> LiveEmbedding:
+    """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file
+    that ``isi train`` reads.
 
-    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of ``train_bundle``.
-    ``base.manifest.made`` of the result has its measures. Warns if the model has learned nothing, of names in ``kinds``
-    that match no entity, and of entities without a kind.
+    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
+    ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
+    learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
     """
     tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
     if kinds:
@@ -170,7 +230,13 @@ def train(
             tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
         if note:
             warnings.warn(f"kinds: {note}", stacklevel=2)
-    options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget, "seed": seed}
+    options = {
+        "model": model,
+        "learning_rate": learning_rate,
+        "dimension": dimension,
+        "budget": budget,
+        "seed": seed,
+    }
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
     if summary.warning:
         warnings.warn(summary.warning, stacklevel=2)
@@ -179,10 +245,16 @@ def train(
 
 @without_denormals()
 def train_bundle(
-    tables: GraphTables, *, model: str | None = None, learning_rate: float | None = None, dimension: int = 100,
-    budget: float = 60, seed: int = 0,
-) -> tuple[Bundle, TrainingSummary]:  # fmt: skip
-    """Train an embedding of a graph. Equal arguments give equal bytes (with an equal number of PyTorch's threads).
+    tables: GraphTables,
+    *,
+    model: str | None = None,
+    learning_rate: float | None = None,
+    dimension: int = 100,
+    budget: float = 60,
+    seed: int = 0,
+) -> tuple[Bundle, TrainingSummary]:
+    """Train an embedding of a graph. Equal arguments give equal bytes
+    (with an equal number of PyTorch's threads).
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
@@ -195,45 +267,94 @@ def train_bundle(
     Raises:
         InputError: names the wrong argument, or says that training diverged.
     """
-    values = {"learning_rate": (learning_rate, Positive | None), "budget": (budget, Positive), "seed": (seed, Seed)}
+    values = {
+        "learning_rate": (learning_rate, Positive | None),
+        "budget": (budget, Positive),
+        "seed": (seed, Seed),
+    }
     for name, (value, kind) in (values | {"dimension": (dimension, Count)}).items():
         check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
     graph = build_graph(tables.entities, tables.triples)
-    entities, relations, observed = len(graph.entities), len(graph.relations), int(graph.counts.sum())
+    entities, relations, observed = (
+        len(graph.entities),
+        len(graph.relations),
+        int(graph.counts.sum()),
+    )
     dense, cells = is_dense(graph), relations * entities**2
     batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
     updates = observed / batch_size
     listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
-    seconds = updates * OVERHEAD + dimension * (updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE)
+    seconds = updates * OVERHEAD + dimension * (
+        updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
+    )
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
     configs = {
         TrainConfig(
-            seed, checked_model(name, OPTIONS.get(name), dimension), dimension, INIT_RANGE, negatives,
-            Training(batch_size=batch_size, learning_rate=rate, weight_decay=DECAY / entities, max_epochs=LEAST,
-                     evaluate_every=5, patience=4),
+            seed,
+            checked_model(name, OPTIONS.get(name), dimension),
+            dimension,
+            INIT_RANGE,
+            negatives,
+            Training(
+                batch_size=batch_size,
+                learning_rate=rate,
+                weight_decay=DECAY / entities,
+                max_epochs=LEAST,
+                evaluate_every=5,
+                patience=4,
+            ),
         ): name
-        for rate in (RATES if learning_rate is None else (learning_rate,)) for name in ([model] if model else COMPARED)
-    }  # fmt: skip
+        for rate in (RATES if learning_rate is None else (learning_rate,))
+        for name in ([model] if model else COMPARED)
+    }
     repeated = repeated_relations(graph)
     groups = groups_of(graph, repeated)
     splits = held_out(graph, groups, seed, max(1, min(DRAWS, DENSE_LIMIT // cells)))
-    config, epochs = compare(points_of(graph, splits), list(configs), int(budget / seconds / len(splits)))
+    config, epochs = compare(
+        points_of(graph, splits), list(configs), int(budget / seconds / len(splits))
+    )
     tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
-    final = train_final(points_of(graph, np.concatenate([tested, np.zeros_like(tested)])), config, epochs)
-    measures = test_measures(graph, groups, torch.from_numpy(tested), select(final, torch.tensor([0])))
+    final = train_final(
+        points_of(graph, np.concatenate([tested, np.zeros_like(tested)])), config, epochs
+    )
+    measures = test_measures(
+        graph, groups, torch.from_numpy(tested), select(final, torch.tensor([0]))
+    )
     name, rate = configs[config], config.training.learning_rate
-    chosen = entities, relations, len(graph.triples), observed, name, rate, dimension, epochs, batch_size
+    chosen = (
+        entities,
+        relations,
+        len(graph.triples),
+        observed,
+        name,
+        rate,
+        dimension,
+        epochs,
+        batch_size,
+    )
     names = [[graph.relations[relation] for relation in together] for together in repeated]
     summary = TrainingSummary(*chosen, names, **measures)
-    made = {"seed": seed, "weight_decay": DECAY / entities, "init_range": INIT_RANGE, "ratio": ratio, **asdict(summary)}
+    made = {
+        "seed": seed,
+        "weight_decay": DECAY / entities,
+        "init_range": INIT_RANGE,
+        "ratio": ratio,
+        **asdict(summary),
+    }
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
     phrases, triples = list(tables.entities["phrase"].astype(str)), graph.triples.numpy()
     # without the sentence model, a live embedding takes the words of its vocabulary
-    words, source = (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
-    manifest = Manifest(model_name=name, model_options=OPTIONS.get(name, {}), words=source, made=made, inserted=[])
+    words, source = (
+        (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
+    )
+    manifest = Manifest(
+        model_name=name, model_options=OPTIONS.get(name, {}), words=source, made=made, inserted=[]
+    )
     vectors = final.entity[1].numpy(), final.relation[1].numpy()
-    return Bundle(manifest, *vectors, graph.entities, kinds, phrases, graph.relations, triples, words), summary
+    return Bundle(
+        manifest, *vectors, graph.entities, kinds, phrases, graph.relations, triples, words
+    ), summary
 
 
 def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:
@@ -242,27 +363,35 @@ def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:
 
 
 def repeated_relations(graph: Graph) -> list[list[int]]:
-    """Relations that have the same pairs of entities, as they are or swapped; a symmetric one may stand alone.
+    """Relations that have the same pairs of entities, as they are or swapped;
+    a symmetric one may stand alone.
 
-    A model answers triples of the one from triples of the other without any knowledge of the entities.
+    A model answers triples of the one from triples of the other without any knowledge of the
+    entities.
     """
     head, relations, tail = graph.triples.numpy().T
     number = len(graph.entities)
-    pairs = pd.DataFrame({"relation": relations, "pair": head * number + tail, "swapped": tail * number + head})
+    pairs = pd.DataFrame(
+        {"relation": relations, "pair": head * number + tail, "swapped": tail * number + head}
+    )
     pairs = pairs[head != tail]
     sizes = pairs["relation"].value_counts()
     repeats = nx.Graph()
     for column in ("pair", "swapped"):
         both = pairs.merge(pairs, left_on="pair", right_on=column)
         for (relation, other), shared in both[["relation_x", "relation_y"]].value_counts().items():
-            enough = shared >= FEWEST_REPEATED and shared > REPEATED * min(sizes[relation], sizes[other])
+            enough = shared >= FEWEST_REPEATED and shared > REPEATED * min(
+                sizes[relation], sizes[other]
+            )
             if enough and (relation != other or column == "swapped"):
                 repeats.add_edge(relation, other)
     return sorted(map(sorted, nx.connected_components(repeats)))
 
 
 def groups_of(graph: Graph, repeated: Sequence[Sequence[int]]) -> np.ndarray:
-    """The first triple, an id, that has the two entities of each triple and a relation that repeats its own; (T,)."""
+    """The first triple, an id, that has the two entities of each triple and a relation
+    that repeats its own; (T,).
+    """
     head, relation, tail = graph.triples.numpy().T
     together = np.arange(len(graph.relations))
     is_repeated = np.zeros(len(graph.relations), dtype=bool)
@@ -271,13 +400,16 @@ def groups_of(graph: Graph, repeated: Sequence[Sequence[int]]) -> np.ndarray:
         is_repeated[list(relations)] = True
     triples = np.arange(len(relation))
     alone = np.where(is_repeated[relation], -1, triples)
-    keys = np.stack([together[relation], np.minimum(head, tail), np.maximum(head, tail), alone], axis=1)
+    keys = np.stack(
+        [together[relation], np.minimum(head, tail), np.maximum(head, tail), alone], axis=1
+    )
     _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     return first[group.reshape(-1)]
 
 
 def held_out(graph: Graph, groups: np.ndarray, seed: int, draws: int) -> np.ndarray:
-    """Splits, (draws, T), with the same test triples and different validation triples; every name is in train.
+    """Splits, (draws, T), with the same test triples and different validation triples;
+    every name is in train.
 
     Triples of a group, (T,), have the same split.
     """
@@ -291,9 +423,17 @@ def held_out(graph: Graph, groups: np.ndarray, seed: int, draws: int) -> np.ndar
 
 
 def split_groups(
-    graph: Graph, groups: np.ndarray, triples: np.ndarray, root: int, seed: int, valid: float, test: float
+    graph: Graph,
+    groups: np.ndarray,
+    triples: np.ndarray,
+    root: int,
+    seed: int,
+    valid: float,
+    test: float,
 ) -> np.ndarray:
-    """``split`` of some triples, ids (N,), in which those of a group have the same split; (N,), int8."""
+    """``split`` of some triples, ids (N,), in which those of a group have
+    the same split; (N,), int8.
+    """
     wholes, group = np.unique(groups[triples], return_inverse=True)
     splits = split(graph.part(wholes), root, seed, valid, test)[group]
     relation = graph.triples[:, RELATION].numpy()[triples]
@@ -302,14 +442,22 @@ def split_groups(
     return splits
 
 
-def compare(points: GridPoints, configs: Sequence[TrainConfig], affordable: int) -> tuple[TrainConfig, int]:
-    """The best configuration by MRR* of the ends of validation triples, and its epochs; the first without such triples.
+def compare(
+    points: GridPoints, configs: Sequence[TrainConfig], affordable: int
+) -> tuple[TrainConfig, int]:
+    """The best configuration by MRR* of the ends of validation triples, and its epochs;
+    the first without such triples.
 
-    ``affordable``: number of epochs in all; limits the configurations that are compared, and their epochs.
+    ``affordable``: number of epochs in all; limits the configurations that are compared, and their
+    epochs.
     """
     if not (points.splits == VALID).any():
         return configs[0], LEAST
-    compared, failed, tried = configs[: max(1, affordable // LEAST)], None, list[tuple[float, TrainConfig, int]]()
+    compared, failed, tried = (
+        configs[: max(1, affordable // LEAST)],
+        None,
+        list[tuple[float, TrainConfig, int]](),
+    )
     epochs = min(MOST, max(LEAST, affordable // len(compared)))
     for config in tqdm(compared, "settings", leave=False, disable=None):
         training = config.training.model_copy(update={"max_epochs": epochs})
@@ -317,7 +465,9 @@ def compare(points: GridPoints, configs: Sequence[TrainConfig], affordable: int)
             log = train_stack(points, replace(config, training=training)).log
             by_draw = log.pivot(index="epoch", columns="seed", values="mrr_star_entity")
             curve = by_draw.ffill().mean(axis=1)  # some draws stop earlier
-            tried.append((curve.max(), config, int(curve.index.to_numpy()[curve.to_numpy().argmax()])))
+            tried.append(
+                (curve.max(), config, int(curve.index.to_numpy()[curve.to_numpy().argmax()]))
+            )
         except NotFinite as error:
             failed = error
     if failed and not tried:
@@ -325,14 +475,19 @@ def compare(points: GridPoints, configs: Sequence[TrainConfig], affordable: int)
     return max(tried, key=itemgetter(0))[1:]
 
 
-def test_measures(graph: Graph, groups: np.ndarray, splits: Tensor, theta: Embedding) -> dict[str, Any]:
+def test_measures(
+    graph: Graph, groups: np.ndarray, splits: Tensor, theta: Embedding
+) -> dict[str, Any]:
     """The last fields of a ``TrainingSummary``, for an embedding trained on splits, (1, T).
 
     Triples of a group, (T,), count as one where errors are estimated.
     """
     names, number = ("mrr", "frequency", "chance"), int((splits == TEST).sum())
     if not number:
-        nothing = "no triple can leave training, since each entity and relation needs one: quality is unknown"
+        nothing = (
+            "no triple can leave training, since each entity and relation needs one: "
+            "quality is unknown"
+        )
         return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
     queries = queries_of(graph, padded_ids(splits == TEST))
     learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
@@ -344,19 +499,28 @@ def test_measures(graph: Graph, groups: np.ndarray, splits: Tensor, theta: Embed
     gains = torch.stack([learned - other for other in others])
     independent = gains.shape[1] * len(np.unique(groups[splits[0] == TEST])) / number
     clear = bool((gains.mean(1) > CLEARLY * gains.std(1) / independent**0.5).all())
-    nothing = "the model has learned nothing that shows: it ranks answers about as their frequency or chance does"
+    nothing = (
+        "the model has learned nothing that shows: it ranks answers about as "
+        "their frequency or chance does"
+    )
     return {"test_triples": number, **measures, "warning": None if clear else nothing}
 
 
 def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
-    """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E); one number for each query."""
+    """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E);
+    one number for each query.
+    """
     answers = scores.gather(-1, queries.answers[..., None])[..., 0]
     return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
 
 
 def frequencies(graph: Graph, trained: Tensor, queries: Queried) -> Tensor:
-    """Each entity's number of triples in a mask, (T,), in the slot and relation of each query; shape (2, M, Q, E)."""
+    """Each entity's number of triples in a mask, (T,), in the slot and relation of each query;
+    shape (2, M, Q, E).
+    """
     numbers = torch.zeros(2, len(graph.relations), len(graph.entities))
     for number, slot in zip(numbers, (HEAD, TAIL), strict=True):
-        number.index_put_(tuple(graph.triples[trained][:, [RELATION, slot]].T), torch.ones(()), accumulate=True)
+        number.index_put_(
+            tuple(graph.triples[trained][:, [RELATION, slot]].T), torch.ones(()), accumulate=True
+        )
     return numbers[:, queries.triples[..., RELATION]]

@@ -1,4 +1,6 @@
-"""The command ``isi``: parses the command line, imports only the module of the chosen command, and runs it."""
+"""The command ``isi``: parses the command line, imports only the module of the chosen command,
+and runs it.
+"""
 
 import json
 import sys
@@ -19,19 +21,34 @@ MOST = 200  #: Longest message about the command line, in characters.
 #: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
     "train": ("train:train", "Train an embedding of your own triples or scenes."),
-    "insert": ("entity:insert", "Insert new entities by their facts and words, and report predictions about them."),
+    "insert": (
+        "entity:insert",
+        "Insert new entities by their facts and words, and report predictions about them.",
+    ),
     "observe": ("entity:observe", "Add facts of known or inserted entities."),
     "move": ("entity:move", "Replace facts by one: what was moved is in one place."),
     "remove": ("entity:remove", "Take inserted entities or facts back."),
     "undo": ("entity:undo", "Take the last change back."),
     "compact": ("entity:compact", "Leave out of the journal what later changes have taken back."),
     "history": ("entity:history", "List all changes since training."),
-    "ask": ("entity:ask", "Rank the answers to (HEAD, RELATION, ?), (?, RELATION, TAIL) or (HEAD, ?, TAIL)."),
+    "ask": (
+        "entity:ask",
+        "Rank the answers to (HEAD, RELATION, ?), (?, RELATION, TAIL) or (HEAD, ?, TAIL).",
+    ),
     "nearest": ("entity:nearest", "List the entities with the most similar vectors, by cosine."),
-    "explain": ("entity:explain", "Explain an insertion: repeat it without each part of its input."),
-    "interference": ("entity:interference", "Measure how far inserted entities push known answers down."),
+    "explain": (
+        "entity:explain",
+        "Explain an insertion: repeat it without each part of its input.",
+    ),
+    "interference": (
+        "entity:interference",
+        "Measure how far inserted entities push known answers down.",
+    ),
     "live": ("live:live", "Read facts and questions as JSON lines, and answer them at once."),
-    "import": ("import_:import_", "Convert an embedding that another tool has trained into a bundle."),
+    "import": (
+        "import_:import_",
+        "Convert an embedding that another tool has trained into a bundle.",
+    ),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
     "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
     "check": ("check:check", "Check the pipelines' files under data/."),
@@ -39,7 +56,9 @@ COMMANDS = {
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
-    """Parse texts ``KEY=VALUE`` into YAML values by key. A ``ValueError`` refuses other text and a repeated key."""
+    """Parse texts ``KEY=VALUE`` into YAML values by key.
+    A ``ValueError`` refuses other text and a repeated key.
+    """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -50,7 +69,15 @@ def settings(texts: Sequence[str]) -> dict[str, Any]:
             raise ValueError(f"expected KEY=VALUE, each key once, got {short(text)}")
         try:
             values[key] = YAML(typ="safe", pure=True).load(value)
-        except (YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # by a tag
+        # by a tag
+        except (
+            YAMLError,
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            RecursionError,
+        ) as error:
             raise ValueError(f"expected KEY=VALUE, the value in YAML, got {short(text)}") from error
     return values
 
@@ -62,22 +89,35 @@ def _check_folder(_: object, path: Path | None) -> None:
 
 FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 #: Parameters that several commands have.
-Embedding = Annotated[Path, Parameter(help="folder of a bundle, written by --out, isi import or the pipeline")]
-Top = Annotated[int, Parameter(validator=FROM_ONE, help="maximum number of answers per query, or neighbours")]
+Embedding = Annotated[
+    Path, Parameter(help="folder of a bundle, written by --out, isi import or the pipeline")
+]
+Top = Annotated[
+    int, Parameter(validator=FROM_ONE, help="maximum number of answers per query, or neighbours")
+]
 Json = Annotated[bool, Parameter(help="print JSON, for programs")]
-Settings = Annotated[tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)]
+Settings = Annotated[
+    tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)
+]
 NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]
-Out = Annotated[Path | None, Parameter(validator=_check_folder, help="folder for the enlarged bundle")]
+Out = Annotated[
+    Path | None, Parameter(validator=_check_folder, help="folder for the enlarged bundle")
+]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command. An error prints one line; the exit status is 2 if the command line cannot be parsed, else 1."""
+    """Run a command. An error prints one line;
+    the exit status is 2 if the command line cannot be parsed, else 1.
+    """
     with errors_in_one_line("isi"):
         tokens = list(sys.argv[1:] if argv is None else argv)
         app = App(
-            name="isi", help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
-            help_formatter="plain", version_flags=[], default_parameter=Parameter(negative=()),
-        )  # fmt: skip
+            name="isi",
+            help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
+            help_formatter="plain",
+            version_flags=[],
+            default_parameter=Parameter(negative=()),
+        )
         for command, (function, about) in COMMANDS.items():
             app.command(f"{__name__}.{function}", name=command, help=about)
         name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
@@ -90,7 +130,8 @@ def main(argv: Sequence[str] | None = None) -> None:
                 message = " ".join(str(error).split())
                 if isinstance(error, UnusedCliTokensError):
                     message += " A name of several words stands in quotes."
-                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
+                # it repeats a value
+                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:
                     message = f"{error.argument.name}: {error.exception_message}"
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)
@@ -103,7 +144,9 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
 
 
 def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """Format an answer as text, a line per key. Mappings are indented; a list of flat mappings becomes a table."""
+    """Format an answer as text, a line per key. Mappings are indented;
+    a list of flat mappings becomes a table.
+    """
     from tabulate import tabulate  # type: ignore[import-untyped]
 
     for key, value in answer.items():
@@ -113,10 +156,15 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             yield from (label, *lines(value, inner))
         elif not (rows and isinstance(rows[0], Mapping)):
             yield f"{label} {text_of(value)}"
-        elif any(isinstance(cell, list) and cell[:1] and isinstance(cell[0], Mapping) for cell in rows[0].values()):
+        elif any(
+            isinstance(cell, list) and cell[:1] and isinstance(cell[0], Mapping)
+            for cell in rows[0].values()
+        ):
             yield from (label, *(line for row in rows for line in lines(row, inner)))
         else:
-            names = [name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)]
+            names = [
+                name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)
+            ]
             cells = [
                 [name.replace("_", " ") for name in names],
                 *([text_of(row[name]) for name in names] for row in rows),
@@ -126,7 +174,9 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def text_of(value: Any) -> str:
-    """Format a value for a line of text: floats with 3 digits, None as a dash, a tuple (a triple) with spaces."""
+    """Format a value for a line of text: floats with 3 digits, None as a dash,
+    a tuple (a triple) with spaces.
+    """
     match value:
         case tuple():
             return " ".join(map(str, value))
@@ -139,7 +189,9 @@ def text_of(value: Any) -> str:
 
 @contextmanager
 def flags(**places: object) -> Iterator[None]:
-    """In an ``InputError``, replace the library's argument by the option or file in ``places`` that the user typed."""
+    """In an ``InputError``, replace the library's argument by the option or file in
+    ``places`` that the user typed.
+    """
     try:
         yield
     except InputError as error:

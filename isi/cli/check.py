@@ -1,4 +1,6 @@
-"""``isi check``: checks each table and tensor file under data/ by its declared rules and against the others."""
+"""``isi check``: checks each table and tensor file under data/ by its declared
+rules and against the others.
+"""
 
 import pkgutil
 import sys
@@ -29,7 +31,9 @@ ALL = 10**9  #: Maximum number of models in a stack: one stack holds all seeds o
 
 
 def check() -> None:
-    """Print a line per problem, then a summary. Exit with status 1 for any problem; InputError without valid params."""
+    """Print a line per problem, then a summary. Exit with status 1 for any problem;
+    InputError without valid params.
+    """
     number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"
@@ -56,13 +60,19 @@ def check_data(params: Params) -> tuple[int, list[str]]:
         except InputError as error:
             problems.append(error)
 
-    data = (path for path in sorted(paths.DATA.rglob("*")) if path.is_file() and not path.is_relative_to(paths.RAW))
+    data = (
+        path
+        for path in sorted(paths.DATA.rglob("*"))
+        if path.is_file() and not path.is_relative_to(paths.RAW)
+    )
     files = [path for path in data if any(makers(path))]
     for path, file in product(files, catalogue()):
         if (names := file.names_in(path)) is not None:
             attempt(file.read_file, path)
             experiments[names.get("experiment", "")].append((path, file, names))
-    for folder in sorted({path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}):
+    for folder in sorted(
+        {path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}
+    ):
         attempt(bundles.read, folder)
     for experiment, listed in experiments.items():
         if {ENTITIES, TRIPLES} <= {file for _, file, _ in listed}:
@@ -70,7 +80,9 @@ def check_data(params: Params) -> tuple[int, list[str]]:
     return len(files), list(dict.fromkeys(map(str, problems)))
 
 
-def _check_agreement(store: Store, listed: list[Declared], params: Params, attempt: Callable[..., None]) -> None:
+def _check_agreement(
+    store: Store, listed: list[Declared], params: Params, attempt: Callable[..., None]
+) -> None:
     """Check that the files of one experiment agree, as far as its stages have run."""
     attempt(store.graph)
     stacks = list[GridPoints]()
@@ -96,7 +108,12 @@ def _check_entities(store: Store, path: Path, file: DataFile) -> None:
 
 
 def _check_stack(
-    store: Store, path: Path, file: DataFile, names: Mapping[str, str], points: GridPoints, params: Params
+    store: Store,
+    path: Path,
+    file: DataFile,
+    names: Mapping[str, str],
+    points: GridPoints,
+    params: Params,
 ) -> None:
     """Check the part of a file that belongs to a stack of grid points."""
     if file is THETA0 and int(names["size"]) == points.size:
@@ -106,5 +123,6 @@ def _check_stack(
             store.joint(points, params.model_of(), session)
     elif file is RUNS and names["model"] == "joint":
         joint_targets(RUNS.read_file(path), points)
-    elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # else it did not run
+    # else it did not run
+    elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):
         store.initial_vectors(names["initializer"], points)

@@ -1,7 +1,8 @@
-"""Commands about entities of a bundle, one for each verb of ``LiveEmbedding``: insert, observe, remove, undo, ask, ...
+"""Commands about entities of a bundle, one for each verb of ``LiveEmbedding``:
+insert, observe, remove, undo, ask, ...
 
-A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An ``InputError`` refuses a
-broken bundle or an unknown name.
+A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An
+``InputError`` refuses a broken bundle or an unknown name.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
 Fact = Annotated[
-    tuple[tuple[str, str, str], ...], Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat")
+    tuple[tuple[str, str, str], ...],
+    Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat"),
 ]
 Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
 DryRun = Annotated[bool, Parameter(help="print the effect and write nothing")]
@@ -39,34 +41,65 @@ Source = Annotated[str | None, Parameter(help="what reported it, for the history
 
 
 def insert(
-    name: str | None = None, *,
-    fact: Annotated[tuple[tuple[str, str], ...], Parameter(help="RELATION ENTITY: a fact about NAME")] = (),
+    name: str | None = None,
+    *,
+    fact: Annotated[
+        tuple[tuple[str, str], ...], Parameter(help="RELATION ENTITY: a fact about NAME")
+    ] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
     from_: Annotated[
-        tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: insert what is new, count what is known")
+        tuple[Path, ...],
+        Parameter(
+            name="--from", help="triples, scenes, ...: insert what is new, count what is known"
+        ),
     ] = (),
-    definition: Annotated[str | None, Parameter(help="definition in a sentence, for the word vector")] = None,
-    kind: Annotated[str | None, Parameter(help="default: the kind that the facts, else the words suggest")] = None,
+    definition: Annotated[
+        str | None, Parameter(help="definition in a sentence, for the word vector")
+    ] = None,
+    kind: Annotated[
+        str | None, Parameter(help="default: the kind that the facts, else the words suggest")
+    ] = None,
     new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False,
-    upsert: Annotated[bool, Parameter(help="if NAME is known already, add the facts alone")] = False,
-    initializer: Annotated[str | None, Parameter(help="default: the best for hidden known entities")] = None,
+    upsert: Annotated[
+        bool, Parameter(help="if NAME is known already, add the facts alone")
+    ] = False,
+    initializer: Annotated[
+        str | None, Parameter(help="default: the best for hidden known entities")
+    ] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
-    vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
+    vectors: Annotated[
+        Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")
+    ] = None,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")] = 0,
     source: Source = None,
-    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, top: Top = 5, verbose: Verbose = False,
+    out: Out = None,
+    dry_run: DryRun = False,
+    embedding: Embedding = DEFAULT,
+    top: Top = 5,
+    verbose: Verbose = False,
     json: Json = False,
-) -> None:  # fmt: skip
-    """Insert an entity, or what is new in files, and report what the embedding predicts about it."""
+) -> None:
+    """Insert an entity, or what is new in files,
+    and report what the embedding predicts about it.
+    """
     if (name is None) == (not from_) or (from_ and (fact or inverse_fact or definition or kind)):
         raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
     options = _options_in_params(initializer) | settings(set)
-    request = {"initializer": initializer, "options": options, "seed": seed, "new": new, "source": source}
-    with changing(embedding, out, dry_run, vectors, json) as live, flags(initializer="--initializer", options="--set"):
+    request = {
+        "initializer": initializer,
+        "options": options,
+        "seed": seed,
+        "new": new,
+        "source": source,
+    }
+    with (
+        changing(embedding, out, dry_run, vectors, json) as live,
+        flags(initializer="--initializer", options="--set"),
+    ):
         if name is None:
             names, facts, kinds = _from_files(live, from_)
             effect = live.insert(names, facts, kind=kinds, **request)  # type: ignore[arg-type]
@@ -89,11 +122,18 @@ def insert(
 
 
 def observe(
-    fact: Fact = (), *,
-    new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False, source: Source = None,
-    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False,
-) -> None:  # fmt: skip
-    """Add facts of known or inserted entities; inserted ones get a new vector from all their facts."""
+    fact: Fact = (),
+    *,
+    new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False,
+    source: Source = None,
+    out: Out = None,
+    dry_run: DryRun = False,
+    embedding: Embedding = DEFAULT,
+    json: Json = False,
+) -> None:
+    """Add facts of known or inserted entities;
+    inserted ones get a new vector from all their facts.
+    """
     with changing(embedding, out, dry_run, json=json) as live:
         summary(live, live.observe(list(fact), upsert=new, source=source), json)
 
@@ -101,26 +141,42 @@ def observe(
 def move(
     head: Annotated[str, Parameter(help="head of the fact")],
     relation: Annotated[str, Parameter(help="relation of the fact")],
-    tail: Annotated[str, Parameter(help="its new tail")], *,
-    instead_of: Annotated[str | None, Parameter(help="replace the fact with this tail alone; default: all")] = None,
+    tail: Annotated[str, Parameter(help="its new tail")],
+    *,
+    instead_of: Annotated[
+        str | None, Parameter(help="replace the fact with this tail alone; default: all")
+    ] = None,
     source: Source = None,
-    out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False,
-) -> None:  # fmt: skip
+    out: Out = None,
+    dry_run: DryRun = False,
+    embedding: Embedding = DEFAULT,
+    json: Json = False,
+) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
     with changing(embedding, out, dry_run, json=json) as live:
         summary(live, live.move(head, relation, tail, instead_of=instead_of, source=source), json)
 
 
 def remove(
-    entity: tuple[str, ...] = (), *, fact: Fact = (), source: Source = None, out: Out = None, dry_run: DryRun = False,
-    embedding: Embedding = DEFAULT, json: Json = False,
-) -> None:  # fmt: skip
-    """Take back inserted entities with all their facts, or single facts, those of training included."""
+    entity: tuple[str, ...] = (),
+    *,
+    fact: Fact = (),
+    source: Source = None,
+    out: Out = None,
+    dry_run: DryRun = False,
+    embedding: Embedding = DEFAULT,
+    json: Json = False,
+) -> None:
+    """Take back inserted entities with all their facts, or single facts,
+    those of training included.
+    """
     with changing(embedding, out, dry_run, json=json) as live:
         summary(live, live.remove(list(entity), list(fact), source=source), json)
 
 
-def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False) -> None:
+def undo(
+    *, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False
+) -> None:
     """Take the last change back; the next time, the one before."""
     with changing(embedding, out, dry_run, json=json) as live:
         summary(live, live.undo(), json)
@@ -129,7 +185,9 @@ def undo(*, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEF
 def compact(*, embedding: Embedding = DEFAULT) -> None:
     """Leave out of the journal what later changes have taken back; the state stays."""
     if embedding.resolve().is_relative_to(paths.FINAL_MODELS.resolve()):
-        raise InputError(embedding, "", "expected a folder of your own: the pipeline writes this one")
+        raise InputError(
+            embedding, "", "expected a folder of your own: the pipeline writes this one"
+        )
     with open_folder(embedding, journal=True) as live:
         gone = live.compact()
         print(f"changes left out of the journal: {gone:,}; {len(live.changes):,} are left")
@@ -155,9 +213,12 @@ def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
 
 
 def interference(
-    entity: Annotated[tuple[str, ...], Parameter(help="inserted entities; default: all")] = (), *,
-    embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
-) -> None:  # fmt: skip
+    entity: Annotated[tuple[str, ...], Parameter(help="inserted entities; default: all")] = (),
+    *,
+    embedding: Embedding = DEFAULT,
+    top: Top = 5,
+    json: Json = False,
+) -> None:
     """Measure how far inserted entities push known answers down."""
     live = open_folder(embedding)
     measured = live.interference(entity, show=top)
@@ -169,13 +230,21 @@ def interference(
 def ask(
     head: Annotated[str | None, Parameter(help="head of the query")] = None,
     relation: Annotated[str | None, Parameter(help="relation of the query")] = None,
-    tail: Annotated[str | None, Parameter(help="tail of the query")] = None, *,
+    tail: Annotated[str | None, Parameter(help="tail of the query")] = None,
+    *,
     from_: Annotated[
-        Path | None, Parameter(name="--from", help="table of queries: head, relation, tail; ? is what is asked for")
+        Path | None,
+        Parameter(
+            name="--from", help="table of queries: head, relation, tail; ? is what is asked for"
+        ),
     ] = None,
-    embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
-) -> None:  # fmt: skip
-    """Rank the answers of a query with one part missing: tail, head (--tail) or relation (HEAD --tail TAIL)."""
+    embedding: Embedding = DEFAULT,
+    top: Top = 10,
+    json: Json = False,
+) -> None:
+    """Rank the answers of a query with one part missing:
+    tail, head (--tail) or relation (HEAD --tail TAIL).
+    """
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
     live = open_folder(embedding)
@@ -192,12 +261,16 @@ def ask(
         show(rows[0] if from_ is None else {"results": rows}, True)
         return
     for answers in ranked:
-        print(" ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses"))
+        print(
+            " ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses")
+        )
         print(*(f"  {line}" for line in map(_with_mark, answers.answers)), sep="\n")
 
 
 def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, str | None]]]:
-    """The line and the query of each row of a table; None is what is asked for, ``?`` or an empty field."""
+    """The line and the query of each row of a table;
+    None is what is asked for, ``?`` or an empty field.
+    """
     from isi.sources.readers import read_table
     from isi.sources.triples import TRIPLE
 
@@ -208,39 +281,64 @@ def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, st
 
 
 def nearest(
-    entity: Annotated[str, Parameter(help="entity whose nearest neighbours are listed")], *,
-    embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
-) -> None:  # fmt: skip
+    entity: Annotated[str, Parameter(help="entity whose nearest neighbours are listed")],
+    *,
+    embedding: Embedding = DEFAULT,
+    top: Top = 10,
+    json: Json = False,
+) -> None:
     """List the other entities by the cosine of their vectors with the entity's."""
     live = open_folder(embedding)
     with flags(entity="ENTITY"):
         neighbours = live.nearest(entity, top)
     kinds = dict(zip(live.now.entity_names, live.now.kinds, strict=True))
-    rows = [{"entity": name, "kind": kinds[name] or None, "cosine": cosine} for name, cosine in neighbours]
+    rows = [
+        {"entity": name, "kind": kinds[name] or None, "cosine": cosine}
+        for name, cosine in neighbours
+    ]
     show({"entity": entity, "nearest": rows}, json)
 
 
 def explain(
-    entity: Annotated[str, Parameter(help="an inserted entity")], *,
-    embedding: Embedding = DEFAULT, top: Top = 5, verbose: Verbose = False, json: Json = False,
-) -> None:  # fmt: skip
-    """Explain an insertion: its indicators, and the effect of each fact, of the words and of each indicator."""
+    entity: Annotated[str, Parameter(help="an inserted entity")],
+    *,
+    embedding: Embedding = DEFAULT,
+    top: Top = 5,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Explain an insertion: its indicators, and the effect of each fact,
+    of the words and of each indicator.
+    """
     live = open_folder(embedding)
     with flags(entity="ENTITY"):
         explanation = live.explain(entity, top)
-    show(asdict(explanation), True) if json else print(*why_in_words(explanation, verbose), sep="\n")
+    show(asdict(explanation), True) if json else print(
+        *why_in_words(explanation, verbose), sep="\n"
+    )
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
     """The report of an insertion as sentences, the most important first."""
     most = None if verbose else FEW
     kind = f" as {report.kind}" if report.kind else ""
-    yield f"{report.entity} is inserted{kind}; most like {_joined([each.entity for each in report.indicators[:3]])}"
-    for answers in [each for each in report.answers if verbose or each.sure or each.query[0] == report.entity][:most]:
+    yield (
+        f"{report.entity} is inserted{kind}; most like "
+        f"{_joined([each.entity for each in report.indicators[:3]])}"
+    )
+    for answers in [
+        each for each in report.answers if verbose or each.sure or each.query[0] == report.entity
+    ][:most]:
         best = ", ".join(map(_with_mark, answers.answers if answers.sure else answers.answers[:1]))
-        yield f"  {' '.join(answers.query)}: {best if answers.sure else f'I do not know; the best guess is {best}'}"
+        yield (
+            f"  {' '.join(answers.query)}: "
+            f"{best if answers.sure else f'I do not know; the best guess is {best}'}"
+        )
     if report.unsupported:
-        listed = (f"{' '.join(triple)} ({_percent(likely)})" for triple, likely in report.unsupported[:most])
+        listed = (
+            f"{' '.join(triple)} ({_percent(likely)})"
+            for triple, likely in report.unsupported[:most]
+        )
         yield f"predicted without support of a similar entity: {'; '.join(listed)}"
     yield from mrr_in_words(report.interference_of_all)
     yield from report.notes[:most]
@@ -256,11 +354,16 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
     yield f"{explanation.entity}: {kind}, inserted by {explanation.initializer} ({explanation.why})"
     yield "facts: " + ("; ".join(map(" ".join, explanation.facts)) or "none")
     yield "most like " + _joined([each.entity for each in explanation.indicators[:most]])
-    for piece in [each for each in explanation.without if verbose or each.changes or each.moved is None][:most]:
+    for piece in [
+        each for each in explanation.without if verbose or each.changes or each.moved is None
+    ][:most]:
         if piece.moved is None:
             yield f"without the {piece.left_out} {piece.what}: nothing is left to insert it from"
             continue
-        yield f"without the {piece.left_out} {piece.what}: the vector moves by {piece.moved:.0%} of its length"
+        yield (
+            f"without the {piece.left_out} {piece.what}: the vector moves by "
+            f"{piece.moved:.0%} of its length"
+        )
         for query, lost, added in piece.changes[: most and 2]:
             yield f"  {' '.join(query)}: {_joined(added)} instead of {_joined(lost)}"
     yield from explanation.notes[:most]
@@ -289,13 +392,22 @@ def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
 
 def mrr_in_words(of_all: Interference | None) -> Iterator[str]:
     if of_all:
-        yield f"MRR of known triples: {of_all.h_old:.3f} before all insertions, {of_all.h_cur:.3f} now"
+        yield (
+            f"MRR of known triples: {of_all.h_old:.3f} before all insertions, "
+            f"{of_all.h_cur:.3f} now"
+        )
 
 
 def _options_in_params(initializer: str | None) -> dict[str, Any]:
-    """The options of an initializer under ``initializers`` in ``params.yaml``; empty outside a project's folder."""
+    """The options of an initializer under ``initializers`` in ``params.yaml``;
+    empty outside a project's folder.
+    """
     values = read(paths.PARAMS) if initializer and paths.PARAMS.exists() else {}
-    return check(value_of(values, f"initializers.{initializer}") or {}, dict[str, Any], f"initializers.{initializer}")
+    return check(
+        value_of(values, f"initializers.{initializer}") or {},
+        dict[str, Any],
+        f"initializers.{initializer}",
+    )
 
 
 def _with_mark(best: Answer) -> str:
@@ -311,7 +423,9 @@ def _joined(names: Sequence[str]) -> str:
     return ", ".join(names) or "nothing"
 
 
-def _from_files(live: LiveEmbedding, files: Sequence[Path]) -> tuple[list[str], list[list[str]], dict[str, str]]:
+def _from_files(
+    live: LiveEmbedding, files: Sequence[Path]
+) -> tuple[list[str], list[list[str]], dict[str, str]]:
     """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
     from isi.bundle.names import same_name
     from isi.graph.files import read_graph
@@ -319,7 +433,9 @@ def _from_files(live: LiveEmbedding, files: Sequence[Path]) -> tuple[list[str], 
     tables, _ = read_graph(files)
     kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    names = [name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)]
+    names = [
+        name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)
+    ]
     return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
 
 
@@ -327,13 +443,25 @@ def _from_files(live: LiveEmbedding, files: Sequence[Path]) -> tuple[list[str], 
 def changing(
     path: Path, out: Path | None, dry_run: bool, vectors: Path | None = None, json: bool = False
 ) -> Iterator[LiveEmbedding]:
-    """Open a bundle for a change; then write it to ``out``, or to its own folder unless the pipeline wrote this."""
+    """Open a bundle for a change; then write it to ``out``,
+    or to its own folder unless the pipeline wrote this.
+    """
     pipeline = paths.FINAL_MODELS.resolve()
     if out and out.resolve().is_relative_to(pipeline):
-        raise InputError("--out", "", f"expected a folder outside of {paths.FINAL_MODELS}, which the pipeline writes")
-    in_place = not (dry_run or path.resolve().is_relative_to(pipeline) or (out and out.resolve() != path.resolve()))
+        raise InputError(
+            "--out",
+            "",
+            f"expected a folder outside of {paths.FINAL_MODELS}, which the pipeline writes",
+        )
+    in_place = not (
+        dry_run
+        or path.resolve().is_relative_to(pipeline)
+        or (out and out.resolve() != path.resolve())
+    )
     if vectors and in_place:
-        raise InputError("--vectors", "", "expected --out FOLDER: the vectors of all entities' names change")
+        raise InputError(
+            "--vectors", "", "expected --out FOLDER: the vectors of all entities' names change"
+        )
     printed = StringIO()  # a command that cannot write prints no result
     with open_folder(path, vectors, journal=in_place) as live, redirect_stdout(printed):
         before = len(live.changes)
@@ -352,14 +480,19 @@ def _existing(path: Path) -> Path:
     if path == DEFAULT and not path.exists():
         here = "not trained yet: run `dvc repro train_final`"
         away = f"no such folder in {Path.cwd()}: run this in the folder of the project"
-        raise InputError(path, "", f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR")
+        raise InputError(
+            path,
+            "",
+            f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR",
+        )
     return path
 
 
 def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) -> LiveEmbedding:
     """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
     _existing(path)
-    gc.disable()  # what is imported stays: without the collector, the imports and the end take 0.2 s less
+    # what is imported stays: without the collector, the imports and the end take 0.2 s less
+    gc.disable()
     import torch
 
     from isi.bundle.live import open_live

@@ -1,4 +1,6 @@
-"""``isi export``: writes the graph of an experiment or a bundle, and predicted triples, for other tools."""
+"""``isi export``: writes the graph of an experiment or a bundle, and predicted triples,
+for other tools.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,16 @@ from isi.config import check, value_of
 from isi.errors import InputError, extra, suggestion
 from isi.experiment.agreement import has_shape
 from isi.experiment.store import JOINT, Store
-from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
+from isi.graph.graph import (
+    ENTITIES,
+    GRAPH_ENTITIES,
+    GRAPH_TRIPLES,
+    HEAD,
+    RELATION,
+    TAIL,
+    TRIPLES,
+    Graph,
+)
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
 from isi.sources.names import ENTITY
@@ -52,18 +63,39 @@ def _check_name(_: object, name: str | None) -> None:
 
 
 def export(
-    experiment: Annotated[str | None, Parameter(
-        validator=_check_name, help="an experiment of params.yaml, or a graph of beyond/params.yaml")] = None, *,
-    format: Annotated[Literal[
-        "graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="output format")],
+    experiment: Annotated[
+        str | None,
+        Parameter(
+            validator=_check_name,
+            help="an experiment of params.yaml, or a graph of beyond/params.yaml",
+        ),
+    ] = None,
+    *,
+    format: Annotated[
+        Literal["graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"],
+        Parameter(help="output format"),
+    ],
     out: Annotated[Path, Parameter(help="file to write; for property-csv, a folder")],
-    embedding: Annotated[Path | None, Parameter(help="folder of a bundle, instead of EXPERIMENT")] = None,
-    predictions: Annotated[int, Parameter(
-        validator=FROM_ZERO, help="predicted tails per head and relation, known triples excluded")] = 0,
-    seed: Annotated[int | None, Parameter(
-        validator=FROM_ZERO, help="seed of the joint model that predicts; default: the first")] = None,
-    labels: Annotated[bool, Parameter(help="in RDF, also write kinds and phrases of entities")] = False,
-) -> None:  # fmt: skip
+    embedding: Annotated[
+        Path | None, Parameter(help="folder of a bundle, instead of EXPERIMENT")
+    ] = None,
+    predictions: Annotated[
+        int,
+        Parameter(
+            validator=FROM_ZERO,
+            help="predicted tails per head and relation, known triples excluded",
+        ),
+    ] = 0,
+    seed: Annotated[
+        int | None,
+        Parameter(
+            validator=FROM_ZERO, help="seed of the joint model that predicts; default: the first"
+        ),
+    ] = None,
+    labels: Annotated[
+        bool, Parameter(help="in RDF, also write kinds and phrases of entities")
+    ] = False,
+) -> None:
     """Read a graph, predict triples if requested, and write both."""
     if out.suffix == ".gz":
         raise InputError(out, "", "expected a name without .gz: the output is not compressed")
@@ -71,7 +103,11 @@ def export(
         raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
     if seed is not None and experiment is None:
         raise InputError("--seed", "", "expected an experiment, which has a model for each seed")
-    exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment), predictions, seed)
+    exported = (
+        of_bundle(embedding, predictions)
+        if embedding
+        else of_experiment(str(experiment), predictions, seed)
+    )
     files = FORMATS[format](exported, out, labels)
     for path, content in files.items():
         if content is None:
@@ -80,7 +116,9 @@ def export(
             atomically(path, partial(Path.write_bytes, data=content.encode()))
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
     written = ", ".join(str(path) for path, content in files.items() if content is not None)
-    print(f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}")
+    print(
+        f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}"
+    )
 
 
 @dataclass(frozen=True)
@@ -94,59 +132,97 @@ class GraphExport:
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
-    """A graph of either pipeline, with predictions if ``most`` > 0; InputError if unknown, or no model can predict."""
+    """A graph of either pipeline, with predictions if ``most`` > 0;
+    InputError if unknown, or no model can predict.
+    """
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
     if not files[0].exists():
         experiments = [*(config.read(paths.PARAMS).get("experiments") or ())]
         known = [*experiments, *(config.read(paths.BEYOND_PARAMS).get("graphs") or ())]
         if experiment not in known and not second[0].exists():
-            expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{suggestion(experiment, known)}"
+            expected = (
+                f"expected one of {', '.join(known)}, got "
+                f"{experiment[:80]!r}{suggestion(experiment, known)}"
+            )
             raise InputError("EXPERIMENT", "", expected)
         files = files if experiment in experiments and not second[0].exists() else second
     if most and files == second:
-        expected = "expected an experiment of params.yaml: a graph of beyond/params.yaml has no model"
+        expected = (
+            "expected an experiment of params.yaml: a graph of beyond/params.yaml has no model"
+        )
         raise InputError("--predictions", experiment, expected)
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
-    predictions = by_joint_model(Store(experiment), most, seed) if most else pd.DataFrame(columns=PREDICTED)
+    predictions = (
+        by_joint_model(Store(experiment), most, seed) if most else pd.DataFrame(columns=PREDICTED)
+    )
     return GraphExport(experiment, entities, triples, predictions)
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
-    """The known triples of a bundle, each with count 1, and ``most`` predictions per head and relation."""
+    """The known triples of a bundle, each with count 1,
+    and ``most`` predictions per head and relation.
+    """
     opened, name = open_folder(folder).now, folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
     triples = pd.DataFrame(opened.named_triples(), columns=TRIPLE).assign(count=1)
     not_predicted = np.concatenate([opened.triples, opened.retracted])
-    ids, kinds = torch.from_numpy(not_predicted), torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
-    graph = Graph(opened.entity_names, opened.relation_names, ids, torch.ones(len(ids), dtype=torch.int64), kinds)
-    predictions = best_tails(graph, opened.embedding, torch.ones(len(entities), dtype=torch.bool), most)
-    return GraphExport(name if NAME.fullmatch(name) else "embedding", entities, triples, predictions)
+    ids, kinds = (
+        torch.from_numpy(not_predicted),
+        torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64")),
+    )
+    graph = Graph(
+        opened.entity_names,
+        opened.relation_names,
+        ids,
+        torch.ones(len(ids), dtype=torch.int64),
+        kinds,
+    )
+    predictions = best_tails(
+        graph, opened.embedding, torch.ones(len(entities), dtype=torch.bool), most
+    )
+    return GraphExport(
+        name if NAME.fullmatch(name) else "embedding", entities, triples, predictions
+    )
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """Predictions (``best_tails``) of the joint model of ``seed`` (None: the first); InputError for an unknown seed."""
-    graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
+    """Predictions (``best_tails``) of the joint model of ``seed`` (None: the first);
+    InputError for an unknown seed.
+    """
+    graph, path, values = (
+        store.graph(),
+        JOINT.path(experiment=store.experiment),
+        config.read(paths.PARAMS),
+    )
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
     entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()
     if seed is not None and seed not in seeds:
         raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds))}")
     place = 0 if seed is None else seeds.index(seed)
     params = check(values.get("embedding"), EmbeddingParams, "embedding")
-    model = make_model(params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}")
-    shapes = (len(graph.entities), entity.shape[-1]), (len(graph.relations), model.width(entity.shape[-1]))
+    model = make_model(
+        params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}"
+    )
+    shapes = (
+        (len(graph.entities), entity.shape[-1]),
+        (len(graph.relations), model.width(entity.shape[-1])),
+    )
     for name, table, shape in zip(("entity", "relation"), (entity, relation), shapes, strict=True):
         has_shape(path, name, table.numpy(), (len(seeds), *shape))
-    return best_tails(graph, Embedding(entity[[place]], relation[[place]], model), known[place], most)
+    return best_tails(
+        graph, Embedding(entity[[place]], relation[[place]], model), known[place], most
+    )
 
 
 def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
-    """Link prediction: for each relation and head, the ``most`` best tails, without triples of the graph.
+    """Link prediction: for each relation and head, the ``most`` best tails,
+    without triples of the graph.
 
-    The heads of a relation are all entities of the kinds that its triples have as heads. Heads and tails are restricted
-    to ``known``, (E,), bool. Ranks start at 1; ties go to the lower entity id.
+    The heads of a relation are all entities of the kinds that its triples have as heads. Heads and
+    tails are restricted to ``known``, (E,), bool. Ranks start at 1; ties go to the lower entity id.
     """
     names, rows = np.array(graph.entities, dtype=object), list[tuple[Any, ...]]()
     for relation in range(len(graph.relations) if most else 0):
@@ -156,12 +232,22 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
             scores = embedding.score_tails(part[None], torch.full_like(part, relation)[None])[0]
             present = triples[torch.isin(triples[:, HEAD], part)]
             scores[:, ~known] = -torch.inf
-            scores[torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]] = -torch.inf
+            scores[
+                torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]
+            ] = -torch.inf
             best = scores.sort(dim=-1, descending=True, stable=True)
             values, tails = best.values[:, :most].numpy(), best.indices[:, :most].numpy()
             row, place = np.nonzero(values > -np.inf)
-            columns = names[part[row]], names[tails[row, place]], values[row, place].tolist(), (place + 1).tolist()
-            rows += [(head, graph.relations[relation], *others) for head, *others in zip(*columns, strict=True)]
+            columns = (
+                names[part[row]],
+                names[tails[row, place]],
+                values[row, place].tolist(),
+                (place + 1).tolist(),
+            )
+            rows += [
+                (head, graph.relations[relation], *others)
+                for head, *others in zip(*columns, strict=True)
+            ]
     return pd.DataFrame(rows, columns=PREDICTED)
 
 
@@ -169,35 +255,51 @@ Files = dict[Path, str | None]  #: Contents by path; None removes an existing fi
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """GraphML, for networkx, Gephi and yEd: an edge per triple, with count, and per prediction, with score and rank."""
+    """GraphML, for networkx, Gephi and yEd: an edge per triple, with count, and per prediction,
+    with score and rank.
+    """
     graph, content = nx.MultiDiGraph(name=export.name), BytesIO()
-    graph.add_nodes_from(export.entities.set_index("entity")[["kind", "phrase"]].to_dict("index").items())
+    graph.add_nodes_from(
+        export.entities.set_index("entity")[["kind", "phrase"]].to_dict("index").items()
+    )
     for table in (export.triples[[*TRIPLE, "count"]], export.predictions[PREDICTED]):
         for row in table.to_dict("records"):
-            attributes = {str(name): value for name, value in row.items() if name not in ("head", "tail")}
+            attributes = {
+                str(name): value for name, value in row.items() if name not in ("head", "tail")
+            }
             graph.add_edge(row["head"], row["tail"], graph.number_of_edges(), **attributes)
     nx.write_graphml_xml(graph, content)
     text = content.getvalue().decode()
     if wrong := NOT_XML.search(text):
         others = ", ".join(name for name in FORMATS if name != "graphml")
-        raise InputError(path, "", f"XML cannot hold the character {wrong[0]!a} of a name: write {others}")
+        raise InputError(
+            path, "", f"XML cannot hold the character {wrong[0]!a} of a name: write {others}"
+        )
     return {path: text}
 
 
 def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
-    """RDF as expanded JSON-LD. Lists are sorted, because rdflib's order of them differs between processes."""
+    """RDF as expanded JSON-LD. Lists are sorted,
+    because rdflib's order of them differs between processes.
+    """
     key = partial(json.dumps, sort_keys=True)
     nodes = json.loads(
         rdf_of(export, labels).serialize(format="json-ld"),
         object_hook=lambda node: {
-            name: sorted(part, key=key) if isinstance(part, list) else part for name, part in node.items()
+            name: sorted(part, key=key) if isinstance(part, list) else part
+            for name, part in node.items()
         },
     )
-    return {path: json.dumps(sorted(nodes, key=key), indent=1, sort_keys=True, ensure_ascii=False) + "\n"}
+    return {
+        path: json.dumps(sorted(nodes, key=key), indent=1, sort_keys=True, ensure_ascii=False)
+        + "\n"
+    }
 
 
 def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
-    """RDF: each triple is asserted; each prediction is reified, as five triples that do not assert it."""
+    """RDF: each triple is asserted; each prediction is reified,
+    as five triples that do not assert it.
+    """
     with extra("rdf"):
         import rdflib
         from rdflib import RDF, RDFS, Namespace, URIRef
@@ -214,41 +316,63 @@ def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
         graph.add((node("entity", head), node("relation", relation), node("entity", tail)))
     if labels:
         graph.bind("rdfs", RDFS)
-        for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(index=False):
+        for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(
+            index=False
+        ):
             graph.add((node("entity", entity), RDF.type, node("kind", kind)))
             graph.add((node("entity", entity), RDFS.label, rdflib.Literal(phrase)))
-    for number, (head, relation, tail, score, rank) in enumerate(export.predictions.itertuples(index=False), 1):
+    for number, (head, relation, tail, score, rank) in enumerate(
+        export.predictions.itertuples(index=False), 1
+    ):
         about = {
-            RDF.subject: node("entity", head), RDF.predicate: node("relation", relation),
-            RDF.object: node("entity", tail), node("prediction", "score"): rdflib.Literal(score),
+            RDF.subject: node("entity", head),
+            RDF.predicate: node("relation", relation),
+            RDF.object: node("entity", tail),
+            node("prediction", "score"): rdflib.Literal(score),
             node("prediction", "rank"): rdflib.Literal(rank),
-        }  # fmt: skip
+        }
         for predicate, value in about.items():
             graph.add((node("prediction", number), predicate, value))
     return graph
 
 
 def property_csv(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """CSV for property graphs: a folder with ``nodes.csv``, ``edges.csv`` and, for predictions, ``predictions.csv``."""
+    """CSV for property graphs: a folder with ``nodes.csv``, ``edges.csv`` and, for predictions,
+    ``predictions.csv``.
+    """
     tables = {"nodes": export.entities, "edges": export.triples, "predictions": export.predictions}
     return {
-        path / f"{name}.csv": None if name == "predictions" and table.empty
-        else table.reindex(columns=[column for column in HEADERS if column in table]).rename(columns=HEADERS)
+        path / f"{name}.csv": None
+        if name == "predictions" and table.empty
+        else table.reindex(columns=[column for column in HEADERS if column in table])
+        .rename(columns=HEADERS)
         .to_csv(index=False, lineterminator="\n")
         for name, table in tables.items()
-    }  # fmt: skip
+    }
 
 
 def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``; predictions go into a second file."""
-    tables = {path: export.triples[TRIPLE], path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions}
+    """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``;
+    predictions go into a second file.
+    """
+    tables = {
+        path: export.triples[TRIPLE],
+        path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions,
+    }
     return {
-        file: None if table.empty else table.to_csv(sep="\t", header=False, index=False, lineterminator="\n")
+        file: None
+        if table.empty
+        else table.to_csv(sep="\t", header=False, index=False, lineterminator="\n")
         for file, table in tables.items()
     }
 
 
 FORMATS: dict[str, Callable[[GraphExport, Path, bool], Files]] = {
-    "graphml": graphml, "jsonld": jsonld, "property-csv": property_csv, "pykeen-tsv": pykeen_tsv,
-    "turtle": lambda export, path, labels: {path: rdf_of(export, labels).serialize(format="turtle")},
-}  # fmt: skip
+    "graphml": graphml,
+    "jsonld": jsonld,
+    "property-csv": property_csv,
+    "pykeen-tsv": pykeen_tsv,
+    "turtle": lambda export, path, labels: {
+        path: rdf_of(export, labels).serialize(format="turtle")
+    },
+}

@@ -17,19 +17,35 @@ from isi.graph.words import Words, load_vectors, look_up
 from isi.tables import paths
 
 LISTED = 8  #: Maximum number of names in a list.
-SPLITS = 5  #: Number of random splits; the least of their numbers of triples outside train is reported.
+#: Number of random splits; the least of their numbers of triples outside train is reported.
+SPLITS = 5
 
 
 def graph(
     files: Annotated[
-        tuple[str, ...], Parameter(name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room")
-    ] = (), /, *,
-    reader: Annotated[str | None, Parameter(help="name of a reader; default: guessed from the file")] = None,
-    set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")] = (),
-    min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")] = 1,
-    out: Annotated[Path | None, Parameter(help="folder for triples.csv and entities.csv, which is a FILE")] = None,
-) -> None:  # fmt: skip
-    """Read files, describe their graph, and write it. If there is a ``params.yaml``, its words and splits count."""
+        tuple[str, ...],
+        Parameter(
+            name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room"
+        ),
+    ] = (),
+    /,
+    *,
+    reader: Annotated[
+        str | None, Parameter(help="name of a reader; default: guessed from the file")
+    ] = None,
+    set: Annotated[
+        Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")
+    ] = (),
+    min_count: Annotated[
+        int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")
+    ] = 1,
+    out: Annotated[
+        Path | None, Parameter(help="folder for triples.csv and entities.csv, which is a FILE")
+    ] = None,
+) -> None:
+    """Read files, describe their graph, and write it.
+    If there is a ``params.yaml``, its words and splits count.
+    """
     values = config.read(paths.PARAMS) if paths.PARAMS.exists() else {}
     seed = check(values.get("seed", 0), Seed, "seed")
     tables, read = read_graph(files, reader, settings(set), min_count, seed)
@@ -40,26 +56,42 @@ def graph(
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a graph of at least one triple; params (``seed``, ``words``, ``sessions``) add words and splits."""
+    """Describe a graph of at least one triple;
+    params (``seed``, ``words``, ``sessions``) add words and splits.
+    """
     entities, triples = tables.entities, tables.triples
     words, splits = dict[str, Any](), dict[str, Any]()
     if "words" in values:
-        served = look_up(load_vectors(check(values["words"], Words, "words")), list(entities["phrase"])).served_by
+        served = look_up(
+            load_vectors(check(values["words"], Words, "words")), list(entities["phrase"])
+        ).served_by
         without = entities.loc[pd.isna(pd.Series(served)), "entity"]
         words = {"without_a_word_vector": _first_names(without.tolist())}
     if "sessions" in values:
         from isi.graph.sessions import TRAIN, Shares, split  # here, since it loads torch
 
-        shares, root = check(values["sessions"], Shares, "sessions"), check(values.get("seed"), Seed, "seed")
+        shares, root = (
+            check(values["sessions"], Shares, "sessions"),
+            check(values.get("seed"), Seed, "seed"),
+        )
         built, held_out = build_graph(entities, triples), (shares.valid, shares.test)
-        leaving = [int((split(built, root, seed, *held_out) != TRAIN).sum()) for seed in range(SPLITS)]
+        leaving = [
+            int((split(built, root, seed, *held_out) != TRAIN).sum()) for seed in range(SPLITS)
+        ]
         number = sum(max(1, round(share * len(triples))) for share in held_out)
-        splits = {"triples_for_validation_and_test": number, "triples_that_can_leave_train": min(leaving)}
+        splits = {
+            "triples_for_validation_and_test": number,
+            "triples_that_can_leave_train": min(leaving),
+        }
     pairs = triples[["head", "tail"]].astype(str)
-    ends = pd.concat([pairs["head"], pairs.loc[pairs["head"] != pairs["tail"], "tail"]]).value_counts()
+    ends = pd.concat(
+        [pairs["head"], pairs.loc[pairs["head"] != pairs["tail"], "tail"]]
+    ).value_counts()
     relations = triples.astype({"relation": str}).groupby("relation")["count"].agg(["size", "sum"])
     return {
-        "entities": len(entities), "unique_triples": len(triples), "observations": int(triples["count"].sum()),
+        "entities": len(entities),
+        "unique_triples": len(triples),
+        "observations": int(triples["count"].sum()),
         "entities_by_kind": dict(Counter(sorted(entities["kind"].astype(str))).most_common()),
         "relations": [
             {"relation": relation, "unique_triples": number, "observations": observations}
@@ -69,7 +101,7 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
         "with_one_triple,_which_stays_in_train": _first_names(sorted(ends.index[ends == 1])),
         "triples_observed_once": int((triples["count"] == 1).sum()),
         **splits,
-    }  # fmt: skip
+    }
 
 
 def _first_names(names: Sequence[str]) -> str:

@@ -13,24 +13,61 @@ from isi.models.model import MODELS
 
 
 def import_(
-    folder: Annotated[Path, Parameter(
-        help="folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt, optional train2id.txt),"
-        " or with entities.txt, relations.txt (one name per line) and optional triples.tsv (names)")], *,
+    folder: Annotated[
+        Path,
+        Parameter(
+            help=(
+                "folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt,"
+                " optional train2id.txt), or with entities.txt,"
+                " relations.txt (one name per line) and optional triples.tsv (names)"
+            )
+        ),
+    ],
+    *,
     out: NewFolder,
-    model: Annotated[str | None, Parameter(
-        name=["--family", "--model"], help="scoring function; not with --trust-pickle")] = None,
-    set: Annotated[Settings, Parameter(
-        help="for distance models: margin=NUMBER (default: estimated from the triples), squared=true")] = (),
-    tensors: Annotated[tuple[Path, ...], Parameter(
-        consume_multiple=True, show_default=False,
-        help=".npy, .npz, .safetensors, .json, or a state dict as .pt, .pth or .ckpt; default: those in FOLDER")] = (),
-    trust_pickle: Annotated[bool, Parameter(
-        help=f"read PyKEEN's {PICKLE}: whoever wrote a pickle can have it run any program on this machine,"
-        " so use this only for files of your own or of people you trust")] = False,
-) -> None:  # fmt: skip
-    """Read an embedding, check it, and write a bundle. An ``InputError`` names the missing or wrong file or tensor."""
+    model: Annotated[
+        str | None,
+        Parameter(name=["--family", "--model"], help="scoring function; not with --trust-pickle"),
+    ] = None,
+    set: Annotated[
+        Settings,
+        Parameter(
+            help=(
+                "for distance models: margin=NUMBER (default: estimated from the triples), "
+                "squared=true"
+            )
+        ),
+    ] = (),
+    tensors: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            consume_multiple=True,
+            show_default=False,
+            help=(
+                ".npy, .npz, .safetensors, .json, or a state dict as .pt, .pth or .ckpt; default: "
+                "those in FOLDER"
+            ),
+        ),
+    ] = (),
+    trust_pickle: Annotated[
+        bool,
+        Parameter(
+            help=(
+                f"read PyKEEN's {PICKLE}: whoever wrote a pickle can have it run any program on"
+                " this machine, so use this only for files of your own or of people you trust"
+            )
+        ),
+    ] = False,
+) -> None:
+    """Read an embedding, check it, and write a bundle.
+    An ``InputError`` names the missing or wrong file or tensor.
+    """
     if trust_pickle and (model or set or tensors):
-        raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle determines them")
+        raise InputError(
+            "--trust-pickle",
+            "",
+            "expected no --family, --set or --tensors: the pickle determines them",
+        )
     labels = read_labels(folder)
     if trust_pickle:
         pickled = folder / PICKLE
@@ -48,8 +85,12 @@ def import_(
         with flags(model="--family", model_options="--set"):
             bundle = of_tensors(labels, str(model), settings(set), files)
     write(out, bundle)
-    options, size = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()), bundle.sizes()
+    options, size = (
+        ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()),
+        bundle.sizes(),
+    )
     print(
-        f"{size['entities']:,} entities, {size['relations']:,} relations, {size['triples']:,} triples;"
-        f" {bundle.manifest.model_name}{f' ({options})' * bool(options)} of dimension {size['dimension']}: {out}"
+        f"{size['entities']:,} entities, {size['relations']:,} relations, {size['triples']:,}"
+        f" triples; {bundle.manifest.model_name}{f' ({options})' * bool(options)} of"
+        f" dimension {size['dimension']}: {out}"
     )

@@ -1,4 +1,6 @@
-"""``isi live``: a process that has an embedding open, and answers requests in lines of JSON (``isi.bundle.stream``)."""
+"""``isi live``: a process that has an embedding open,
+and answers requests in lines of JSON (``isi.bundle.stream``).
+"""
 
 from contextlib import suppress
 from pathlib import Path
@@ -8,10 +10,15 @@ from cyclopts import Parameter
 
 
 def live(
-    folder: Annotated[Path, Parameter(help="folder of a bundle; its journal lists the changes")], *,
-    socket: Annotated[Path | None, Parameter(help="Unix socket to serve, in place of standard input")] = None,
-    vectors: Annotated[Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")] = None,
-) -> None:  # fmt: skip
+    folder: Annotated[Path, Parameter(help="folder of a bundle; its journal lists the changes")],
+    *,
+    socket: Annotated[
+        Path | None, Parameter(help="Unix socket to serve, in place of standard input")
+    ] = None,
+    vectors: Annotated[
+        Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")
+    ] = None,
+) -> None:
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
     import asyncio
 

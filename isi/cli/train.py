@@ -11,19 +11,40 @@ from isi.cli import FROM_ONE, FROM_ZERO, NewFolder, Settings, flags, settings, s
 
 def train(
     files: Annotated[
-        tuple[str, ...], Parameter(name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room")
-    ] = (), /, *, out: NewFolder,
-    entities: Annotated[Path | None, Parameter(
-        name=["--entities", "--kinds"], help="table with the column entity, and kind or phrase or both")] = None,
+        tuple[str, ...],
+        Parameter(
+            name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room"
+        ),
+    ] = (),
+    /,
+    *,
+    out: NewFolder,
+    entities: Annotated[
+        Path | None,
+        Parameter(
+            name=["--entities", "--kinds"],
+            help="table with the column entity, and kind or phrase or both",
+        ),
+    ] = None,
     model: Annotated[str | None, Parameter(help="default: the best for validation triples")] = None,
-    learning_rate: Annotated[float | None, Parameter(help="of Adagrad; default: as --model")] = None,
-    dimension: Annotated[int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")] = 100,
-    budget: Annotated[float, Parameter(help="seconds for comparing models, by an estimate of the work")] = 60,
+    learning_rate: Annotated[
+        float | None, Parameter(help="of Adagrad; default: as --model")
+    ] = None,
+    dimension: Annotated[
+        int, Parameter(validator=FROM_ONE, help="numbers in an entity's vector")
+    ] = 100,
+    budget: Annotated[
+        float, Parameter(help="seconds for comparing models, by an estimate of the work")
+    ] = 60,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0,
-    reader: Annotated[str | None, Parameter(help="name of a reader; default: guessed from the file")] = None,
+    reader: Annotated[
+        str | None, Parameter(help="name of a reader; default: guessed from the file")
+    ] = None,
     set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader")] = (),
-    min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")] = 1,
-) -> None:  # fmt: skip
+    min_count: Annotated[
+        int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")
+    ] = 1,
+) -> None:
     """Read files as ``isi graph`` does, train an embedding of their graph, and write a bundle."""
     import torch
 
@@ -36,7 +57,12 @@ def train(
     note = ""
     if entities:
         tables, note = described(tables, entities)
-    options = {"model": model, "learning_rate": learning_rate, "dimension": dimension, "budget": budget}
+    options = {
+        "model": model,
+        "learning_rate": learning_rate,
+        "dimension": dimension,
+        "budget": budget,
+    }
     with flags(**{name: f"--{name.replace('_', '-')}" for name in options}):
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     write(out, bundle)

@@ -1,7 +1,7 @@
 """Filtered ranks and MRR* (equation 7).
 
-A query hides one slot of a triple. Its candidates are the entities of the session (or the relations), except those that
-make a triple of the filter. The true answer always stays.
+A query hides one slot of a triple. Its candidates are the entities of the session
+(or the relations), except those that make a triple of the filter. The true answer always stays.
 """
 
 from __future__ import annotations
@@ -27,30 +27,40 @@ TIE = 1e-5
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
-#: Which observations order the true answers of a query. ``all``: those of the graph. ``split``: those of the split of
-#: the queried triple, where a training triple counts all its observations and any other one counts once.
+#: Which observations order the true answers of a query. ``all``: those of the graph. ``split``:
+#: those of the split of the queried triple, where a training triple counts all its observations and
+#: any other one counts once.
 Truth = Literal["all", "split"]
 K = TypeVar("K")
 
 
 @dataclass(frozen=True)
 class Competitors:
-    """The candidates of queries that hide one slot: entities (or relations), minus other answers in the filter."""
+    """The candidates of queries that hide one slot:
+    entities (or relations), minus other answers in the filter.
+    """
 
     candidates: Tensor  #: shape: (M, C), float32 of 0 and 1
     answer: Tensor  #: ids; shape: (M, Q)
-    known: Tensor  #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
-    excluded: Tensor  #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
-    excluded_or_equal: Tensor  #: the same for R_P, a rank by score without candidates of equal count; shape: (M, Q, X)
+    #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
+    known: Tensor
+    #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
+    excluded: Tensor
+    #: the same for R_P, a rank by score without candidates of equal count; shape: (M, Q, X)
+    excluded_or_equal: Tensor
     true_rank: Tensor  #: R_G, the answer's rank by number of observations; shape: (M, Q)
 
 
 @dataclass(frozen=True)
 class QueryRows:
-    """Queried triples, and the data for ranking except scores; each slot is hidden in turn; padding has weight 0."""
+    """Queried triples, and the data for ranking except scores; each slot is hidden in turn;
+    padding has weight 0.
+    """
 
-    slots: tuple[Competitors, Competitors, Competitors]  #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
-    entity_weight: Tensor  #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
+    #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
+    slots: tuple[Competitors, Competitors, Competitors]
+    #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
+    entity_weight: Tensor
     relation_weight: Tensor  #: share of a relation query in ``mrr_star_relation``; shape: (M, Q)
 
     @property
@@ -69,7 +79,8 @@ class Queries:
     filtered: Tensor  #: triples of the filter; shape: (M, T), bool
     candidates: Tensor  #: entities that may answer; shape: (M, E), bool
     truth: Truth = "all"
-    rows: QueryRows | None = None  #: computed once if they fit into ``BUDGET``, else by piece in each ranking
+    #: computed once if they fit into ``BUDGET``, else by piece in each ranking
+    rows: QueryRows | None = None
 
 
 @dataclass(frozen=True)
@@ -98,8 +109,12 @@ class Result:
     ties: Tensor  #: number of competitors tied with the answer in R_P; shape: (M,)
 
 
-def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None) -> pd.DataFrame:
-    """A row of measures for each query set and model; ``models`` are their places in the stack, None: all."""
+def measure_rows(
+    results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None
+) -> pd.DataFrame:
+    """A row of measures for each query set and model;
+    ``models`` are their places in the stack, None: all.
+    """
     import pandas as pd
 
     parts = []
@@ -107,7 +122,9 @@ def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor |
         columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
         counts = {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()}
         places = np.arange(len(result.queries)) if models is None else models.cpu().numpy()
-        parts.append(pd.DataFrame({**columns, **counts, "place": places, "epoch": epoch, "scope": scope}))
+        parts.append(
+            pd.DataFrame({**columns, **counts, "place": places, "epoch": epoch, "scope": scope})
+        )
     return pd.concat(parts)
 
 
@@ -119,15 +136,24 @@ def padded_ids(queried: Tensor) -> Tensor:
 
 
 def make_queries(
-    session: Session, triples: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor, truth: Truth = "all"
+    session: Session,
+    triples: Tensor,
+    queried: Tensor,
+    filtered: Tensor,
+    candidates: Tensor,
+    truth: Truth = "all",
 ) -> Queries:
-    """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else None; shapes: ``Queries``."""
+    """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else None;
+    shapes: ``Queries``.
+    """
     queries = Queries(session, triples, queried, filtered, candidates, truth)
     return replace(queries, rows=_rows(queries, triples)) if len(_pieces(queries)) == 1 else queries
 
 
 def _pieces(queries: Queries) -> tuple[Tensor, ...]:
-    """The triples in pieces, such that the scores of heads and of tails, (M, Q, E) each, fit into ``BUDGET``."""
+    """The triples in pieces, such that the scores of heads and of tails, (M, Q, E) each,
+    fit into ``BUDGET``.
+    """
     models, entities = queries.candidates.shape
     return torch.split(queries.triples, max(1, BUDGET // (2 * models * entities)), 1)
 
@@ -136,14 +162,19 @@ def _rows(queries: Queries, triples: Tensor) -> QueryRows:
     session, ids = queries.session, triples.clamp(min=0)
     all_relations = torch.ones(len(triples), len(session.graph.relations), dtype=torch.bool)
     candidates = (queries.candidates, all_relations, queries.candidates)
-    head, relation, tail = (_competitors(queries, ids, slot, listed) for slot, listed in enumerate(candidates))
+    head, relation, tail = (
+        _competitors(queries, ids, slot, listed) for slot, listed in enumerate(candidates)
+    )
     counted = (triples >= 0) & queries.queried.gather(1, ids)
-    # weight of a query: its relation's share of observations, divided by the relation's number of queries
+    # weight of a query: its relation's share of observations, divided by the relation's number of
+    # queries
     number = by_relation(session.graph, queries.queried)
     observed = observations(session) * (number > 0)
     shares = observed / observed.sum(1, keepdim=True).clamp(min=1) / number.clamp(min=1)
     entity_weight = torch.cat([shares.gather(1, relation.answer) * counted] * 2, 1) / 2
-    return QueryRows((head, relation, tail), entity_weight, counted / number.sum(1, keepdim=True).clamp(min=1))
+    return QueryRows(
+        (head, relation, tail), entity_weight, counted / number.sum(1, keepdim=True).clamp(min=1)
+    )
 
 
 def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor) -> Competitors:
@@ -162,12 +193,17 @@ def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor
         answer_count = torch.where(answer_split == TRAIN, answer_count, 1)
     excluded = queries.filtered[models, ids] | (ids == triple[..., None])
     higher = (may_answer & ~excluded & (counts > answer_count)).sum(-1)
-    left_out = (may_answer & excluded).float(), (may_answer & (excluded | (counts == answer_count))).float()
+    left_out = (
+        (may_answer & excluded).float(),
+        (may_answer & (excluded | (counts == answer_count))).float(),
+    )
     return Competitors(candidates.float(), answer, known, *left_out, 1 + higher)
 
 
 def observations(session: Session) -> Tensor:
-    """Number of observations of each relation in a session: its weight in equation 7; shape (M, R), int64."""
+    """Number of observations of each relation in a session: its weight in equation 7;
+    shape (M, R), int64.
+    """
     return by_relation(session.graph, (session.splits >= 0) * session.graph.counts)
 
 
@@ -184,21 +220,32 @@ def compare(scores: Tensor, answer: Tensor) -> Tensor:
     """
     ahead = scores - scores.gather(-1, answer[..., None])
     tie = TIE * scores.abs().amax(-1, keepdim=True)
-    return ((ahead > tie).float() + ~(ahead < -tie)) / 2  # NaN is tied with all: a diverged model is at chance
+    # NaN is tied with all: a diverged model is at chance
+    return ((ahead > tie).float() + ~(ahead < -tie)) / 2
 
 
 def evaluate(embedding: Embedding, query_sets: Mapping[str, Queries]) -> dict[str, Result]:
     """Measures over query sets with the same ``Queries.triples``."""
-    sums = [{name: _measure(ranked) for name, ranked in piece.items()} for piece in rank_queries(embedding, query_sets)]
+    sums = [
+        {name: _measure(ranked) for name, ranked in piece.items()}
+        for piece in rank_queries(embedding, query_sets)
+    ]
     results = {}
     for name, queries in query_sets.items():
-        measures, ties = (torch.stack(values).sum(0) for values in zip(*(part[name] for part in sums), strict=True))
+        measures, ties = (
+            torch.stack(values).sum(0)
+            for values in zip(*(part[name] for part in sums), strict=True)
+        )
         number = queries.queried.sum(1)
-        results[name] = Result(measures.masked_fill((number == 0)[:, None], torch.nan), number, ties.long())
+        results[name] = Result(
+            measures.masked_fill((number == 0)[:, None], torch.nan), number, ties.long()
+        )
     return results
 
 
-def rank_queries(embedding: Embedding, query_sets: Mapping[K, Queries]) -> Iterator[dict[K, RankedQueries]]:
+def rank_queries(
+    embedding: Embedding, query_sets: Mapping[K, Queries]
+) -> Iterator[dict[K, RankedQueries]]:
     """Ranks of each query of query sets with the same ``Queries.triples``, piece by piece."""
     for piece in _pieces(next(iter(query_sets.values()))):
         rows = {name: queries.rows or _rows(queries, piece) for name, queries in query_sets.items()}
@@ -209,7 +256,10 @@ def rank_queries(embedding: Embedding, query_sets: Mapping[K, Queries]) -> Itera
             embedding.score_tails(head, relation),
         )
         ahead = list(map(compare, scores, ids))
-        yield {name: RankedQueries(queries, list(map(_ranks, ahead, queries.slots))) for name, queries in rows.items()}
+        yield {
+            name: RankedQueries(queries, list(map(_ranks, ahead, queries.slots)))
+            for name, queries in rows.items()
+        }
 
 
 def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
@@ -223,11 +273,20 @@ def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
 
 
 def _measure(ranked: RankedQueries) -> tuple[Tensor, Tensor]:
-    """Contribution of a piece to measures, (M, 4), and ties, (M,); summed in order, so padding changes no bit."""
+    """Contribution of a piece to measures, (M, 4), and ties, (M,);
+    summed in order, so padding changes no bit.
+    """
     (head, relation, tail), star, plain = ranked.slots, [], []
     ties = torch.zeros(len(head.rank))
-    for weight, slots in ((ranked.rows.entity_weight, (head, tail)), (ranked.rows.relation_weight, (relation,))):
-        star.append((weight * torch.cat([ranks.closeness for ranks in slots], 1)).double().cumsum(1)[:, -1])
-        plain.append((weight / torch.cat([ranks.rank for ranks in slots], 1)).double().cumsum(1)[:, -1])
+    for weight, slots in (
+        (ranked.rows.entity_weight, (head, tail)),
+        (ranked.rows.relation_weight, (relation,)),
+    ):
+        star.append(
+            (weight * torch.cat([ranks.closeness for ranks in slots], 1)).double().cumsum(1)[:, -1]
+        )
+        plain.append(
+            (weight / torch.cat([ranks.rank for ranks in slots], 1)).double().cumsum(1)[:, -1]
+        )
         ties += (torch.cat([ranks.tied for ranks in slots], 1) * (weight > 0)).sum(1)
     return torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1), ties  # type: ignore[list-item]

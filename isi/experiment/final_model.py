@@ -15,15 +15,21 @@ from isi.training.trainer import train
 
 
 def usual_epochs(log: pd.DataFrame) -> int:
-    """Lower median over seeds of the best epoch in ``log`` (``TRAINING_LOG``); ``InputError`` if no epoch is best."""
+    """Lower median over seeds of the best epoch in ``log`` (``TRAINING_LOG``);
+    ``InputError`` if no epoch is best.
+    """
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
-        raise InputError("joint.log.parquet", "column 'kept'", "expected true in at least one row, a best epoch")
+        raise InputError(
+            "joint.log.parquet", "column 'kept'", "expected true in at least one row, a best epoch"
+        )
     return int(median_low(kept.tolist()))
 
 
 def whole_graph(experiment: str, graph: Graph) -> GridPoints:
-    """A grid point with all triples in train and the random streams of the joint model of seed 0."""
+    """A grid point with all triples in train and the random streams of
+    the joint model of seed 0.
+    """
     splits = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8)
     return GridPoints.without_insertion(experiment, graph, [0], splits)
 

@@ -1,4 +1,6 @@
-"""The grid of insertions: a grid point is a size and a seed; a task has a stack of grid points of one size."""
+"""The grid of insertions: a grid point is a size and a seed;
+a task has a stack of grid points of one size.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,24 @@ class GridPoints:
     size: int
     seeds: list[int]
     splits: np.ndarray  #: of each seed; shape: (M, T), int8
-    novel: np.ndarray  #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
+    #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
+    novel: np.ndarray
     #: rows (session, model, place in ``novel``, triple id), ascending; shape: (I, 4)
     insert_triples: np.ndarray = field(default_factory=lambda: np.empty((0, 4), np.int64))
 
     @classmethod
-    def without_insertion(cls, experiment: str, graph: Graph, seeds: list[int], splits: np.ndarray) -> GridPoints:
+    def without_insertion(
+        cls, experiment: str, graph: Graph, seeds: list[int], splits: np.ndarray
+    ) -> GridPoints:
         """Grid points at which every entity is known from the start."""
-        return cls(experiment, graph, NO_INSERTION, seeds, splits, np.empty((len(seeds), 0, 0), dtype=np.int64))
+        return cls(
+            experiment,
+            graph,
+            NO_INSERTION,
+            seeds,
+            splits,
+            np.empty((len(seeds), 0, 0), dtype=np.int64),
+        )
 
     def __str__(self) -> str:
         return f"{self.experiment}, size {self.size}, seeds {', '.join(map(str, self.seeds))}"
@@ -47,12 +59,16 @@ class GridPoints:
         return self.without_insertion(self.experiment, self.graph, self.seeds, self.splits)
 
     def keys(self, *more: int) -> Tensor:
-        """Size, seed and more numbers of each model, as keys of its random streams; shape: (M, 2 + more)."""
+        """Size, seed and more numbers of each model, as keys of its random streams;
+        shape: (M, 2 + more).
+        """
         return torch.tensor([[self.size, seed, *more] for seed in self.seeds])
 
     def session(self, number: int) -> Session:
         """D of a session: D⁰, D¹, ..."""
-        return session_at(self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel), number)
+        return session_at(
+            self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel), number
+        )
 
     @property
     def last_session(self) -> Session:
@@ -60,7 +76,9 @@ class GridPoints:
         return self.session(self.sessions)
 
     def joint_prefix(self, session: int) -> str:
-        """Prefix of the tensors of a session's joint models; all sizes share the models of the last session."""
+        """Prefix of the tensors of a session's joint models;
+        all sizes share the models of the last session.
+        """
         return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
     def novel_in(self, session: int) -> Tensor:
@@ -73,6 +91,9 @@ class GridPoints:
 
     def insert_mask(self, session: int) -> Tensor:
         """The insert triples of a session as a mask; shape: (M, T)."""
-        mask, rows = torch.zeros(self.splits.shape, dtype=torch.bool), self.insert_triples_in(session)
+        mask, rows = (
+            torch.zeros(self.splits.shape, dtype=torch.bool),
+            self.insert_triples_in(session),
+        )
         mask[rows[:, 0], rows[:, 2]] = True
         return mask

@@ -5,7 +5,13 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
@@ -31,8 +37,12 @@ Done = TypeVar("Done")
 class Compute(Section):
     """``compute`` in params: where and how tasks run; changes no result."""
 
-    rules = ((lambda compute: compute.engine != "dask" or compute.scheduler is not None,
-              "engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port"),)  # fmt: skip
+    rules = (
+        (
+            lambda compute: compute.engine != "dask" or compute.scheduler is not None,
+            "engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port",
+        ),
+    )
     workers: Count | Literal["all"]
     stack: Count
     engine: Literal["processes", "dask"] = "processes"
@@ -43,7 +53,8 @@ class Compute(Section):
 #: Tensors are sent to other processes as arrays: shared memory may run out.
 ForkingPickler.register(Tensor, lambda tensor: (torch.from_numpy, (tensor.numpy(),)))
 REACH = 5  #: Seconds in which a scheduler must answer.
-#: Maximal bytes on a GPU for one model of a stack: batch, scores and slopes as float32 tables, times two.
+#: Maximal bytes on a GPU for one model of a stack: batch, scores and slopes as float32 tables,
+#: times two.
 BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 
 
@@ -52,15 +63,22 @@ class TaskError(Exception):
 
 
 def run(
-    function: Callable[[GridPoints, *Arguments], Done], tasks: Sequence[tuple[GridPoints, *Arguments]],
-    compute: Compute, name: str,
-) -> list[Done]:  # fmt: skip
-    """Results of a function for each task, run as ``compute`` says; ``TaskError`` or ``InputError`` once one fails."""
+    function: Callable[[GridPoints, *Arguments], Done],
+    tasks: Sequence[tuple[GridPoints, *Arguments]],
+    compute: Compute,
+    name: str,
+) -> list[Done]:
+    """Results of a function for each task, run as ``compute`` says;
+    ``TaskError`` or ``InputError`` once one fails.
+    """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(points.seeds) for points, *_ in tasks)
     with engine(compute) as executor:
-        futures = {executor.submit(run_task, function, task, compute.device): task[0] for task in tasks}
-        with tqdm(total=models, desc=name, unit="model", disable=None) as bar:  # it starts a thread: workers come first
+        futures = {
+            executor.submit(run_task, function, task, compute.device): task[0] for task in tasks
+        }
+        # it starts a thread: workers come first
+        with tqdm(total=models, desc=name, unit="model", disable=None) as bar:
             for future in as_completed(futures):
                 points = futures[future]
                 try:
@@ -68,11 +86,19 @@ def run(
                 except (InputError, CancelledError):  # not a fault in the task's code
                     raise
                 except BrokenExecutor as error:
-                    died = "a worker process was killed, perhaps out of memory: try fewer, or a lower compute.stack"
+                    died = (
+                        "a worker process was killed, perhaps out of memory: try fewer, "
+                        "or a lower compute.stack"
+                    )
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
-                    if isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error):
-                        much = f"not enough memory for the running tasks ({points}): lower it; on a GPU, use device cpu"
+                    if isinstance(
+                        error, MemoryError | torch.OutOfMemoryError
+                    ) or "can't allocate memory" in str(error):
+                        much = (
+                            f"not enough memory for the running tasks ({points}): lower it; "
+                            "on a GPU, use device cpu"
+                        )
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
                 bar.update(len(points.seeds))
@@ -80,11 +106,15 @@ def run(
 
 
 def run_task(
-    function: Callable[[GridPoints, *Arguments], Done], task: tuple[GridPoints, *Arguments], device: str
+    function: Callable[[GridPoints, *Arguments], Done],
+    task: tuple[GridPoints, *Arguments],
+    device: str,
 ) -> Done:
-    """Run a task on one thread, denormal numbers as zero (they are slow); return CPU tensors. InputError for NaN or ∞.
+    """Run a task on one thread, denormal numbers as zero (they are slow); return CPU tensors.
+    InputError for NaN or ∞.
 
-    Both settings belong to the thread of the engine and are never reset, so that tasks cannot disturb each other.
+    Both settings belong to the thread of the engine and are never reset, so that tasks cannot
+    disturb each other.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -100,14 +130,20 @@ def run_task(
 
 
 def device_of(name: str) -> torch.device:
-    """The device that ``compute.device`` names, on this machine; an ``InputError`` where there is no such GPU."""
+    """The device that ``compute.device`` names, on this machine;
+    an ``InputError`` where there is no such GPU.
+    """
     if name == "cuda" and not torch.cuda.is_available():
-        raise InputError(paths.PARAMS, "compute.device", "no NVIDIA GPU that this build of PyTorch can use")
+        raise InputError(
+            paths.PARAMS, "compute.device", "no NVIDIA GPU that this build of PyTorch can use"
+        )
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
 def stack_height(compute: Compute) -> int:
-    """Maximum models in a stack: ``compute.stack``; without Dask, more if a worker's share of a GPU holds more."""
+    """Maximum models in a stack: ``compute.stack``;
+    without Dask, more if a worker's share of a GPU holds more.
+    """
     if compute.engine == "dask" or device_of(compute.device).type == "cpu":
         return compute.stack
     free, _ = torch.cuda.mem_get_info()
@@ -137,7 +173,9 @@ def _workers(compute: Compute) -> int:
 
 @contextmanager
 def _dask(compute: Compute) -> Iterator[Executor]:
-    """Workers of a Dask cluster. Dask repeats tasks of a lost worker; the end of the context cancels tasks."""
+    """Workers of a Dask cluster. Dask repeats tasks of a lost worker;
+    the end of the context cancels tasks.
+    """
     with at(paths.PARAMS, "compute.engine"), extra("cluster"):
         from distributed import Client
         from distributed.comm import connect
@@ -156,4 +194,6 @@ def _dask(compute: Compute) -> Iterator[Executor]:
         try:
             yield client.get_executor(pure=False)
         except CancelledError as error:
-            raise InputError(paths.PARAMS, "compute.scheduler", f"lost connection to {compute.scheduler}") from error
+            raise InputError(
+                paths.PARAMS, "compute.scheduler", f"lost connection to {compute.scheduler}"
+            ) from error

@@ -1,4 +1,6 @@
-"""The files of an experiment: the tables of training, insertion and measures, and a store that reads them for tasks."""
+"""The files of an experiment: the tables of training, insertion and measures,
+and a store that reads them for tasks.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,7 +33,8 @@ from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, nu
 from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
-FALLBACK_NAMES = ("es", "rs", "centroid")  #: Methods for entities without the data that their initializer needs.
+#: Methods for entities without the data that their initializer needs.
+FALLBACK_NAMES = ("es", "rs", "centroid")
 
 #: Columns of measures, null without queries; of a grid point; and of a session.
 MEASURE_COLUMNS = dict.fromkeys(MEASURES, SHARE.optional)
@@ -43,40 +46,71 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
     """A table of measures by epoch; the columns ``by`` distinguish runs of one grid point."""
     return Table(
         template,
-        {**(by or {}), **SIZE_AND_SEED, "epoch": FROM_0, "scope": one_of(*SCOPES), **MEASURE_COLUMNS, "queries": FROM_0,
-         **SESSION},
-        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"], ordered=True,
+        {
+            **(by or {}),
+            **SIZE_AND_SEED,
+            "epoch": FROM_0,
+            "scope": one_of(*SCOPES),
+            **MEASURE_COLUMNS,
+            "queries": FROM_0,
+            **SESSION,
+        },
+        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"],
+        ordered=True,
         checks=[null_without("queries", *MEASURES)],
-    )  # fmt: skip
+    )
 
 
-#: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros unless known.
+#: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros
+#: unless known.
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
 #: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of that session.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
-#: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is the best so far.
+#: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is
+#: the best so far.
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
-    {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType("bool")},
-    key=["size", "seed", "epoch"], ordered=True,
-)  # fmt: skip
-#: Measures of an initializer or of the joint model. ``queries`` counts triples; each triple gives three queries.
+    {
+        "size": FROM_0,
+        "seed": FROM_0,
+        "epoch": FROM_1,
+        **MEASURE_COLUMNS,
+        "kept": ColumnType("bool"),
+    },
+    key=["size", "seed", "epoch"],
+    ordered=True,
+)
+#: Measures of an initializer or of the joint model. ``queries`` counts triples; each triple gives
+#: three queries.
 RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
-#: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order of ``NOVEL``.
+#: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order
+#: of ``NOVEL``.
 INITIAL_VECTORS = TensorFile("data/runs/{experiment}/{initializer}.safetensors")
-#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and its fallback.
+#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and its
+#: fallback.
 INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
-    {**SIZE_AND_SEED, "entity": ENTITY, "kind": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, **MEASURE_COLUMNS,
-     "queries": FROM_0, "ties": FROM_0, **SESSION},
-    key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES)],
-)  # fmt: skip
+    {
+        **SIZE_AND_SEED,
+        "entity": ENTITY,
+        "kind": NAME,
+        "fallback": one_of(*FALLBACK_NAMES).optional,
+        **MEASURE_COLUMNS,
+        "queries": FROM_0,
+        "ties": FROM_0,
+        **SESSION,
+    },
+    key=["size", "seed", "session", "entity"],
+    ordered=True,
+    checks=[null_without("queries", *MEASURES)],
+)
 #: Number of candidates whose score is tied with the answer's, summed over queries, at epoch 0.
 TIES = Table(
     "data/runs/{experiment}/{model}.ties.parquet",
     {**SIZE_AND_SEED, "scope": one_of(*SCOPES), "ties": FROM_0, **SESSION},
-    key=["size", "seed", "session", "scope"], ordered=True,
-)  # fmt: skip
+    key=["size", "seed", "session", "scope"],
+    ordered=True,
+)
 
 
 def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> None:
@@ -87,23 +121,40 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
 
 @dataclass(frozen=True)
 class Store:
-    """Reads the files of one experiment, each table once; InputError where two contradict each other."""
+    """Reads the files of one experiment, each table once;
+    InputError where two contradict each other.
+    """
 
     experiment: str
-    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: those in memory are not read
-    vectors: np.ndarray | None = field(default=None, repr=False)  #: word vectors in memory; shape: (E, w)
+    #: those in memory are not read
+    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)
+    #: word vectors in memory; shape: (E, w)
+    vectors: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
     def drawn(
-        cls, name: str, tables: GraphTables, words: Words, sessions: SessionsOf, shares: Shares, root: int, key: str
-    ) -> Self:  # fmt: skip
-        """A store in memory of a graph, its word vectors and its sessions, whose params lie at ``key``."""
+        cls,
+        name: str,
+        tables: GraphTables,
+        words: Words,
+        sessions: SessionsOf,
+        shares: Shares,
+        root: int,
+        key: str,
+    ) -> Self:
+        """A store in memory of a graph, its word vectors and its sessions,
+        whose params lie at ``key``.
+        """
         vectors = look_up(load_vectors(words), list(tables.entities["phrase"]))
         graph = build_graph(tables.entities, tables.triples)
         rows = session_tables(graph, tables.entities, sessions, shares, root, f"{key}.sessions")
         with_words = len(tables.entities) - vectors.served_by.count(None)
-        print(tables, f"{with_words} of {len(tables.entities)} entities have a word vector", sep="\n")
-        return cls(name, {ENTITIES: tables.entities, TRIPLES: tables.triples, **rows}, vectors.vectors)
+        print(
+            tables, f"{with_words} of {len(tables.entities)} entities have a word vector", sep="\n"
+        )
+        return cls(
+            name, {ENTITIES: tables.entities, TRIPLES: tables.triples, **rows}, vectors.vectors
+        )
 
     def table(self, table: Table) -> pd.DataFrame:
         """A table of the experiment."""
@@ -130,8 +181,15 @@ class Store:
         """The split of each unique triple by seed, ``OUT`` for none; shapes: (T,), int8."""
         table, triples = self.table(SPLITS), len(self.table(TRIPLES))
         agreement.ids_below(self._path(SPLITS), table, "triple", triples, "the graph's triples")
-        codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLIT_NAMES)})
-        splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
+        codes = (
+            table["split"]
+            .astype(str)
+            .map({name: number for number, name in enumerate(SPLIT_NAMES)})
+        )
+        splits = {
+            seed: np.full(triples, OUT, dtype=np.int8)
+            for seed in sorted(table["seed"].unique().tolist())
+        }
         for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
             splits[seed][rows["triple"]] = rows["code"]
         return splits
@@ -142,16 +200,29 @@ class Store:
         agreement.insert_triples_fit(path, given, self.table(NOVEL), self.splits(), graph)
         return given
 
-    def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Grid points of ``size`` and the first ``seeds`` (None: all), in stacks of at most ``stack`` seeds each."""
-        graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
+    def grid(
+        self, stack: int, size: int | None = None, seeds: int | None = None
+    ) -> list[GridPoints]:
+        """Grid points of ``size`` and the first ``seeds`` (None: all),
+        in stacks of at most ``stack`` seeds each.
+        """
+        graph, splits, novel, path = (
+            self.graph(),
+            self.splits(),
+            self.table(NOVEL),
+            self._path(NOVEL),
+        )
         agreement.ids_below(path, novel, "entity", len(graph.entities), "the graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))
         agreement.splits_are_whole(self._path(SPLITS), splits)
         chosen = novel if size is None else novel[novel["size"] == size]
         chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
-            raise InputError(path, "column 'size'", f"expected rows of size {size} and seed below {seeds} (None: any)")
+            raise InputError(
+                path,
+                "column 'size'",
+                f"expected rows of size {size} and seed below {seeds} (None: any)",
+            )
         given, grid = self.insert_triples(), []
         for number in sorted(set(chosen["size"].tolist())):
             of_size = chosen[chosen["size"] == number]
@@ -163,7 +234,10 @@ class Store:
                 rows = rows.assign(model=rows["seed"].map(part.index), place=place)
                 joined = given.merge(rows, on=["size", "seed", "session", "entity"])
                 triples = joined[["session", "model", "place", "triple"]].to_numpy(np.int64)
-                triples, codes = triples[np.lexsort(triples.T[::-1])], np.stack([splits[seed] for seed in part])
+                triples, codes = (
+                    triples[np.lexsort(triples.T[::-1])],
+                    np.stack([splits[seed] for seed in part]),
+                )
                 grid.append(GridPoints(self.experiment, graph, number, part, codes, drawn, triples))
         return grid
 
@@ -183,13 +257,17 @@ class Store:
         """The joint models of every session of a stack of grid points."""
         return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
 
-    def _embedding(self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str) -> Embedding:
+    def _embedding(
+        self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str
+    ) -> Embedding:
         """The models of a session at a stack of grid points, checked against graph and model."""
         path, session = self._path(file, size=points.size), points.session(number)
         names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
         *tensors, seed = self._arrays(file, *names, size=points.size)
         if seed.tolist() != self._seeds or any(len(tensor) != len(seed) for tensor in tensors):
-            raise InputError(path, "", f"expected the sessions' seeds, {short(self._seeds)}, in every tensor")
+            raise InputError(
+                path, "", f"expected the sessions' seeds, {short(self._seeds)}, in every tensor"
+            )
         entity, relation, known = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
         shape, dimension = session.entities.shape, entity.shape[-1]
         width = len(points.graph.relations), model.width(dimension)
@@ -200,15 +278,22 @@ class Store:
         return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
-        """The vectors that an initializer gave in session 1 at a stack of grid points; shape (M, size, d)."""
+        """The vectors that an initializer gave in session 1 at a stack of grid points;
+        shape (M, size, d).
+        """
         path, name = self._path(INITIAL_VECTORS, initializer=initializer), f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
         dimension = THETA0.shape("entity", experiment=self.experiment, size=points.size)[-1:]
-        agreement.has_shape(path, name, vectors, (len(self._seeds), points.sessions * points.size, *dimension))
+        agreement.has_shape(
+            path, name, vectors, (len(self._seeds), points.sessions * points.size, *dimension)
+        )
         return vectors[np.isin(self._seeds, points.seeds), : points.size]
 
     def _path(self, file: DataFile, **names: str | int) -> Path:
         return file.path(experiment=self.experiment, **names)
 
     def _arrays(self, file: TensorFile, *tensors: str, **names: str | int) -> list[np.ndarray]:
-        return [tensor.numpy() for tensor in file.read(tensors, experiment=self.experiment, **names).values()]
+        return [
+            tensor.numpy()
+            for tensor in file.read(tensors, experiment=self.experiment, **names).values()
+        ]

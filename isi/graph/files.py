@@ -1,4 +1,6 @@
-"""A graph from a user's files: scenes, houses or triples, each read by a named reader or by the one that fits it."""
+"""A graph from a user's files: scenes, houses or triples,
+each read by a named reader or by the one that fits it.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -22,13 +24,18 @@ JSON = (".json", ".jsonl")  #: Suffixes of files whose reader is guessed from th
 
 
 def read_graph(
-    files: Sequence[str | Path], reader: str | None = None, settings: Mapping[str, Any] | None = None,
-    min_count: int = 1, seed: int = 0,
-) -> tuple[GraphTables, dict[str, dict[str, Any]]]:  # fmt: skip
-    """The graph of files or folders, and by file the name of its reader (guessed if None) and what that counted.
+    files: Sequence[str | Path],
+    reader: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    min_count: int = 1,
+    seed: int = 0,
+) -> tuple[GraphTables, dict[str, dict[str, Any]]]:
+    """The graph of files or folders, and by file the name of its reader
+    (guessed if None) and what that counted.
 
-    ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader; ``min_count``: triples with
-    fewer observations are dropped. InputError for a file that cannot be read, two kinds of an entity, or no triples.
+    ``ROOM=FILE`` gives the scenes of a file a room. ``settings`` are those of the reader;
+    ``min_count``: triples with fewer observations are dropped. InputError for a file that cannot be
+    read, two kinds of an entity, or no triples.
     """
     seen, kinds, read = [], [], {}
     paths_read = set[Path]()
@@ -42,26 +49,37 @@ def read_graph(
         is_guess = reader is None and suffix_of(path) in JSON
         with _suggesting_a_reader(name) if is_guess else nullcontext():
             source = _open(name, path, room, settings or {}, seed)
-            seen += [part.groupby(TRIPLE, sort=False)[COUNT].sum().reset_index() for part in source.frames()]
+            seen += [
+                part.groupby(TRIPLE, sort=False)[COUNT].sum().reset_index()
+                for part in source.frames()
+            ]
         kinds.append(source.kinds.assign(file=number))
-        shown = str(file).encode(errors="backslashreplace").decode()  # a path may hold bytes that are no text
+        # a path may hold bytes that are no text
+        shown = str(file).encode(errors="backslashreplace").decode()
         read[shown] = {"reader": name, **source.counts}
     named = _one_kind_each(pd.concat(kinds), files)
     tables = build_tables(MinedSource("files", pd.concat(seen), named), min_count)
     if tables.triples.empty:
-        raise InputError(files[0], "", f"expected a triple of count {min_count} (--min-count) or more, got none")
+        raise InputError(
+            files[0], "", f"expected a triple of count {min_count} (--min-count) or more, got none"
+        )
     return tables, read
 
 
 def write_graph(folder: Path, tables: GraphTables) -> None:
     """Write a folder that the reader ``table`` reads: ``triples.csv`` and ``entities.csv``."""
-    triples, entities = tables.triples[[*TRIPLE, COUNT]], tables.entities[["entity", "kind", "phrase"]]
+    triples, entities = (
+        tables.triples[[*TRIPLE, COUNT]],
+        tables.entities[["entity", "kind", "phrase"]],
+    )
     for name, frame in ((TRIPLES_FILE, triples), (ENTITIES_FILE, entities)):
         atomically(folder / name, partial(frame.to_csv, index=False, lineterminator="\n"))
 
 
 def _room_and_path(file: str | Path) -> tuple[str, Path]:
-    """The room (empty without one) and the path of ``FILE`` or ``ROOM=FILE``; a path may contain an equals sign."""
+    """The room (empty without one) and the path of ``FILE`` or ``ROOM=FILE``;
+    a path may contain an equals sign.
+    """
     room, _, path = str(file).partition("=")
     if room and path and not Path(file).exists() and Path(path).exists():
         return room, Path(path)
@@ -83,19 +101,27 @@ def _open(name: str, path: Path, room: str, given: Mapping[str, Any], seed: int)
     try:
         known = READERS.get(name, "--reader")
         if known.path is None:
-            raise InputError(f"reader {name}", "", "expected a reader of files: this one reads shipped data")
+            raise InputError(
+                f"reader {name}", "", "expected a reader of files: this one reads shipped data"
+            )
         slot = known.path.removesuffix("_")
         for key in {"reader", slot} & set(given):
-            raise InputError("--set", key, "expected another setting: FILE or --reader gives this one")
+            raise InputError(
+                "--set", key, "expected another setting: FILE or --reader gives this one"
+            )
         in_room = {"room": room} if room else {}
         section = {"reader": name, **known.defaults, slot: str(path), **given, **in_room}
         return Source(section, f"{room}={path}" if room else "--set", seed)
     except InputError as error:
-        raise (InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error) from error
+        raise (
+            InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error
+        ) from error
 
 
 def guess(file: Path) -> str:
-    """The first reader that fits a file's suffix or JSON, or the files of a folder; ``InputError`` if none fits."""
+    """The first reader that fits a file's suffix or JSON, or the files of a folder;
+    ``InputError`` if none fits.
+    """
     if not file.exists():
         raise InputError(file, "", "no such file")
     known, suffix = {name: READERS.get(name) for name in READERS.names()}, suffix_of(file)
@@ -109,13 +135,16 @@ def guess(file: Path) -> str:
         keys = f"the keys {first_of(list(value))}" if isinstance(value, dict) else short(value)
         got = f", got JSON with {keys}"
     if not fitting:
-        expected = f"expected a file of a known format{got}; --reader names its reader: {', '.join(known)}"
+        expected = (
+            f"expected a file of a known format{got}; --reader names its reader: {', '.join(known)}"
+        )
         raise InputError(file, "", expected)
     return fitting[0]
 
 
 def _one_kind_each(kinds: pd.DataFrame, files: Sequence[str | Path]) -> pd.DataFrame:
-    """One row per entity, without the kind ``ENTITY`` if a file has another; InputError for two others.
+    """One row per entity, without the kind ``ENTITY`` if a file has another;
+    InputError for two others.
 
     The column ``file`` of ``kinds`` is the place in ``files``.
     """
@@ -123,4 +152,6 @@ def _one_kind_each(kinds: pd.DataFrame, files: Sequence[str | Path]) -> pd.DataF
     for name, row in known[known["entity"].duplicated()].set_index("entity").iterrows():
         expected = f"expected the kind of another file, got {row['kind']!r}"
         raise InputError(files[row["file"]], f"entity {name!r}", expected)
-    return pd.concat([known, kinds]).drop_duplicates("entity", ignore_index=True).drop(columns="file")
+    return (
+        pd.concat([known, kinds]).drop_duplicates("entity", ignore_index=True).drop(columns="file")
+    )

@@ -22,18 +22,22 @@ from isi.tables.rules import TEXT, ColumnType
 from isi.tables.table import Table, TensorFile
 
 if TYPE_CHECKING:
-    from gensim.models import KeyedVectors  # elsewhere where it is used, since it takes seconds to import
+    # elsewhere where it is used, since it takes seconds to import
+    from gensim.models import KeyedVectors
 
 #: Tensor ``vectors``, shape (E, w), float32; zeros where an entity has no word vector.
 WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
 #: The phrase of each entity, and the tokens whose vectors it has (``WordVectors.served_by``).
 COVERAGE = Table(
-    "data/words/{experiment}/coverage.parquet", key=["entity"],
+    "data/words/{experiment}/coverage.parquet",
+    key=["entity"],
     columns={"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
-)  # fmt: skip
+)
 
-LARGEST = 1e6  #: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
-WIDEST, LONGEST = 100_000, 1_000  #: Maximal dimension of a vector, and length of a token in characters.
+#: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
+LARGEST = 1e6
+#: Maximal dimension of a vector, and length of a token in characters.
+WIDEST, LONGEST = 100_000, 1_000
 CHUNK = 2**21  #: Maximal bytes of a line of text; binary vectors are read in chunks of this size.
 
 
@@ -55,11 +59,14 @@ class WordVectors:
     """A word vector for each phrase."""
 
     vectors: np.ndarray  #: zero where a phrase has none; shape: (E, w), float32
-    served_by: list[str | None]  #: tokens whose mean vector each phrase has, separated by spaces; None if none
+    #: tokens whose mean vector each phrase has, separated by spaces; None if none
+    served_by: list[str | None]
 
 
 def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
-    """The vector of each phrase as one token (words joined by underscores), else the mean over words with a vector."""
+    """The vector of each phrase as one token (words joined by underscores),
+    else the mean over words with a vector.
+    """
     vectors = np.zeros((len(phrases), words.vector_size), dtype=np.float32)
     served: list[str | None] = []
     for row, phrase in enumerate(phrases):
@@ -72,7 +79,9 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 
 
 def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: shipped, from a file, or a gensim download; InputError if that fails."""
+    """Load the word vectors that params name: shipped, from a file, or a gensim download;
+    InputError if that fails.
+    """
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
@@ -84,7 +93,9 @@ def load_vectors(given: Words) -> KeyedVectors:
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     if given.sha256 is not None:
-        expected = "expected null or a file as words.source, since only the SHA-256 of a file is checked"
+        expected = (
+            "expected null or a file as words.source, since only the SHA-256 of a file is checked"
+        )
         raise InputError(paths.PARAMS, "words.sha256", expected)
     with extra("words-file"):
         import gensim.downloader  # needs the network: imported only for a download
@@ -93,7 +104,9 @@ def load_vectors(given: Words) -> KeyedVectors:
     try:
         downloaded = gensim.downloader.load(given.source)
     except Exception as error:  # gensim does not wrap errors of the network or of its index
-        expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
+        expected = (
+            f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
+        )
         raise InputError(given.source, "", expected) from error
     if not hasattr(downloaded, "key_to_index"):
         raise InputError(given.source, "", "this gensim download holds no word vectors")
@@ -103,8 +116,8 @@ def load_vectors(given: Words) -> KeyedVectors:
 def read_vectors(path: Path) -> KeyedVectors:
     """Read word2vec (text or binary) or GloVe vectors; the first bytes tell the format.
 
-    gensim's own reader is not used: it accepts a truncated last line and trusts the header's size. If a token
-    repeats, its first vector counts. InputError names the broken line or vector.
+    gensim's own reader is not used: it accepts a truncated last line and trusts the header's size.
+    If a token repeats, its first vector counts. InputError names the broken line or vector.
     """
     with extra("words-file"):
         from gensim.models import KeyedVectors
@@ -117,7 +130,11 @@ def read_vectors(path: Path) -> KeyedVectors:
                 with at("", f"{unit} {number}"):
                     name = token.decode()
                     if not 0 < len(name) <= LONGEST:
-                        raise InputError("", "", f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
+                        raise InputError(
+                            "",
+                            "",
+                            f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}",
+                        )
                 if name not in rows:
                     rows[name] = len(rows)
                     numbers += values
@@ -138,22 +155,32 @@ def read_vectors(path: Path) -> KeyedVectors:
 
 
 def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """For each vector: its unit (line or vector) and number, its token, and its values (float32, little endian)."""
+    """For each vector: its unit (line or vector) and number, its token,
+    and its values (float32, little endian).
+    """
     with extra("words-file"):
         from smart_open import open as open_any
 
     with open_any(path, "rb") as file:
         header, start = file.readline(CHUNK), file.read(4096)
-    sizes = re.fullmatch(rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", header.removeprefix(codecs.BOM_UTF8))
+    sizes = re.fullmatch(
+        rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", header.removeprefix(codecs.BOM_UTF8)
+    )
     count, dimension = map(int, sizes.groups()) if sizes else (0, 0)
     if sizes and not 0 < dimension <= WIDEST:
-        raise InputError("", "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}")
+        raise InputError(
+            "", "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}"
+        )
     number = 0
     with open_any(path, "rb") as file:
         if sizes:
             file.readline(CHUNK)
         is_binary = sizes and _is_binary(start)
-        for entry in _of_bytes(file, dimension) if is_binary else _of_lines(file, dimension, 2 if sizes else 1):
+        for entry in (
+            _of_bytes(file, dimension)
+            if is_binary
+            else _of_lines(file, dimension, 2 if sizes else 1)
+        ):
             number += 1
             yield entry
     if sizes and number != count:
@@ -161,7 +188,9 @@ def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
 
 
 def _is_binary(start: bytes) -> bool:
-    """Whether the bytes after a header are binary vectors: they are not UTF-8 or contain control characters."""
+    """Whether the bytes after a header are binary vectors:
+    they are not UTF-8 or contain control characters.
+    """
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
@@ -169,28 +198,38 @@ def _is_binary(start: bytes) -> bool:
     return re.search(rb"[^\t\n\r\x20-\xff]", start) is not None
 
 
-def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Entries of a text file, one line each; with dimension 0, the first line sets the dimension."""
+def _of_lines(
+    file: IO[bytes], dimension: int, first: int
+) -> Iterator[tuple[str, int, bytes, bytes]]:
+    """Entries of a text file, one line each; with dimension 0,
+    the first line sets the dimension.
+    """
     for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), first):
         text = (line if number > 1 else line.removeprefix(codecs.BOM_UTF8)).rstrip(b" \t\r\n")
         if not text:
             continue
         dimension = dimension or text.count(b" ")
-        token, *values = text.rsplit(b" ", dimension)  # tokens of GloVe may have spaces, as `. . .` has
+        # tokens of GloVe may have spaces, as `. . .` has
+        token, *values = text.rsplit(b" ", dimension)
         row = _numbers(values)
-        is_misread = b" " in token and any(not word or _numbers([word]) for word in token.split(b" ")[1:])
+        is_misread = b" " in token and any(
+            not word or _numbers([word]) for word in token.split(b" ")[1:]
+        )
         if len(row) != max(1, dimension) or is_misread:
             expected = f"expected a token and {dimension or 'its'} numbers, got {short(text[-40:])}"
             raise InputError("", f"line {number}", expected)
         if not line.endswith(b"\n"):
-            raise InputError("", f"line {number}", "is cut short: expected a line end after the last vector")
+            raise InputError(
+                "", f"line {number}", "is cut short: expected a line end after the last vector"
+            )
         yield "line", number, token, row.tobytes()
 
 
 def _numbers(texts: Sequence[bytes]) -> array[float]:
     """Texts as float32; an empty array if one is not a number."""
     try:
-        return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))  # Python takes 1_0 for ten
+        # Python takes 1_0 for ten
+        return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))
     except ValueError:
         return array("f")
 
@@ -201,10 +240,17 @@ def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, int, bytes
     for more in iter(partial(file.read, CHUNK), b""):
         chunk, start = rest + more, 0
         while (end := chunk.find(b" ", start)) >= 0 and len(chunk) > end + 4 * dimension:
-            yield "vector", number, chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + 4 * dimension]
+            yield (
+                "vector",
+                number,
+                chunk[start:end].lstrip(b"\n"),
+                chunk[end + 1 : end + 1 + 4 * dimension],
+            )
             number, start = number + 1, end + 1 + 4 * dimension
         rest = chunk[start:]
         if len(rest) > CHUNK:
             break
     if rest.strip(b"\r\n"):
-        raise InputError("", f"vector {number}", f"is not whole: expected {dimension} numbers, as line 1 says")
+        raise InputError(
+            "", f"vector {number}", f"is not whole: expected {dimension} numbers, as line 1 says"
+        )

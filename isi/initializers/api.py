@@ -1,4 +1,6 @@
-"""The interface of initializers, which give novel entities vectors before fine-tuning, and their registry."""
+"""The interface of initializers, which give novel entities vectors before fine-tuning,
+and their registry.
+"""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -23,16 +25,21 @@ NONE, ES, RS, CENTROID = range(4)
 
 
 class NoRelationMap(Exception):
-    """The model is not invertible, so an insert triple has no α: no expected vector of its novel end."""
+    """The model is not invertible, so an insert triple has no α:
+    no expected vector of its novel end.
+    """
 
 
 @dataclass(frozen=True)
 class InitContext:
-    """Input of an initializer, for M models and n novel entities each; it has no validation or test triple."""
+    """Input of an initializer, for M models and n novel entities each;
+    it has no validation or test triple.
+    """
 
     theta0: Embedding  #: Θ⁰; rows of novel entities are zero
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
-    eligible: Tensor  #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
+    #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
+    eligible: Tensor
     novel: Tensor  #: ids; shape: (M, n)
     words: Tensor  #: word vectors, zero where there is none; shape: (E, v)
     kinds: Tensor  #: the kind of each entity; ids, -1 without one; shape: (E,)
@@ -40,19 +47,24 @@ class InitContext:
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
     novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
     observed: Tensor  #: true for an insert triple, false for padding; shape: (M, n, I), bool
-    triples: Tensor = field(metadata={"shared": True})  #: unique triples of the graph; ids, shape: (T, 3)
+    #: unique triples of the graph; ids, shape: (T, 3)
+    triples: Tensor = field(metadata={"shared": True})
     trained: Tensor  #: training triples of D⁰; shape: (M, T), bool
     root: int  #: root seed of the random streams
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
-    by_kind: bool = False  #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
+    #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
+    by_kind: bool = False
 
     @property
     def candidates(self) -> Tensor:
-        """Eligible entities that may be indicators of each novel one; shape (M, n, E), or (M, 1, E) if all may."""
+        """Eligible entities that may be indicators of each novel one;
+        shape (M, n, E), or (M, 1, E) if all may.
+        """
         return self.of_kind(self.eligible)
 
     def of_kind(self, entities: Tensor) -> Tensor:
-        """Those of a mask, (M, E), that have the kind of each novel entity, if ``by_kind``; shape as ``candidates``.
+        """Those of a mask, (M, E), that have the kind of each novel entity, if ``by_kind``;
+        shape as ``candidates``.
 
         All of them for a novel entity without a kind, or if no eligible entity has its kind.
         """
@@ -63,24 +75,36 @@ class InitContext:
         alone = ~(alike & self.eligible[:, None]).any(-1, keepdim=True)
         return entities[:, None] & (alike | alone)
 
-    def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
+    def draw(
+        self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]
+    ) -> Tensor:
         """Random numbers, (M, n, d), from one stream per model and purpose."""
         shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
-        numbers = [distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()]
+        numbers = [
+            distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()
+        ]
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
 
 
 def context_of(
-    theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor,
+    theta: Embedding,
+    before: Session,
+    novel: Tensor,
+    insert_triples: Tensor,
+    words: Tensor,
+    root: int,
+    keys: Tensor,
     listed: Tensor | None = None,
-) -> InitContext:  # fmt: skip
-    """The input of an initializer; ``insert_triples``, (T, 3), sorted: model, place in ``novel``, triple id.
+) -> InitContext:
+    """The input of an initializer; ``insert_triples``, (T, 3), sorted:
+    model, place in ``novel``, triple id.
 
     Ids are rows of ``listed``, (I, 3); None: of the graph's triples.
     """
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
-    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
+    # within its entity; slots ascend
+    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)
     longest = int(number.max()) + 1 if len(number) else 1
     head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
     is_tail = tail == novel[model, place]
@@ -91,11 +115,21 @@ def context_of(
         return table
 
     return InitContext(
-        theta0=theta, known=before.entities, eligible=before.trained(), novel=novel, words=words,
-        kinds=before.graph.kinds, other=padded(torch.where(is_tail, head, tail)), relation=padded(relation),
-        novel_is_tail=padded(is_tail), observed=padded(torch.ones_like(is_tail)), triples=before.graph.triples,
-        trained=before.members(TRAIN), root=root, keys=keys,
-    )  # fmt: skip
+        theta0=theta,
+        known=before.entities,
+        eligible=before.trained(),
+        novel=novel,
+        words=words,
+        kinds=before.graph.kinds,
+        other=padded(torch.where(is_tail, head, tail)),
+        relation=padded(relation),
+        novel_is_tail=padded(is_tail),
+        observed=padded(torch.ones_like(is_tail)),
+        triples=before.graph.triples,
+        trained=before.members(TRAIN),
+        root=root,
+        keys=keys,
+    )
 
 
 @dataclass(frozen=True)
@@ -104,8 +138,10 @@ class InitResult:
 
     vectors: Tensor  #: shape: (M, n, d)
     fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
-    weights: Tensor | None = None  #: known entities' weights in the mean (MAP, ridge: prior mean), sum 1; (M, n, E)
-    is_centroid: bool = False  #: whether each vector is the centroid of its indicators: entities of weight > 0
+    #: known entities' weights in the mean (MAP, ridge: prior mean), sum 1; (M, n, E)
+    weights: Tensor | None = None
+    #: whether each vector is the centroid of its indicators: entities of weight > 0
+    is_centroid: bool = False
 
     @property
     def indicators(self) -> Tensor | None:
@@ -114,16 +150,20 @@ class InitResult:
 
 
 def without_weights(vectors: Tensor) -> InitResult:
-    """The result of vectors, (M, n, d), that are not a mean of known vectors and needed no fallback."""
+    """The result of vectors, (M, n, d), that are not a mean of known
+    vectors and needed no fallback.
+    """
     return InitResult(vectors, torch.full(vectors.shape[:2], NONE))
 
 
 Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and its own options.
-#: The paper's baselines; ISI; controls (ISI with one part left out or replaced, or random vectors); baselines beyond
-#: the paper; a user's own.
+#: The paper's baselines; ISI; controls (ISI with one part left out or replaced, or random vectors);
+#: baselines beyond the paper; a user's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
-Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: Required data or property of the model.
-#: Memory grows with the number of entities, or of their pairs; ``newton``: an optimum for each novel entity.
+#: Required data or property of the model.
+Need = Literal["words", "insert_triples", "inverse", "linear_score"]
+#: Memory grows with the number of entities, or of their pairs; ``newton``: an optimum for each
+#: novel entity.
 Cost = Literal["entities", "pairs", "newton"]
 
 
@@ -136,36 +176,56 @@ class Registered:
     label: str  #: title in tables and figures
     role: Role = "own"
     colour: str | None = None  #: of its curves, ``#rrggbb``; None: the report chooses one
-    description: str = ""  #: one sentence; by default the first paragraph of the function's docstring
-    defaults: Mapping[str, Any] = field(default_factory=dict)  #: options that a caller of ``isi.insert`` may omit
+    #: one sentence; by default the first paragraph of the function's docstring
+    description: str = ""
+    #: options that a caller of ``isi.insert`` may omit
+    defaults: Mapping[str, Any] = field(default_factory=dict)
     needs: tuple[Need, ...] = ()
     cost: Cost = "entities"
-    grid: Mapping[str, Sequence[Any]] | None = None  #: options that ``tools/choose_initializers`` compares
-    #: settings that ``isi.insert`` compares on hidden entities beside ``defaults``, of which each changes some options
+    #: options that ``tools/choose_initializers`` compares
+    grid: Mapping[str, Sequence[Any]] | None = None
+    #: settings that ``isi.insert`` compares on hidden entities beside ``defaults``, of which each
+    #: changes some options
     calibration: Sequence[Mapping[str, Any]] = ()
 
     def misses(self, model: Model) -> str | None:
         """The property that the initializer needs and the model lacks, in words, or None."""
         if "inverse" in self.needs and not model.invertible:
             return "the inverse of a relation"
-        return "a score that is linear in a vector" if "linear_score" in self.needs and not model.linear else None
+        return (
+            "a score that is linear in a vector"
+            if "linear_score" in self.needs and not model.linear
+            else None
+        )
 
     def check(self, model: Model) -> None:
-        """InputError, with the initializers that fit the model, if the model lacks a property that this one needs."""
+        """InputError, with the initializers that fit the model,
+        if the model lacks a property that this one needs.
+        """
         if lacking := self.misses(model):
-            others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
+            others = [
+                name
+                for name in INITIALIZERS.names()
+                if not INITIALIZERS.get(name, name).misses(model)
+            ]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"
             raise InputError(paths.PARAMS, f"initializers.{self.name}", message)
 
     def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
-        """The vectors of the novel entities (equation 8); ``InputError`` if the result is not as in ``InitResult``."""
+        """The vectors of the novel entities (equation 8);
+        ``InputError`` if the result is not as in ``InitResult``.
+        """
         self.check(context.theta0.model)
         result: Any = self.function(context, **options)
         name, (models, new) = f"initializer {self.name!r}", context.novel.shape
         if not isinstance(result, InitResult):
             raise InputError(name, "", f"expected an InitResult, got {type(result).__name__}")
         width, entities = context.theta0.entity.shape[-1], context.known.shape[-1]
-        shapes = {"vectors": (models, new, width), "fallback": (models, new), "weights": (models, new, entities)}
+        shapes = {
+            "vectors": (models, new, width),
+            "fallback": (models, new),
+            "weights": (models, new, entities),
+        }
         for part, shape in shapes.items():
             tensor = getattr(result, part)
             got = tuple(tensor.shape) if isinstance(tensor, Tensor) else type(tensor).__name__
@@ -179,11 +239,17 @@ class Registered:
 INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")
 
 
-def initializer(name: str, *, label: str | None = None, **about: Any) -> Callable[[Initializer], Initializer]:
-    """Register a function whose parameters after the context are its options; ``about``: fields of ``Registered``."""
+def initializer(
+    name: str, *, label: str | None = None, **about: Any
+) -> Callable[[Initializer], Initializer]:
+    """Register a function whose parameters after the context are its options;
+    ``about``: fields of ``Registered``.
+    """
 
     def register(function: Initializer) -> Initializer:
-        described = {"description": (inspect.getdoc(function) or "").partition("\n\n")[0].replace("\n", " ")}
+        described = {
+            "description": (inspect.getdoc(function) or "").partition("\n\n")[0].replace("\n", " ")
+        }
         INITIALIZERS.register(name, Registered(name, function, label or name, **described | about))
         return function
 
@@ -191,5 +257,7 @@ def initializer(name: str, *, label: str | None = None, **about: Any) -> Callabl
 
 
 def options_of(name: str, given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Validated options of an initializer, as keyword arguments; ``InputError`` at the key if they do not fit."""
+    """Validated options of an initializer, as keyword arguments;
+    ``InputError`` at the key if they do not fit.
+    """
     return keywords(INITIALIZERS.get(name, key).function, given, key)

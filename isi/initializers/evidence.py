@@ -1,8 +1,10 @@
-"""The triples that determine a novel vector: insert triples, their negatives, known triples with the novel entity.
+"""The triples that determine a novel vector:
+insert triples, their negatives, known triples with the novel entity.
 
-Training uses a row in three ways, and so does the objective of MAP (docs/method.md): as an end of its own triples; in
-corrupted copies of them; and as the wrong end of everybody else's triples. Each is a list of weighted triples of the
-novel and a known entity. Of more than ``SAMPLE`` triples a systematic sample is taken (its error: docs/speed.md).
+Training uses a row in three ways, and so does the objective of MAP (docs/method.md): as an end of
+its own triples; in corrupted copies of them; and as the wrong end of everybody else's triples. Each
+is a list of weighted triples of the novel and a known entity. Of more than ``SAMPLE`` triples a
+systematic sample is taken (its error: docs/speed.md).
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ from isi.initializers.api import InitContext
 
 #: Maximum number of corrupted ends, of corrupted relations and of known triples of a novel entity.
 SAMPLE = 1536
-KNOWN_SAMPLE = 2**16  #: Maximum number of known triples, evenly spaced by row, from which the last are drawn.
+#: Maximum number of known triples, evenly spaced by row, from which the last are drawn.
+KNOWN_SAMPLE = 2**16
 
 
 @dataclass(frozen=True)
@@ -30,25 +33,36 @@ class Evidence:
 
 
 def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evidence:
-    """The evidence of the insert triples, of ``ratio`` corrupted ends and relations for each, and of known triples.
+    """The evidence of the insert triples, of ``ratio`` corrupted ends and relations for each,
+    and of known triples.
 
     ``known_negatives``: β, weight of the known triples that are corrupted by a novel entity.
     """
-    observed, none = context.observed.double(), torch.zeros(context.observed.shape, dtype=torch.float64)
+    observed, none = (
+        context.observed.double(),
+        torch.zeros(context.observed.shape, dtype=torch.float64),
+    )
     parts = [Evidence(context.novel_is_tail, context.relation, context.other, observed, none)]
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
     return Evidence(
-        *(torch.cat(list(values), -1) for values in zip(*(vars(part).values() for part in parts), strict=True))
+        *(
+            torch.cat(list(values), -1)
+            for values in zip(*(vars(part).values() for part in parts), strict=True)
+        )
     )
 
 
 def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
-    """Insert triples whose known end is replaced by a uniformly random known entity, perhaps by the true one."""
+    """Insert triples whose known end is replaced by a uniformly random known entity,
+    perhaps by the true one.
+    """
     relations, models = context.theta0.relation.shape[1], context.novel.shape
     slots = torch.zeros(*models, 2 * relations, dtype=torch.float64)
-    slots.scatter_add_(-1, context.novel_is_tail * relations + context.relation, context.observed.double())
+    slots.scatter_add_(
+        -1, context.novel_is_tail * relations + context.relation, context.observed.double()
+    )
     number, slot = slots.sort(dim=-1, descending=True, stable=True)
     most = min(context.observed.shape[-1], 2 * relations)  # slots of an entity with triples
     number, slot = number[..., :most], slot[..., :most]
@@ -70,15 +84,19 @@ def corrupted_relations(context: InitContext, ratio: int) -> Evidence:
     )  # evenly spaced, all different
     relation = (context.relation[..., None] + steps) % relations
     weight = ratio / max(1, number) * context.observed.double()[..., None].expand_as(relation)
-    is_tail, other = (ids[..., None].expand_as(relation) for ids in (context.novel_is_tail, context.other))
+    is_tail, other = (
+        ids[..., None].expand_as(relation) for ids in (context.novel_is_tail, context.other)
+    )
     return _negative(*(values.flatten(2) for values in (is_tail, relation, other, weight)))
 
 
 def corrupted_known(context: InitContext, weight: float) -> Evidence:
-    """Training triples of D⁰ whose head or tail is replaced by a uniformly random entity that is the novel one.
+    """Training triples of D⁰ whose head or tail is replaced by a uniformly random
+    entity that is the novel one.
 
-    Each has the probability 1 / known entities. The expected numbers are multiplied by ``weight`` and by s = min(1,
-    insert triples / mean training triples of an entity): a triple that was not given is not false.
+    Each has the probability 1 / known entities. The expected numbers are multiplied by ``weight``
+    and by s = min(1, insert triples / mean training triples of an entity): a triple that was not
+    given is not false.
     """
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     known, trained = context.known.sum(-1).double(), context.trained.sum(-1).double()
@@ -87,7 +105,9 @@ def corrupted_known(context: InitContext, weight: float) -> Evidence:
     head, relation, tail = triples[:, HEAD], triples[:, RELATION], triples[:, TAIL]
     keys = torch.cat([relation * entities + tail, (relations + relation) * entities + head])
     key, place = torch.unique(keys, return_inverse=True)
-    number = torch.zeros(len(known), len(key), dtype=torch.float64).index_add_(1, place, in_sample.repeat(1, 2))
+    number = torch.zeros(len(known), len(key), dtype=torch.float64).index_add_(
+        1, place, in_sample.repeat(1, 2)
+    )
     number *= (trained / in_sample.sum(-1).clamp(min=1))[:, None]
     item, number = spread(number, SAMPLE)
     mean = 2 * trained / known
@@ -96,14 +116,17 @@ def corrupted_known(context: InitContext, weight: float) -> Evidence:
     shape = (*context.novel.shape, item.shape[-1])
     slot = (key[item] // entities)[:, None].expand(shape)
     other = (key[item] % entities)[:, None].expand(shape)
-    return _negative(slot >= relations, slot % relations, other, by_entity[..., None] * number[:, None])
+    return _negative(
+        slot >= relations, slot % relations, other, by_entity[..., None] * number[:, None]
+    )
 
 
 def spread(weight: Tensor, most: int) -> tuple[Tensor, Tensor]:
-    """Ids of at most ``most`` of N items for each model, and their weights; shapes: (M, N), results (M, ≤ ``most``).
+    """Ids of at most ``most`` of N items for each model, and their weights;
+    shapes: (M, N), results (M, ≤ ``most``).
 
-    All items if they are that few; else a systematic sample with probability proportional to weight, whose items have
-    equal weights and the same total.
+    All items if they are that few; else a systematic sample with probability proportional to
+    weight, whose items have equal weights and the same total.
     """
     if weight.shape[1] <= most:
         return torch.arange(weight.shape[1]).expand(weight.shape), weight

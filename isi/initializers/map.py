@@ -1,4 +1,6 @@
-"""MAP and ridge: the vector that best fits the triples of ``evidence`` and a prior at a mean of known vectors."""
+"""MAP and ridge: the vector that best fits the triples of ``evidence`` and a prior
+at a mean of known vectors.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,13 +20,18 @@ from isi.initializers.paper import hybrid_similarity
 from isi.models.model import Model, RelationMapModel
 from isi.models.stack import NotFinite, rows
 
-SHRINKAGE = 0.1  #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be singular.
+#: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be
+#: singular.
+SHRINKAGE = 0.1
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
-BUDGET = 2**20  #: Maximum number of elements in the vectors of the triples of all entities solved together.
+#: Maximum number of elements in the vectors of the triples of all entities solved together.
+BUDGET = 2**20
 
 
 def covariance(context: InitContext) -> Tensor:
-    """Σ of ≤ ``VECTORS`` known vectors, shrunk towards an isotropic one by ``SHRINKAGE``; (M, d, d), float64."""
+    """Σ of ≤ ``VECTORS`` known vectors, shrunk towards an isotropic one by ``SHRINKAGE``;
+    (M, d, d), float64.
+    """
     entity, weight = spread(context.known.double(), VECTORS)
     share = (weight / weight.sum(-1, keepdim=True))[..., None]
     vectors = rows(context.theta0.entity, entity).double()
@@ -38,13 +45,20 @@ def precision_of(context: InitContext) -> Tensor:
     """Σ⁻¹ of the known vectors, (M, d, d), float64; ``NotFinite`` where Σ has no inverse."""
     inverse, failed = inv_ex(covariance(context))
     if failed.any():
-        problem = "the known vectors are all equal and have no covariance: lower the weight decay of training"
+        problem = (
+            "the known vectors are all equal and have no covariance: "
+            "lower the weight decay of training"
+        )
         raise NotFinite(failed.nonzero()[:, 0].tolist(), problem)
     return inverse  # type: ignore[no-any-return]
 
 
-def problems(context: InitContext, weighted: Evidence, mean: Tensor, strength: float) -> Iterator[Problem]:
-    """The problems of all M · n novel entities in order, in batches of ``BUDGET``; ``mean``: μ, (M, n, d)."""
+def problems(
+    context: InitContext, weighted: Evidence, mean: Tensor, strength: float
+) -> Iterator[Problem]:
+    """The problems of all M · n novel entities in order, in batches of ``BUDGET``;
+    ``mean``: μ, (M, n, d).
+    """
     theta0, (models, number, dimension) = context.theta0, mean.shape
     precision = strength * precision_of(context)
     batch = max(1, BUDGET // (weighted.other.shape[-1] * dimension))
@@ -52,7 +66,11 @@ def problems(context: InitContext, weighted: Evidence, mean: Tensor, strength: f
     for place in torch.split(torch.arange(models * number), batch):
         model = place // number
         is_tail, relation, other, positive, negative, prior = (values[place] for values in listed)
-        ends = is_tail[..., None], theta0.relation[model[:, None], relation], theta0.entity[model[:, None], other]
+        ends = (
+            is_tail[..., None],
+            theta0.relation[model[:, None], relation],
+            theta0.entity[model[:, None], other],
+        )
         yield Problem(positive, negative, prior, precision[model], score_of(theta0.model, *ends))
 
 
@@ -64,13 +82,17 @@ def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> 
         return MappedScore(model.interaction, anchors(model, is_tail, relation, other))
 
     def score(novel: Tensor) -> Tensor:
-        return model.score(torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other))
+        return model.score(
+            torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other)
+        )
 
     return AnyScore(score, other.shape[1])
 
 
 def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Tensor:
-    """α of triples, (B, C, d): their known ends, mapped by the relation; shapes as in ``score_of``."""
+    """α of triples, (B, C, d): their known ends, mapped by the relation;
+    shapes as in ``score_of``.
+    """
     alpha, at = torch.empty_like(other), is_tail[..., 0]
     alpha[at] = model.transform(other[at], relation[at])
     alpha[~at] = model.transform_tail(other[~at], relation[~at])
@@ -78,74 +100,155 @@ def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> T
 
 
 def most_probable(
-    context: InitContext, prior: InitResult, strength: float, ratio: int, known_negatives: float = 0.0
+    context: InitContext,
+    prior: InitResult,
+    strength: float,
+    ratio: int,
+    known_negatives: float = 0.0,
 ) -> InitResult:
-    """The minimum of ``Problem.objective`` for each novel entity: its maximum a posteriori vector (MAP)."""
+    """The minimum of ``Problem.objective`` for each novel entity:
+    its maximum a posteriori vector (MAP).
+    """
     weighted = evidence_of(context, ratio, known_negatives)
-    vectors = torch.cat([newton(problem) for problem in problems(context, weighted, prior.vectors, strength)])
-    return replace(prior, vectors=vectors.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False)
+    vectors = torch.cat(
+        [newton(problem) for problem in problems(context, weighted, prior.vectors, strength)]
+    )
+    return replace(
+        prior, vectors=vectors.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False
+    )
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
-#: Options for embeddings on which more weight on the prior or on known triples pays, the best guess first.
+#: Options for embeddings on which more weight on the prior or on known triples pays, the best guess
+#: first.
 _SETTINGS = [
     {"strength": strength, "known_negatives": weight}
-    for strength, weight in ((1.0, 3.0), (1.0, 10.0), (3.0, 10.0), (1.0, 1.0), (3.0, 3.0), (3.0, 30.0), (3.0, 100.0))
+    for strength, weight in (
+        (1.0, 3.0),
+        (1.0, 10.0),
+        (3.0, 10.0),
+        (1.0, 1.0),
+        (3.0, 3.0),
+        (3.0, 30.0),
+        (3.0, 100.0),
+    )
 ]
 
 
-@initializer("map", label="MAP", role="baseline", colour="#b2182b", cost="newton", needs=("insert_triples",),
-             defaults={"word_weight": 16.0, "relation_weight": 8.0, "strength": 0.5, "ratio": 3,
-                       "known_negatives": 0.3},
-             grid={"word_weight": [16.0], "relation_weight": [8.0], "strength": [0.2, 0.5, 1.0, 3.0],
-                   "ratio": [1, 3, 9], "known_negatives": [0.1, 0.3, 1.0]},
-             calibration=_SETTINGS)  # fmt: skip
+@initializer(
+    "map",
+    label="MAP",
+    role="baseline",
+    colour="#b2182b",
+    cost="newton",
+    needs=("insert_triples",),
+    defaults={
+        "word_weight": 16.0,
+        "relation_weight": 8.0,
+        "strength": 0.5,
+        "ratio": 3,
+        "known_negatives": 0.3,
+    },
+    grid={
+        "word_weight": [16.0],
+        "relation_weight": [8.0],
+        "strength": [0.2, 0.5, 1.0, 3.0],
+        "ratio": [1, 3, 9],
+        "known_negatives": [0.1, 0.3, 1.0],
+    },
+    calibration=_SETTINGS,
+)
 def maximum_a_posteriori(
-    context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count,
+    context: InitContext,
+    word_weight: NotNegative,
+    relation_weight: NotNegative,
+    strength: Positive,
+    ratio: Count,
     known_negatives: NotNegative,
-) -> InitResult:  # fmt: skip
-    """MAP: the most probable vector given insert triples, corrupted known triples and a prior at the soft hybrid."""
+) -> InitResult:
+    """MAP: the most probable vector given insert triples,
+    corrupted known triples and a prior at the soft hybrid.
+    """
     prior = soft_hybrid(context, word_weight, relation_weight)
-    prior = replace(prior, fallback=prior.fallback.masked_fill(similarity.has_insert_triples(context), NONE))
+    prior = replace(
+        prior, fallback=prior.fallback.masked_fill(similarity.has_insert_triples(context), NONE)
+    )
     return most_probable(context, prior, strength, ratio, known_negatives)
 
 
-@initializer("map_own_facts", label="MAP, own facts", role="baseline", colour="#d6604d",
-             cost="newton", needs=("words", "insert_triples", "inverse"),
-             defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
-             grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR})  # fmt: skip
+@initializer(
+    "map_own_facts",
+    label="MAP, own facts",
+    role="baseline",
+    colour="#d6604d",
+    cost="newton",
+    needs=("words", "insert_triples", "inverse"),
+    defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
+    grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR},
+)
 def map_of_own_facts(
-    context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
+    context: InitContext,
+    word_weight: NotNegative,
+    relation_weight: NotNegative,
+    strength: Positive,
+    ratio: Count,
 ) -> InitResult:
     """MAP, own facts: MAP without the known triples that the novel entity corrupts (β = 0)."""
-    return most_probable(context, soft_hybrid(context, word_weight, relation_weight), strength, ratio)
+    return most_probable(
+        context, soft_hybrid(context, word_weight, relation_weight), strength, ratio
+    )
 
 
-@initializer("map_ers", label="MAP, own facts, ERS", role="baseline", colour="#ef8a62",
-             cost="newton", needs=("words", "insert_triples", "inverse"),
-             defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
-             grid={"k": [9], "candidates": [30], **_PRIOR})  # fmt: skip
-def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
+@initializer(
+    "map_ers",
+    label="MAP, own facts, ERS",
+    role="baseline",
+    colour="#ef8a62",
+    cost="newton",
+    needs=("words", "insert_triples", "inverse"),
+    defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
+    grid={"k": [9], "candidates": [30], **_PRIOR},
+)
+def map_around_ers(
+    context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count
+) -> InitResult:
     """MAP, own facts, ERS: as "MAP, own facts", with a prior at the vector of ERS."""
     return most_probable(context, hybrid_similarity(context, k, candidates), strength, ratio)
 
 
-@initializer("map_mean", label="MAP, own facts, mean", role="baseline", colour="#f4a582", cost="newton",
-             needs=("insert_triples",), defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR)  # fmt: skip
+@initializer(
+    "map_mean",
+    label="MAP, own facts, mean",
+    role="baseline",
+    colour="#f4a582",
+    cost="newton",
+    needs=("insert_triples",),
+    defaults={"strength": 0.1, "ratio": 1},
+    grid=_PRIOR,
+)
 def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """MAP, own facts, mean: as "MAP, own facts", with a prior at the known centroid."""
     return most_probable(context, _mean_of_known(context), strength, ratio)
 
 
-@initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46",
-             cost="newton", needs=("insert_triples", "inverse", "linear_score"),
-             defaults={"strength": 1e-4, "ratio": 3},
-             grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]})  # fmt: skip
+@initializer(
+    "ridge",
+    label="Ridge",
+    role="baseline",
+    colour="#8c6d46",
+    cost="newton",
+    needs=("insert_triples", "inverse", "linear_score"),
+    defaults={"strength": 1e-4, "ratio": 3},
+    grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
+)
 def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions."""
-    # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ: the known centroid
+    """Ridge: the vector whose scores are nearest to 1 for insert triples and
+    to 0 for their corruptions.
+    """
+    # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ:
+    # the known centroid
     prior = _mean_of_known(context)
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):

@@ -1,4 +1,6 @@
-"""Newton's method for vectors that determine the scores of weighted triples and have a normal prior."""
+"""Newton's method for vectors that determine the scores of weighted
+triples and have a normal prior.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +14,8 @@ from torch.nn.functional import softplus
 from isi.models.scoring import Interaction, padded
 
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
-TOLERANCE = 1e-6  #: A step is the last if twice its predicted gain of log-probability is at most this.
+#: A step is the last if twice its predicted gain of log-probability is at most this.
+TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
 CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
@@ -43,7 +46,9 @@ class LinearScore:
 
 @dataclass(frozen=True)
 class MappedScore:
-    """f = interaction(α, v), where α is the known end, mapped by the relation; ``alpha``: (B, C, d)."""
+    """f = interaction(α, v), where α is the known end, mapped by the relation;
+    ``alpha``: (B, C, d).
+    """
 
     interaction: Interaction
     alpha: Tensor
@@ -78,7 +83,9 @@ class AnyScore:
 
 @dataclass(frozen=True)
 class Problem:
-    """The objective of B vectors v, each with C triples. Vectors of triples are float32, all other numbers float64."""
+    """The objective of B vectors v, each with C triples.
+    Vectors of triples are float32, all other numbers float64.
+    """
 
     positive: Tensor  #: w⁺; shape: (B, C)
     negative: Tensor  #: w⁻; shape: (B, C)
@@ -95,17 +102,22 @@ class Problem:
         return self.score.slopes(at.float())
 
     def objective(self, score: Tensor, at: Tensor) -> Tensor:
-        """Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ); shapes (B, C), (B, d), result (B,)."""
+        """Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ);
+        shapes (B, C), (B, d), result (B,).
+        """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        return (self.positive * softplus(-score) + self.negative * softplus(score)).sum(-1) + prior / 2
+        return (self.positive * softplus(-score) + self.negative * softplus(score)).sum(
+            -1
+        ) + prior / 2
 
 
 def newton(problem: Problem) -> Tensor:
     """argmin of the objective, (B, d), by Newton's method from μ.
 
-    Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v (Gauss-Newton), and the
-    result is near a local optimum. A step is halved while it increases the objective.
+    Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v
+    (Gauss-Newton), and the result is near a local optimum. A step is halved while it increases the
+    objective.
     """
     at, active = problem.mean, torch.ones(len(problem.mean), dtype=torch.bool)
     score, slopes = problem.scores(at), problem.slopes(at)
@@ -120,8 +132,12 @@ def newton(problem: Problem) -> Tensor:
     return at
 
 
-def newton_step(problem: Problem, at: Tensor, score: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
-    """The step, (B, d), to the minimum of the quadratic model of the objective, and twice its gain, (B,)."""
+def newton_step(
+    problem: Problem, at: Tensor, score: Tensor, slopes: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The step, (B, d), to the minimum of the quadratic model of the objective,
+    and twice its gain, (B,).
+    """
     weight, likely = problem.positive + problem.negative, padded(torch.sigmoid, score)
     gradient = ((weight * likely - problem.positive).float()[:, None] @ slopes)[:, 0].double()
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
@@ -131,7 +147,8 @@ def newton_step(problem: Problem, at: Tensor, score: Tensor, slopes: Tensor) -> 
 
 
 def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
-    """The first factor of 1, ½, ¼, ... whose step does not increase the objective, else 2^-``HALVINGS``; (B,).
+    """The first factor of 1, ½, ¼, ... whose step does not increase the objective,
+    else 2^-``HALVINGS``; (B,).
 
     And the decrease of the objective by the last factor that was tried, (B,).
     """

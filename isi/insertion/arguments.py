@@ -1,4 +1,6 @@
-"""Checks the arguments of ``isi.insert`` and ``isi.fit_new``. An ``InputError`` names the argument."""
+"""Checks the arguments of ``isi.insert`` and ``isi.fit_new``.
+An ``InputError`` names the argument.
+"""
 
 from __future__ import annotations
 
@@ -31,27 +33,39 @@ if TYPE_CHECKING:
 Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
 #: Triples in the forms that ``listed_triples`` describes.
-TripleForms: TypeAlias = "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
+TripleForms: TypeAlias = (
+    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
+)
 
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Name the argument in an ``InputError`` whose file is empty or ``params.yaml``; ``NotFinite`` stays unchanged."""
+    """Name the argument in an ``InputError`` whose file is empty or ``params.yaml``;
+    ``NotFinite`` stays unchanged.
+    """
     try:
         yield
     except InputError as error:
         if error.file not in ("", str(paths.PARAMS)) or isinstance(error, NotFinite):
             raise
-        raise InputError(f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message) from error
+        raise InputError(
+            f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message
+        ) from error
 
 
 def as_list(values: Any, item: type | UnionType = object, expected: str = "a list") -> list[Any]:
-    """An argument as a list of ``item``. An ``InputError`` refuses a text, and items of other types."""
+    """An argument as a list of ``item``. An ``InputError`` refuses a text,
+    and items of other types.
+    """
     try:
         items = list(values)
     except TypeError as error:
         raise InputError("", "", f"expected {expected}, got {short(values)}") from error
-    wrong = [values] if isinstance(values, str | bytes) else [value for value in items if not isinstance(value, item)]
+    wrong = (
+        [values]
+        if isinstance(values, str | bytes)
+        else [value for value in items if not isinstance(value, item)]
+    )
     if wrong:
         raise InputError("", "", f"expected {expected}, got {short(wrong[0])}")
     return items
@@ -63,15 +77,21 @@ def is_whole(value: object) -> bool:
 
 def options_by_name(values: Any, name: str) -> dict[str, Any]:
     """An argument that maps names to options, as a dict; empty for None."""
-    return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
+    return dict(
+        check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}")  # type: ignore[type-abstract]
+    )
 
 
 def array_of(tensor: torch.Tensor) -> np.ndarray:
-    """A tensor of any device, with or without gradient, as an array; types that NumPy lacks (bfloat16) as float32."""
+    """A tensor of any device, with or without gradient, as an array;
+    types that NumPy lacks (bfloat16) as float32.
+    """
     try:
         return tensor.numpy(force=True)
     except TypeError:
-        return tensor.to(torch.complex64 if tensor.is_complex() else torch.float32).numpy(force=True)
+        return tensor.to(torch.complex64 if tensor.is_complex() else torch.float32).numpy(
+            force=True
+        )
 
 
 def _as_array(values: Any, dtype: type[np.generic] | None = None) -> np.ndarray:
@@ -83,28 +103,47 @@ def _as_array(values: Any, dtype: type[np.generic] | None = None) -> np.ndarray:
     return np.asarray(values, dtype)
 
 
-def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
-    """An argument as an array, (rows, width), of finite floats; ``InputError`` names the argument and the row."""
+def table(
+    values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None
+) -> np.ndarray:
+    """An argument as an array, (rows, width), of finite floats;
+    ``InputError`` names the argument and the row.
+    """
     with argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
             numbers = _as_array(values, dtype)
-        except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: by a tensor within
-            raise InputError("", "", f"expected a table of floats (rows, numbers) ({error})") from error
+        # RuntimeError: by a tensor within
+        except (TypeError, ValueError, RuntimeError, OverflowError) as error:
+            raise InputError(
+                "", "", f"expected a table of floats (rows, numbers) ({error})"
+            ) from error
         if np.iscomplexobj(numbers):
-            expected = "expected real numbers: of complex vectors, the real half, then the imaginary half"
+            expected = (
+                "expected real numbers: of complex vectors, the real half, then the imaginary half"
+            )
             raise InputError("", "", expected)
         if numbers.ndim != 2 or numbers.dtype.kind != "f" or not numbers.size:
-            raise InputError("", "", f"expected a table of floats (rows, numbers), got {numbers.dtype} {numbers.shape}")
+            raise InputError(
+                "",
+                "",
+                f"expected a table of floats (rows, numbers), got {numbers.dtype} {numbers.shape}",
+            )
         if width is not None and numbers.shape[1] != width:
-            raise InputError("", "", f"expected rows of {width} numbers, got rows of {numbers.shape[1]}")
+            raise InputError(
+                "", "", f"expected rows of {width} numbers, got rows of {numbers.shape[1]}"
+            )
         if not np.isfinite(numbers.sum()) and not (rows := np.isfinite(numbers).all(1)).all():
-            raise InputError("", f"row {int(np.argmin(rows))}", "expected finite numbers, got NaN or infinity")
+            raise InputError(
+                "", f"row {int(np.argmin(rows))}", "expected finite numbers, got NaN or infinity"
+            )
     return numbers
 
 
 @dataclass
 class Names:
-    """The names of a table's rows, known entities first. If None, rows are identified by id only."""
+    """The names of a table's rows, known entities first.
+    If None, rows are identified by id only.
+    """
 
     argument: str  #: ``entity_names`` or ``relation_names``
     number: int
@@ -134,30 +173,46 @@ class Names:
             return int(value)
         expected = f"an id from 0 to {self.number - 1}"
         if self.names is not None:
-            expected += ", or a known " + ("or new entity" if self.argument == "entity_names" else "relation")
-        raise InputError("", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}")
+            expected += ", or a known " + (
+                "or new entity" if self.argument == "entity_names" else "relation"
+            )
+        raise InputError(
+            "", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}"
+        )
 
 
 def all_names(known: Names, new: Any, name: str) -> Names:
-    """Names of known and new rows; argument ``name``, new: names if the known ones have names, else a number."""
+    """Names of known and new rows; argument ``name``, new:
+    names if the known ones have names, else a number.
+    """
     with argument(name):
         if is_whole(new) == (known.names is not None) and (new or known.names is None):
-            raise InputError("", "", f"expected names where {known.argument!r} are given, else a whole number")
+            raise InputError(
+                "", "", f"expected names where {known.argument!r} are given, else a whole number"
+            )
         added = [None] * new if is_whole(new) else as_list(new, str, "a list of names")
         for label, number in Counter(added).items() if known.names is not None else ():
             if label in known.ids or number > 1:
-                expected = "a new name: it is known already" if label in known.ids else "names that do not repeat"
+                expected = (
+                    "a new name: it is known already"
+                    if label in known.ids
+                    else "names that do not repeat"
+                )
                 raise InputError("", repr(label)[:80], f"expected {expected}")
     names = None if known.names is None else [*known.names, *added]
     return Names(known.argument, known.number + len(added), names)
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
-    """A given ``Model`` (options ignored), or one made by name; InputError for a wrong name, option or dimension."""
+    """A given ``Model`` (options ignored), or one made by name;
+    InputError for a wrong name, option or dimension.
+    """
     given = options_by_name(options, "model_options")
     with argument("model"):
         if not isinstance(model, str | Model):
-            raise InputError("", "", f"expected the name of a model, or a model, got {short(model)}")
+            raise InputError(
+                "", "", f"expected the name of a model, or a model, got {short(model)}"
+            )
         checked = model if isinstance(model, Model) else make_model(model, given, "model")
         checked.width(dimension)
     return checked
@@ -165,7 +220,9 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
 
 @dataclass(frozen=True)
 class Arguments:
-    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share. Known entities have the lower ids."""
+    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share.
+    Known entities have the lower ids.
+    """
 
     relations: np.ndarray
     model: Model
@@ -175,22 +232,37 @@ class Arguments:
 
 
 def checked_arguments(
-    entities: np.ndarray | torch.Tensor, relations: Any, model: Any, model_options: Any, names: Names,
-    relation_names: Any, known: int, triples: Any, known_triples: Any, new_relations: Any = 0,
-) -> Arguments:  # fmt: skip
-    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number, are checked already.
+    entities: np.ndarray | torch.Tensor,
+    relations: Any,
+    model: Any,
+    model_options: Any,
+    names: Names,
+    relation_names: Any,
+    known: int,
+    triples: Any,
+    known_triples: Any,
+    new_relations: Any = 0,
+) -> Arguments:
+    """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number,
+    are checked already.
 
     New relations get rows of zeros.
     """
     checked = checked_model(model, model_options, entities.shape[-1])
     rows = table(relations, "relations", checked.width(entities.shape[-1]))
-    labels = all_names(Names("relation_names", len(rows), relation_names), new_relations, "new_relations")
+    labels = all_names(
+        Names("relation_names", len(rows), relation_names), new_relations, "new_relations"
+    )
     old_relations = len(rows)
-    rows = np.concatenate([rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)])
+    rows = np.concatenate(
+        [rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)]
+    )
     new = triples_of(triples, "triples", names, labels)
     old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
     is_new, was_new = (
-        np.stack([ids[:, HEAD] >= known, ids[:, RELATION] >= old_relations, ids[:, TAIL] >= known], 1)
+        np.stack(
+            [ids[:, HEAD] >= known, ids[:, RELATION] >= old_relations, ids[:, TAIL] >= known], 1
+        )
         for ids in (new, old)
     )
     for name, ids, wrong, expected in (
@@ -204,17 +276,20 @@ def checked_arguments(
 
 
 def listed_triples(triples: Any) -> np.ndarray | list[Any]:
-    """Triples in any accepted form as an array, (T, 3), or a list. The triples themselves are not checked.
+    """Triples in any accepted form as an array, (T, 3), or a list.
+    The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame or structured array (columns by name, ``triple_columns``; those of a
-    DataFrame without names in order), or the tails of each head and relation,
-    ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
+    Forms: a list, an array, a tensor, a DataFrame or structured array (columns by name,
+    ``triple_columns``; those of a DataFrame without names in order), or the tails of each head and
+    relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
     """
     if isinstance(triples, Mapping):
         rows = []
         for head, facts in triples.items():
             if not isinstance(facts, Mapping):
-                raise InputError("", f"{head!r:.80}", f"expected tails by relation, got {short(facts)}")
+                raise InputError(
+                    "", f"{head!r:.80}", f"expected tails by relation, got {short(facts)}"
+                )
             for relation, tails in facts.items():
                 listed = [tails] if isinstance(tails, str) or is_whole(tails) else as_list(tails)
                 rows += [(head, relation, tail) for tail in listed]
@@ -231,7 +306,9 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
 
 
 def column_names(triples: Any) -> list[str]:
-    """The names of the columns of a DataFrame or of a structured array; empty for other forms, and for numbers."""
+    """The names of the columns of a DataFrame or of a structured array;
+    empty for other forms, and for numbers.
+    """
     if isinstance(triples, np.ndarray):
         names = list(triples.dtype.names or ())
     else:
@@ -244,14 +321,22 @@ def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.nda
     columns = (entities, relations, entities)
     with argument(name):
         triples = listed_triples(triples)
-        if isinstance(triples, np.ndarray) and triples.dtype.kind in "iu" and triples.shape[1:] == (3,):
+        if (
+            isinstance(triples, np.ndarray)
+            and triples.dtype.kind in "iu"
+            and triples.shape[1:] == (3,)
+        ):
             ids = triples.astype(np.int64)
             limits = [rows.number for rows in columns]
-            if len(ids) and any(ids[:, slot].min() < 0 or ids[:, slot].max() >= limits[slot] for slot in range(3)):
+            if len(ids) and any(
+                ids[:, slot].min() < 0 or ids[:, slot].max() >= limits[slot] for slot in range(3)
+            ):
                 row, slot = np.argwhere((ids < 0) | (ids >= limits))[0].tolist()
                 columns[slot].id(triples[row, slot], f"triple {row}: {TRIPLE[slot]}")
         else:
-            ids = _listed_ids(triples.tolist() if isinstance(triples, np.ndarray) else triples, columns)
+            ids = _listed_ids(
+                triples.tolist() if isinstance(triples, np.ndarray) else triples, columns
+            )
     return ids
 
 
@@ -259,7 +344,8 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
     ids = ids_of(triples, name, entities, relations)
     head, relation, tail = ids.T
-    key = (head * relations.number + relation) * entities.number + tail  # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
+    # distinct modulo 2⁶⁴ while R · E² < 2⁶⁴
+    key = (head * relations.number + relation) * entities.number + tail
     ordered = np.sort(key)  # faster than ``np.unique`` of all triples
     repeated = np.flatnonzero(np.isin(key, ordered[1:][ordered[1:] == ordered[:-1]]))
     return np.delete(ids, np.delete(repeated, np.unique(key[repeated], return_index=True)[1]), 0)
@@ -270,19 +356,27 @@ def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
     if {*map(type, triples)} <= {list, tuple} and {*map(len, triples)} == {3}:
         with suppress(KeyError, TypeError):  # an id, an unknown name, or what cannot be a name
             by_name = enumerate(names.ids.__getitem__ for names in columns)
-            return np.array([list(map(id_of, map(itemgetter(slot), triples))) for slot, id_of in by_name]).T.copy()
+            return np.array(
+                [list(map(id_of, map(itemgetter(slot), triples))) for slot, id_of in by_name]
+            ).T.copy()
     rows = []
     for row, triple in enumerate(triples):
-        is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
+        is_sized = hasattr(triple, "__len__") and not isinstance(
+            triple, str | bytes | Set | Mapping
+        )
         if not is_sized or len(triple) != 3:
-            raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
+            raise InputError(
+                "", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}"
+            )
         slots = zip(columns, triple, TRIPLE, strict=True)
         rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """The kind of each entity as a number, (E,), int64; -1 without a kind. None if ``kinds`` is None."""
+    """The kind of each entity as a number, (E,), int64; -1 without a kind.
+    None if ``kinds`` is None.
+    """
     if kinds is None:
         return None
     with argument("kinds"):
@@ -291,29 +385,43 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
         numbers = isinstance(kinds, np.ndarray) and kinds.dtype.kind == "i"
         listed = kinds if numbers else as_list(kinds, object, "a list of kinds")
-        labels = np.array(listed if numbers else ["" if kind is None else str(kind) for kind in listed])
+        labels = np.array(
+            listed if numbers else ["" if kind is None else str(kind) for kind in listed]
+        )
         if len(labels) != entities.number:
-            expected = f"expected {entities.number} kinds, one for each entity (new ones too), got {len(labels)}"
+            expected = (
+                f"expected {entities.number} kinds, one for each entity (new ones too), "
+                f"got {len(labels)}"
+            )
             raise InputError("", "", expected)
     missing = labels < 0 if numbers else labels == ""
     return np.where(missing, -1, np.unique(labels, return_inverse=True)[1])
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero); None without words."""
+    """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero);
+    None without words.
+    """
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):
         with np.errstate(over="ignore"):
             rows = table(table(words, "words").astype(np.float32), "words")
         if len(rows) != entities.number:
-            expected = f"expected {entities.number} rows, one for each entity (new ones too), got {len(rows)}"
+            expected = (
+                f"expected {entities.number} rows, one for each entity (new ones too), "
+                f"got {len(rows)}"
+            )
             raise InputError("argument 'words'", "", expected)
         return rows
     with argument("words"):
         by_id = {entities.id(name, ""): value for name, value in words.items()}
         texts = {row: value for row, value in by_id.items() if isinstance(value, str)}
-        by_id |= dict(zip(texts, _vectors_of(list(texts.values()), source), strict=True)) if texts else {}
+        by_id |= (
+            dict(zip(texts, _vectors_of(list(texts.values()), source), strict=True))
+            if texts
+            else {}
+        )
         width, vectors = None, list[np.ndarray]()
         for row, value in by_id.items():
             try:
@@ -329,11 +437,15 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
 def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
     """The vectors of texts, (T, v), float32; zero if word vectors lack all words of a text."""
     if source is None:
-        raise InputError("", "", "expected vectors: texts need the argument 'word_source', which embeds them")
+        raise InputError(
+            "", "", "expected vectors: texts need the argument 'word_source', which embeds them"
+        )
     if callable(source):
         vectors = table(source(list(texts)), "word_source", dtype=np.float32)
         if len(vectors) != len(texts):
-            raise InputError("argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}")
+            raise InputError(
+                "argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(vectors)}"
+            )
         return vectors
     with extra("words-file"):
         from gensim.models import KeyedVectors  # here, since the import takes a second
@@ -342,21 +454,32 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
 
     keyed = read_vectors(Path(source)) if isinstance(source, str | Path) else source
     if not isinstance(keyed, KeyedVectors):
-        expected = f"expected a function, gensim's KeyedVectors or a file of word vectors, got {short(source)}"
+        expected = (
+            "expected a function, gensim's KeyedVectors or a file of word vectors, "
+            f"got {short(source)}"
+        )
         raise InputError("argument 'word_source'", "", expected)
     return look_up(keyed, texts).vectors
 
 
-def stack_of_one(entities: np.ndarray | torch.Tensor, relations: np.ndarray, model: Model) -> Embedding:
-    """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding. Float32 vectors are not copied."""
+def stack_of_one(
+    entities: np.ndarray | torch.Tensor, relations: np.ndarray, model: Model
+) -> Embedding:
+    """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
+    Float32 vectors are not copied.
+    """
     with np.errstate(over="ignore"):  # values that overflow are refused later
         if isinstance(entities, np.ndarray):
             entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
     return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)
 
 
-def trained_session(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Session:
-    """A session of all entities of an embedding, with ``triples``, (T, 3), as training triples of count 1."""
+def trained_session(
+    triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None
+) -> Session:
+    """A session of all entities of an embedding, with ``triples``, (T, 3),
+    as training triples of count 1.
+    """
     entities, relations = theta.entity.shape[1], theta.relation.shape[1]
     kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
     seen = torch.ones(1, dtype=torch.int64).expand(len(triples))

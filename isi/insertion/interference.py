@@ -18,7 +18,9 @@ BUDGET = 2**24  #: Maximum number of scores in one table.
 
 @dataclass(frozen=True)
 class RankChange:
-    """A query whose known answer now ranks below a new entity. Ranks are filtered, as in ``Interference``."""
+    """A query whose known answer now ranks below a new entity.
+    Ranks are filtered, as in ``Interference``.
+    """
 
     query: tuple[str | int, ...]  #: head, relation and tail, with ``?`` in place of the answer
     answer: str | int
@@ -29,16 +31,18 @@ class RankChange:
 
 @dataclass(frozen=True)
 class Interference:
-    """Effect of new entities on the ranks of known answers. Each queried triple gives a head and a tail query.
+    """Effect of new entities on the ranks of known answers.
+    Each queried triple gives a head and a tail query.
 
-    Old candidates are the entities before the insertion; all candidates include the new ones. Candidates that make
-    another true triple are left out (filtered ranks), and a tie counts ½. ``h_old`` and ``h_cur`` are H_old and H_cur
-    of MEOR (Ren, Gao and Jiang 2026), which calls their difference D.
+    Old candidates are the entities before the insertion; all candidates include the new ones.
+    Candidates that make another true triple are left out (filtered ranks), and a tie counts ½.
+    ``h_old`` and ``h_cur`` are H_old and H_cur of MEOR (Ren, Gao and Jiang 2026), which calls their
+    difference D.
     """
 
     queries: int
-    #: for each new entity, the share of queries in which it scores above the known answer; queries that it answers
-    #: itself by a true triple count 0
+    #: for each new entity, the share of queries in which it scores above the known answer; queries
+    #: that it answers itself by a true triple count 0
     above: list[float]
     h_old: float  #: mean reciprocal rank of known answers among old candidates
     h_cur: float  #: among all candidates
@@ -48,56 +52,92 @@ class Interference:
 
 
 def measure(
-    embedding: Embedding, names: Names, labels: Names, queried: np.ndarray, true: Sequence[np.ndarray], old: int,
-    most: int, seed: int, show: int,
-) -> Interference:  # fmt: skip
+    embedding: Embedding,
+    names: Names,
+    labels: Names,
+    queried: np.ndarray,
+    true: Sequence[np.ndarray],
+    old: int,
+    most: int,
+    seed: int,
+    show: int,
+) -> Interference:
     """The interference of all entities from the id ``old`` on with triples of earlier ones.
 
     Args:
-        queried: triples of earlier entities, ids, (Q, 3); above ``most``, a random sample of this size (``seed``).
+        queried: triples of earlier entities, ids, (Q, 3); above ``most``, a random sample of this
+            size (``seed``).
         true: further true triples for the filter, (T, 3) each.
         show: maximum number of ``changes``.
     """
     if len(queried) > most:
         queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
-    before, after, highest, above = ranks_of(embedding, np.concatenate([queried, *true]), len(queried), old)
+    before, after, highest, above = ranks_of(
+        embedding, np.concatenate([queried, *true]), len(queried), old
+    )
     falls, changes = 1 / before - 1 / after, list[RankChange]()
-    for place in torch.argsort(falls, descending=True, stable=True)[: min(show, int((falls > 0).sum()))].tolist():
-        slot, (head, relation, tail) = (HEAD, TAIL)[place // len(queried)], queried[place % len(queried)].tolist()
+    for place in torch.argsort(falls, descending=True, stable=True)[
+        : min(show, int((falls > 0).sum()))
+    ].tolist():
+        slot, (head, relation, tail) = (
+            (HEAD, TAIL)[place // len(queried)],
+            queried[place % len(queried)].tolist(),
+        )
         query = [names.of(head), labels.of(relation), names.of(tail)]
         answer, query[slot] = query[slot], "?"
         ranks = before[place].item(), after[place].item()
         changes.append(RankChange(tuple(query), answer, *ranks, names.of(int(highest[place]))))
     return Interference(
-        len(before), (above / len(before)).tolist(), (1 / before).mean().item(), (1 / after).mean().item(),
-        before.mean().item(), after.mean().item(), changes,
-    )  # fmt: skip
+        len(before),
+        (above / len(before)).tolist(),
+        (1 / before).mean().item(),
+        (1 / after).mean().item(),
+        before.mean().item(),
+        after.mean().item(),
+        changes,
+    )
 
 
-def ranks_of(embedding: Embedding, true: np.ndarray, queried: int, old: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Filtered ranks of the answers to the head queries, then the tail queries, of the first triples of ``true``.
+def ranks_of(
+    embedding: Embedding, true: np.ndarray, queried: int, old: int
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Filtered ranks of the answers to the head queries, then the tail queries,
+    of the first triples of ``true``.
 
     Args:
         true: triples of the filter, (T, 3), of which the first ``queried`` are queried.
         old: number of old entities, the first rows.
 
     Returns:
-        ranks among old and among all entities, and the id of the new entity with the highest score above the answer,
-        (2 · queried,) each; for each new entity, the number of answers that it is above, (E - old,).
+        ranks among old and among all entities, and the id of the new entity with the highest score
+        above the answer, (2 · queried,) each; for each new entity, the number of answers that it is
+        above, (E - old,).
     """
     graph, rows = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
     above = torch.zeros(len(graph.entities) - old, dtype=torch.float64)
     for slot in (HEAD, TAIL):
         for part in torch.split(torch.arange(queried), max(1, BUDGET // len(graph.entities))):
             head, relation, tail = graph.triples[part].T[:, None]
-            scores = embedding.score_heads(relation, tail) if slot == HEAD else embedding.score_tails(head, relation)
+            scores = (
+                embedding.score_heads(relation, tail)
+                if slot == HEAD
+                else embedding.score_tails(head, relation)
+            )
             answer, alike = graph.triples[part, slot], graph.same_but(slot, part)
             answers = torch.where(alike < 0, answer[:, None], graph.triples[alike, slot])
             right, new = scores[0].gather(-1, answer[:, None]), scores[0, :, old:]
-            # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
-            ahead = compare(scores[0, :, :old], answer), compare(torch.cat([right, new], -1), answer * 0)[:, 1:]
-            before, added = torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
-            ahead_of = torch.cat([torch.full_like(right, -torch.inf), new.masked_fill(added == 0, -torch.inf)], -1)
+            # apart, so that the tolerance of a tie among old candidates does not depend on the new
+            # ones
+            ahead = (
+                compare(scores[0, :, :old], answer),
+                compare(torch.cat([right, new], -1), answer * 0)[:, 1:],
+            )
+            before, added = (
+                torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
+            )
+            ahead_of = torch.cat(
+                [torch.full_like(right, -torch.inf), new.masked_fill(added == 0, -torch.inf)], -1
+            )
             rank, highest = 1 + before.sum(-1), ahead_of.argmax(-1) - 1 + old
             rows.append((rank, rank + added.sum(-1), highest))
             above += added.sum(0)

@@ -1,8 +1,8 @@
 """Models with inverse relations: each triple (h, r, t) counts as (t, inverse of r, h), too.
 
-They have two forms. Joined: a row for each of R relations, (R, 2w), which joins those of the relation and of its
-inverse; each triple once. Apart: 2R rows, (2R, w), of which 2r is that of relation r and 2r + 1 that of its inverse, as
-in PyKEEN; each triple in both directions.
+They have two forms. Joined: a row for each of R relations, (R, 2w), which joins those of the
+relation and of its inverse; each triple once. Apart: 2R rows, (2R, w), of which 2r is that of
+relation r and 2r + 1 that of its inverse, as in PyKEEN; each triple in both directions.
 """
 
 from dataclasses import dataclass, replace
@@ -18,10 +18,13 @@ from isi.models.stack import Embedding
 
 @dataclass(frozen=True, eq=False)
 class BothWays(Model):
-    """The joined form of ``base``. Predictions are f(h, r, ?) for tails, and for heads f(t, inverse of r, ?)."""
+    """The joined form of ``base``. Predictions are f(h, r, ?) for tails,
+    and for heads f(t, inverse of r, ?).
+    """
 
     base: Model
-    heads_by_inverse: bool = True  #: else heads are scored by f(?, r, t), so that all scores of a triple agree
+    #: else heads are scored by f(?, r, t), so that all scores of a triple agree
+    heads_by_inverse: bool = True
 
     @property
     def linear(self) -> bool:  # type: ignore[override]
@@ -59,7 +62,11 @@ class BothWays(Model):
 def joined(theta: Embedding) -> Embedding:
     """The joined form of an embedding whose 2R relations stand apart."""
     models, relations, width = theta.relation.shape
-    return Embedding(theta.entity, theta.relation.reshape(models, relations // 2, 2 * width), BothWays(theta.model))
+    return Embedding(
+        theta.entity,
+        theta.relation.reshape(models, relations // 2, 2 * width),
+        BothWays(theta.model),
+    )
 
 
 def apart(theta: Embedding) -> Embedding:
@@ -67,11 +74,15 @@ def apart(theta: Embedding) -> Embedding:
     if not isinstance(theta.model, BothWays):
         return theta
     models, relations, width = theta.relation.shape
-    return Embedding(theta.entity, theta.relation.reshape(models, 2 * relations, width // 2), theta.model.base)
+    return Embedding(
+        theta.entity, theta.relation.reshape(models, 2 * relations, width // 2), theta.model.base
+    )
 
 
 def both_ways(triples: Tensor) -> Tensor:
-    """Triples (h, 2r, t), then (t, 2r + 1, h), of triples (h, r, t); shapes (T, 3), result (2T, 3)."""
+    """Triples (h, 2r, t), then (t, 2r + 1, h), of triples (h, r, t);
+    shapes (T, 3), result (2T, 3).
+    """
     forward, backward = triples.clone(), triples[:, [TAIL, RELATION, HEAD]]
     forward[:, RELATION] *= 2
     backward[:, RELATION] = forward[:, RELATION] + 1
@@ -79,16 +90,21 @@ def both_ways(triples: Tensor) -> Tensor:
 
 
 def adapted(initializer: Registered, model: Model) -> Registered:
-    """For a model in the joined form, the initializer that gets the other form; else the initializer itself."""
+    """For a model in the joined form, the initializer that gets the other form;
+    else the initializer itself.
+    """
 
     def initialize(joint: InitContext, **options: object) -> InitResult:
         context = replace(
-            joint, theta0=apart(joint.theta0), other=torch.cat([joint.other, joint.other], -1),
+            joint,
+            theta0=apart(joint.theta0),
+            other=torch.cat([joint.other, joint.other], -1),
             relation=torch.cat([2 * joint.relation, 2 * joint.relation + 1], -1),
             novel_is_tail=torch.cat([joint.novel_is_tail, ~joint.novel_is_tail], -1),
-            observed=torch.cat([joint.observed, joint.observed], -1), triples=both_ways(joint.triples),
+            observed=torch.cat([joint.observed, joint.observed], -1),
+            triples=both_ways(joint.triples),
             trained=torch.cat([joint.trained, joint.trained], -1),
-        )  # fmt: skip
+        )
         result: InitResult = initializer.function(context, **options)
         return result
 

@@ -1,4 +1,6 @@
-"""Calibrated probabilities of triples: logistic curves of the score (Platt 1999), fitted to hidden known entities."""
+"""Calibrated probabilities of triples: logistic curves of the score (Platt 1999),
+fitted to hidden known entities.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ from isi.initializers.api import InitContext, Registered
 from isi.insertion.choice import HiddenDraws
 
 MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
-STEPS, GAIN = 50, 1e-10  #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
+#: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
+STEPS, GAIN = 50, 1e-10
 LEAST_RIGHT = 5  #: Least number of right answers for a curve.
 
 
@@ -31,10 +34,12 @@ class PlattCurve:
 
 
 def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
-    """Fit a logistic curve to the scores of answers, (N,), and whether they are ``known``, (N,), bool.
+    """Fit a logistic curve to the scores of answers, (N,),
+    and whether they are ``known``, (N,), bool.
 
-    Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite if scores separate known from
-    unknown answers. At most ``MOST_UNKNOWN`` unknown answers, spread evenly over the sorted scores, represent them all.
+    Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite if scores
+    separate known from unknown answers. At most ``MOST_UNKNOWN`` unknown answers, spread evenly
+    over the sorted scores, represent them all.
     """
     right, unknown = scores[known].double(), scores[~known].double().sort().values
     number, every = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
@@ -45,7 +50,9 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
     weight = torch.full_like(target, number / max(1, len(unknown)))
     weight[: len(right)] = 1.0
     centre, spread = inputs.mean(), inputs.std(correction=0).clamp(min=1e-12)
-    fit = _logistic_regression(torch.stack([(inputs - centre) / spread, torch.ones_like(inputs)], 1), target, weight)
+    fit = _logistic_regression(
+        torch.stack([(inputs - centre) / spread, torch.ones_like(inputs)], 1), target, weight
+    )
     slope = (fit[0] / spread).item()
     if slope <= 0:  # probability must not fall with the score
         return PlattCurve(0.0, torch.logit((weight * target).sum() / weight.sum()).item())
@@ -53,7 +60,9 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
 
 
 def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Coefficients, (2,), for inputs (N, 2), by Newton's method; a step is halved until the loss does not rise."""
+    """Coefficients, (2,), for inputs (N, 2), by Newton's method;
+    a step is halved until the loss does not rise.
+    """
 
     def loss_of(coefficients: Tensor) -> float:
         score = inputs @ coefficients
@@ -77,13 +86,17 @@ def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tens
 
 @dataclass(frozen=True)
 class Curves:
-    """A curve for each relation with at least ``LEAST_RIGHT`` right answers, and one of all relations for others."""
+    """A curve for each relation with at least ``LEAST_RIGHT`` right answers,
+    and one of all relations for others.
+    """
 
     of_relation: Mapping[int, PlattCurve]
     of_all: PlattCurve
 
     def __call__(self, scores: Tensor, relations: Tensor) -> Tensor:
-        """Probabilities of triples, by their scores and the ids of their relations; all of shape (T,)."""
+        """Probabilities of triples, by their scores and the ids of their relations;
+        all of shape (T,).
+        """
         probabilities = self.of_all(scores)
         for relation, curve in self.of_relation.items():
             same = relations == relation
@@ -91,14 +104,19 @@ class Curves:
         return probabilities
 
 
-def fit_curves(draws: HiddenDraws, initializer: Registered, options: Mapping[str, Any]) -> Curves | None:
-    """Insert the hidden entities, and fit logistic curves (Platt 1999) to the answers to the queries about them.
+def fit_curves(
+    draws: HiddenDraws, initializer: Registered, options: Mapping[str, Any]
+) -> Curves | None:
+    """Insert the hidden entities, and fit logistic curves (Platt 1999) to the answers
+    to the queries about them.
 
-    Given a hidden entity, all known entities are answers; given a known one, the hidden entities of the draw. Insert
-    triples are left out. None with too few right answers, or if the initializer has no finite vectors.
+    Given a hidden entity, all known entities are answers; given a known one, the hidden entities of
+    the draw. Insert triples are left out. None with too few right answers, or if the initializer
+    has no finite vectors.
 
-    docs/insert_reference.md has calibration errors on entities that PyKEEN never saw. One curve for all relations has
-    nearly the same log loss, but fewer of its answers above .9 are right; curves for each direction are no better.
+    docs/insert_reference.md has calibration errors on entities that PyKEEN never saw. One curve for
+    all relations has nearly the same log loss, but fewer of its answers above .9 are right; curves
+    for each direction are no better.
     """
     if (inserted := draws.inserted(initializer, options)) is None:
         return None
@@ -109,19 +127,27 @@ def fit_curves(draws: HiddenDraws, initializer: Registered, options: Mapping[str
         return None if few else fit_platt(scores[chosen], right[chosen])
 
     of_all = fit(torch.ones_like(right))
-    by_relation = {relation: fit(relations == relation) for relation in set(relations[right].tolist())}
+    by_relation = {
+        relation: fit(relations == relation) for relation in set(relations[right].tolist())
+    }
     fitted = {relation: curve for relation, curve in by_relation.items() if curve is not None}
     return None if of_all is None else Curves(fitted, of_all)
 
 
 def answers(draws: HiddenDraws, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Scores of the answers with one hidden end, whether they are right, and their relations; shape (N,) each.
+    """Scores of the answers with one hidden end, whether they are right, and their relations;
+    shape (N,) each.
 
-    ``vectors``: of the hidden entities, (M, n, d). An answer to several queries, which are one triple, is listed once.
+    ``vectors``: of the hidden entities, (M, n, d). An answer to several queries, which are one
+    triple, is listed once.
     """
     about, context, theta = draws.about, draws.context, draws.theta(vectors)
-    slot, model, place = about.counted.expand(2, -1, -1).nonzero(as_tuple=True)  # 0: the answer is a head; 1: tail
-    given, relation = about.answers.flip(0)[slot, model, place], about.triples[model, place, RELATION]
+    # 0: the answer is a head; 1: tail
+    slot, model, place = about.counted.expand(2, -1, -1).nonzero(as_tuple=True)
+    given, relation = (
+        about.answers.flip(0)[slot, model, place],
+        about.triples[model, place, RELATION],
+    )
     hidden = membership(context.novel, theta.entity.shape[1])[model]
     query, answer = (hidden != hidden.gather(1, given[:, None])).nonzero(as_tuple=True)
     ends = torch.stack([answer, given[query]])
@@ -139,10 +165,18 @@ def keys_of_inserted(context: InitContext) -> Tensor:
     model, place, number = context.observed.nonzero(as_tuple=True)
     entity, is_tail = context.novel[model, place], context.novel_is_tail[model, place, number]
     other, relation = context.other[model, place, number], context.relation[model, place, number]
-    return keys(context, model, torch.where(is_tail, other, entity), relation, torch.where(is_tail, entity, other))
+    return keys(
+        context,
+        model,
+        torch.where(is_tail, other, entity),
+        relation,
+        torch.where(is_tail, entity, other),
+    )
 
 
-def keys(context: InitContext, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+def keys(
+    context: InitContext, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor
+) -> Tensor:
     """A number for each triple of a model, (T,)."""
     (_, entities, _), relations = context.theta0.entity.shape, context.theta0.relation.shape[1]
     return ((model * relations + relation) * entities + head) * entities + tail

@@ -1,4 +1,6 @@
-"""The result of ``isi.insert``: enlarged tables, a report of each new entity, interference with known answers."""
+"""The result of ``isi.insert``: enlarged tables, a report of each new entity,
+interference with known answers.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ if TYPE_CHECKING:
 BUDGET = 2**24  #: Maximum number of cosines in one table.
 TINY = 1e-12  #: Minimum length of a vector in a cosine.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
-CLOUD = 2**16  #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
+#: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
+CLOUD = 2**16
 
 
 @dataclass(frozen=True)
@@ -42,10 +45,14 @@ class Entity:
     id: int
     insert_triples: int  #: number of triples with a known end, which the initializer may use
     between: int  #: number of triples whose ends are all new, which the initializer did not use
-    fallback: str | None  #: the rule that replaced the initializer for lack of data: es, rs, centroid; or None
-    indicators: list[str | int] | None  #: the entities whose centroid is the vector; None if it is no centroid
-    nearest: list[tuple[str | int, float]]  #: known entities with the highest cosines, and the cosines
-    #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is typical
+    #: the rule that replaced the initializer for lack of data: es, rs, centroid; or None
+    fallback: str | None
+    #: the entities whose centroid is the vector; None if it is no centroid
+    indicators: list[str | int] | None
+    #: known entities with the highest cosines, and the cosines
+    nearest: list[tuple[str | int, float]]
+    #: root mean square over coordinates of the z-score (mean and deviation of known vectors); 1 is
+    #: typical
     distance: float
     farther_than: float  #: share of known vectors with a smaller distance
 
@@ -54,8 +61,8 @@ class Entity:
 class Inserted:
     """An embedding with new entities. The rows of known entities are unchanged.
 
-    Nothing is changed in the tables that were passed to ``isi.insert``. Until ``entities`` is used in their place, the
-    insertion can be rejected; ``interference`` shows its harm.
+    Nothing is changed in the tables that were passed to ``isi.insert``. Until ``entities`` is used
+    in their place, the insertion can be rejected; ``interference`` shows its harm.
     """
 
     entities: np.ndarray  #: shape: (E + n, d)
@@ -66,18 +73,23 @@ class Inserted:
     new: list[int]  #: ids of the new entities
     new_relations: list[int]  #: ids of the new relations
     insert_triples: np.ndarray  #: triples of a new and a known entity; shape: (I, 3)
-    between: np.ndarray  #: triples of two new entities, and of new relations between known ones; shape: (B, 3)
+    #: triples of two new entities, and of new relations between known ones; shape: (B, 3)
+    between: np.ndarray
     known_triples: np.ndarray
     initializer: str
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
-    choice: Choice | None  #: the measures by which it was chosen; None if it was named or not calibrated
-    hide: Callable[[], HiddenDraws | None]  #: hides known entities, those of the choice if there was one
-    fallback: list[str | None]  #: for each new entity, the rule that replaced the initializer: es, rs, centroid or None
-    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E); None if the
-    #: initializer has no weights, or n · E is too large
+    #: the measures by which it was chosen; None if it was named or not calibrated
+    choice: Choice | None
+    #: hides known entities, those of the choice if there was one
+    hide: Callable[[], HiddenDraws | None]
+    #: for each new entity, the rule that replaced the initializer: es, rs, centroid or None
+    fallback: list[str | None]
+    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E);
+    #: None if the initializer has no weights, or n · E is too large
     weights: np.ndarray | None
-    indicators: list[list[int]] | None  #: ids of the indicators of each new entity; None if vectors are no centroids
+    #: ids of the indicators of each new entity; None if vectors are no centroids
+    indicators: list[list[int]] | None
 
     @property
     def known(self) -> int:
@@ -99,7 +111,8 @@ class Inserted:
 
     @cached_property
     def curves(self) -> Curves:
-        """Probability by score, fitted to hidden known entities; InputError if too few of their triples are known.
+        """Probability by score, fitted to hidden known entities;
+        InputError if too few of their triples are known.
 
         There must be new entities: the hidden ones get as many insert triples.
         """
@@ -108,24 +121,43 @@ class Inserted:
             draws = self.hide()
             curves = None if draws is None else fit_curves(draws, chosen, self.options)
         if curves is None:
-            expected = f"expected more triples: known entities are hidden and inserted by {self.initializer}, and the"
-            raise InputError("argument 'known_triples'", "", f"{expected} answers about them calibrate probabilities")
+            expected = (
+                "expected more triples: known entities are hidden and inserted "
+                f"by {self.initializer}, and the"
+            )
+            raise InputError(
+                "argument 'known_triples'",
+                "",
+                f"{expected} answers about them calibrate probabilities",
+            )
         return curves
 
     def __repr__(self) -> str:
         of, relation_of = self.names.of, self.labels.of
         lines = [
-            f"{len(self.new)} new beside {self.known} known entities, inserted from {len(self.insert_triples)} triples"
+            (
+                f"{len(self.new)} new beside {self.known} known entities, "
+                f"inserted from {len(self.insert_triples)} triples"
+            )
         ]
         for label, names, rows in (
-            ("new", of, self.new), ("new relations", relation_of, self.new_relations),
-        ):  # fmt: skip
+            ("new", of, self.new),
+            ("new relations", relation_of, self.new_relations),
+        ):
             if rows:
-                lines.append(f"{label}: {', '.join(str(names(row)) for row in rows[:10])}{', ...' * (len(rows) > 10)}")
+                lines.append(
+                    f"{label}: {', '.join(str(names(row)) for row in rows[:10])}"
+                    f"{', ...' * (len(rows) > 10)}"
+                )
         for first in self.new[:1]:
             ((ids, cosines),) = self._nearest([first], 5)
-            near = ", ".join(f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True))
-            lines += [f"initializer: {self.initializer}, {self.why}", f"nearest to {of(first)}: {near}"]
+            near = ", ".join(
+                f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True)
+            )
+            lines += [
+                f"initializer: {self.initializer}, {self.why}",
+                f"nearest to {of(first)}: {near}",
+            ]
         return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
 
     def to_frame(self, nearest: int = 5) -> pd.DataFrame:
@@ -135,7 +167,9 @@ class Inserted:
         return pd.DataFrame(list(map(vars, self.report(nearest))))
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """The report of each new entity; ``nearest``: the number of nearest known entities in it."""
+        """The report of each new entity; ``nearest``: the number of
+        nearest known entities in it.
+        """
         check(nearest, Seed, "", "argument 'nearest'")
         of = self.names.of
         inserted, between = (
@@ -146,69 +180,103 @@ class Inserted:
         distances, shares = self._from_cloud()
         return [
             Entity(
-                of(row), row, inserted[row], between[row], self.fallback[place],
+                of(row),
+                row,
+                inserted[row],
+                between[row],
+                self.fallback[place],
                 None if self.indicators is None else list(map(of, self.indicators[place])),
-                list(zip(map(of, near[place][0]), near[place][1], strict=True)), distances[place], shares[place],
+                list(zip(map(of, near[place][0]), near[place][1], strict=True)),
+                distances[place],
+                shares[place],
             )
             for place, row in enumerate(self.new)
-        ]  # fmt: skip
+        ]
 
     def _nearest(self, rows: Sequence[int], number: int) -> list[tuple[list[int], list[float]]]:
-        """For each of some entities, the ids of the known ones with the highest cosines, and the cosines."""
+        """For each of some entities, the ids of the known ones with the highest cosines,
+        and the cosines.
+        """
         vectors = self.embedding.entity[0]
         known, chosen = vectors[: self.known], vectors[list(rows)]
         lengths = known.norm(dim=-1).clamp(min=TINY)
         parts = torch.split(normalize(chosen, dim=-1), max(1, BUDGET // self.known))
         best = [torch.topk(part @ known.T / lengths, min(number, self.known)) for part in parts]
-        return [pair for part in best for pair in zip(part.indices.tolist(), part.values.tolist(), strict=True)]
+        return [
+            pair
+            for part in best
+            for pair in zip(part.indices.tolist(), part.values.tolist(), strict=True)
+        ]
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
-        """``distance`` and ``farther_than`` of each new entity. Coordinates with (almost) no deviation are ignored."""
+        """``distance`` and ``farther_than`` of each new entity.
+        Coordinates with (almost) no deviation are ignored.
+        """
         vectors = self.embedding.entity[0]
         known = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
         centre, deviation = known.mean(0), known.std(0, correction=0)
         alive = deviation > SAME * deviation.max()
 
         def distance(of: Tensor) -> Tensor:
-            return ((of.double() - centre) / deviation)[:, alive].square().sum(-1).div(max(1, int(alive.sum()))).sqrt()
+            return (
+                ((of.double() - centre) / deviation)[:, alive]
+                .square()
+                .sum(-1)
+                .div(max(1, int(alive.sum())))
+                .sqrt()
+            )
 
         usual, new = distance(known).sort().values, distance(vectors[self.known :])
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
     def probability(self, triples: TripleForms) -> np.ndarray:
-        """The calibrated probability that each triple of a new entity is true, by its score; shape (T,), float64.
+        """The calibrated probability that each triple of a new entity is true, by its score;
+        shape (T,), float64.
 
-        A triple counts as an answer to a query about the new entity, (new, relation, ?) or (?, relation, known), that
-        has a right answer; the probability is the share of right answers among answers of equal score. If the relation
-        may have no answer for the entity, it is too high. docs/insert_reference.md says how well it holds.
+        A triple counts as an answer to a query about the new entity, (new, relation, ?) or (?,
+        relation, known), that has a right answer; the probability is the share of right answers
+        among answers of equal score. If the relation may have no answer for the entity, it is too
+        high. docs/insert_reference.md says how well it holds.
 
         Args:
-            triples: names or ids in any form that ``isi.insert`` accepts, each with a new entity; duplicates stay.
+            triples: names or ids in any form that ``isi.insert`` accepts, each with a new entity;
+                duplicates stay.
 
         Raises:
             InputError: names the triple without a new entity; there are too few known triples.
         """
         ids = ids_of(triples, "triples", self.names, self.labels)
         for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < self.known).all(1))[:1].tolist():
-            raise InputError("argument 'triples'", f"triple {row}", "expected a new entity, but both ends are known")
+            raise InputError(
+                "argument 'triples'",
+                f"triple {row}",
+                "expected a new entity, but both ends are known",
+            )
         if not len(ids):
             return np.zeros(0)
         head, relation, tail = torch.from_numpy(ids).T[:, None]
         return self.curves(self.embedding.score(head, relation, tail)[0], relation[0]).numpy()
 
     def interference(
-        self, triples: TripleForms | None = None, most: int = 256, seed: int = 0,
-        original: int | None = None, show: int = 5,
-    ) -> Interference:  # fmt: skip
-        """Measure how far new entities push known answers down. This changes nothing: the insertion may be rejected.
+        self,
+        triples: TripleForms | None = None,
+        most: int = 256,
+        seed: int = 0,
+        original: int | None = None,
+        show: int = 5,
+    ) -> Interference:
+        """Measure how far new entities push known answers down. This changes nothing:
+        the insertion may be rejected.
 
         Args:
-            triples: of old entities, to query, held out or trained; None: ``known_triples``. InputError if none.
+            triples: of old entities, to query, held out or trained; None: ``known_triples``.
+                InputError if none.
             most: maximum number of queried triples; a larger set is sampled at random.
             seed: root seed of the sample.
-            original: number of old entities, the first rows; None: those before this insertion. After a row of
-                insertions, the number before the first one gives the effect of the whole row. If ``known_triples``
-                grew only at its end, the same triples are queried after each insertion, with the same ``h_old``.
+            original: number of old entities, the first rows; None: those before this insertion.
+                After a row of insertions, the number before the first one gives the effect of the
+                whole row. If ``known_triples`` grew only at its end, the same triples are queried
+                after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.
         """
         check(seed, Seed, "", "argument 'seed'")
@@ -216,13 +284,21 @@ class Inserted:
         check(show, Seed, "", "argument 'show'")
         old = self.known if original is None else original
         if not is_whole(old) or not 0 < old <= self.known:
-            expected = f"expected a number of entities from 1 to {self.known}, got {short(original)}"
+            expected = (
+                f"expected a number of entities from 1 to {self.known}, got {short(original)}"
+            )
             raise InputError("argument 'original'", "", expected)
         if triples is None:
             queried = self.known_triples[(self.known_triples[:, [HEAD, TAIL]] < old).all(1)]
         else:
             queried = triples_of(triples, "triples", self.names, self.labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
-            raise InputError("argument 'triples'", "", "expected triples of known entities, which give the queries")
+            raise InputError(
+                "argument 'triples'",
+                "",
+                "expected triples of known entities, which give the queries",
+            )
         true = self.insert_triples, self.known_triples
-        return measure(self.embedding, self.names, self.labels, queried, true, old, most, seed, show)
+        return measure(
+            self.embedding, self.names, self.labels, queried, true, old, most, seed, show
+        )

@@ -1,8 +1,10 @@
-"""Vectors of known entities that the workers of a Dask cluster read, each a part of the rows, for ``insert_rows``.
+"""Vectors of known entities that the workers of a Dask cluster read, each a part of the rows,
+for ``insert_rows``.
 
-Initializers use a large table of entities in three ways: rows by id, lengths of all rows, and products with it from the
-left. Each worker calls the same function of PyTorch for its part; results are joined, or added where rows are summed.
-So the client holds a few numbers per known entity and new entity, and the table only if it is small (``WHOLE``).
+Initializers use a large table of entities in three ways: rows by id, lengths of all rows, and
+products with it from the left. Each worker calls the same function of PyTorch for its part; results
+are joined, or added where rows are summed. So the client holds a few numbers per known entity and
+new entity, and the table only if it is small (``WHOLE``).
 """
 
 import warnings
@@ -29,7 +31,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Part:
-    """Rows ``first`` to ``last`` - 1 of a file, and the address of the worker that reads them while it is there."""
+    """Rows ``first`` to ``last`` - 1 of a file,
+    and the address of the worker that reads them while it is there.
+    """
 
     file: Path
     first: int
@@ -78,10 +82,17 @@ class EntityParts:
 
     @classmethod
     def __torch_function__(
-        cls, function: Callable[..., Any], _: Any, given: tuple[Any, ...] = (), options: dict[str, Any] | None = None
+        cls,
+        function: Callable[..., Any],
+        _: Any,
+        given: tuple[Any, ...] = (),
+        options: dict[str, Any] | None = None,
     ) -> Any:
         """What PyTorch calls in place of its function of such a table."""
-        parts, options = next((value for value in given if isinstance(value, cls)), None), options or {}
+        parts, options = (
+            next((value for value in given if isinstance(value, cls)), None),
+            options or {},
+        )
         match function, given:
             case _ if parts is None:  # it is in a list
                 return NotImplemented
@@ -89,7 +100,9 @@ class EntityParts:
                 return sum(parts.on_each(torch.matmul, left.split(parts.numbers, -1)))
             case torch.linalg.vector_norm, _ if options == {"dim": -1}:
                 return parts.lengths
-        return function(*(parts._whole() if value is parts else value for value in given), **options)
+        return function(
+            *(parts._whole() if value is parts else value for value in given), **options
+        )
 
     def __getattr__(self, name: str) -> Any:
         """What a tensor has and this class lacks."""
@@ -101,17 +114,31 @@ class EntityParts:
         """The vectors of few entities, on the client; ``InputError`` where there are more."""
         entities = self.shape[1]
         if entities**2 > WHOLE:
-            expected = "expected one that needs rows, lengths and products of known vectors alone, such as map"
+            expected = (
+                "expected one that needs rows, lengths and products of known vectors alone, "
+                "such as map"
+            )
             raise InputError("", "", f"{expected}, since the {entities:,} vectors are on workers")
         return self[torch.zeros(1, 1, dtype=torch.int64), torch.arange(entities)[None]]
 
-    def on_each(self, function: Callable[..., Tensor], values: Iterable[Tensor] = ()) -> list[Tensor]:
-        """The function's results for a value of each part, if any, and the part's rows, on its worker or another."""
+    def on_each(
+        self, function: Callable[..., Tensor], values: Iterable[Tensor] = ()
+    ) -> list[Tensor]:
+        """The function's results for a value of each part, if any, and the part's rows,
+        on its worker or another.
+        """
         arrays = [[value.numpy()] for value in values] or [[]] * len(self.parts)
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # of Dask: large arrays
+        # of Dask: large arrays
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             futures = [
                 self.client.submit(
-                    of_rows, function, part, *given, workers=[part.worker], allow_other_workers=True, pure=False
+                    of_rows,
+                    function,
+                    part,
+                    *given,
+                    workers=[part.worker],
+                    allow_other_workers=True,
+                    pure=False,
                 )
                 for part, given in zip(self.parts, arrays, strict=True)
             ]
@@ -129,12 +156,14 @@ class Transposed:
 
 
 def on_workers(client: "Client", files: Sequence[str | Path]) -> EntityParts:
-    """Vectors of known entities for ``insert_rows``, of which each worker of a Dask cluster reads a part.
+    """Vectors of known entities for ``insert_rows``,
+    of which each worker of a Dask cluster reads a part.
 
     Args:
         client: of a cluster whose workers have this package.
-        files: tables of floats, (rows, d), in NumPy's format ``.npy``, in the order of ids. Every worker can open them.
-            If there are fewer files than workers, each file is split into ranges of rows.
+        files: tables of floats, (rows, d), in NumPy's format ``.npy``, in the order of ids. Every
+            worker can open them. If there are fewer files than workers, each file is split into
+            ranges of rows.
 
     Raises:
         InputError: names the argument or file, and the expected value.
@@ -148,13 +177,22 @@ def on_workers(client: "Client", files: Sequence[str | Path]) -> EntityParts:
         paths = [Path(file).absolute() for file in as_list(files, str | Path, "a list of files")]
         if not paths:
             raise InputError("", "", "expected at least one file")
-    shapes, next_worker, parts = client.gather(client.map(shape_of, paths, pure=False)), cycle(workers), list[Part]()
+    shapes, next_worker, parts = (
+        client.gather(client.map(shape_of, paths, pure=False)),
+        cycle(workers),
+        list[Part](),
+    )
     width, share = shapes[0][1], -(-len(workers) // len(paths))
     for file, shape in zip(paths, shapes, strict=True):
         if shape[1] != width:
-            raise InputError(file, "", f"expected rows of {width} numbers as in {paths[0].name}, got {shape[1]}")
+            raise InputError(
+                file, "", f"expected rows of {width} numbers as in {paths[0].name}, got {shape[1]}"
+            )
         ends = np.linspace(0, shape[0], min(share, shape[0]) + 1, dtype=int).tolist()
-        parts += [Part(file, *rows, worker) for rows, worker in zip(pairwise(ends), next_worker, strict=False)]
+        parts += [
+            Part(file, *rows, worker)
+            for rows, worker in zip(pairwise(ends), next_worker, strict=False)
+        ]
     entities = EntityParts(client, parts, width)
     if not (finite := entities.lengths.isfinite()[0]).all():
         expected = "expected finite numbers, got NaN, infinity or huge numbers"
@@ -168,7 +206,9 @@ def shape_of(file: Path) -> tuple[int, ...]:
         try:
             rows = np.lib.format.open_memmap(file, mode="r")
         except ValueError as error:
-            raise InputError("", "", f"expected a table of floats in NumPy's format ({error})") from error
+            raise InputError(
+                "", "", f"expected a table of floats in NumPy's format ({error})"
+            ) from error
         table(rows[:1] if rows.ndim else rows, "files")
     return rows.shape
 
@@ -176,7 +216,8 @@ def shape_of(file: Path) -> tuple[int, ...]:
 def of_rows(function: Callable[..., Tensor], part: Part, *values: np.ndarray) -> np.ndarray:
     """A function of values and a part's vectors as float32."""
     rows = np.lib.format.open_memmap(part.file, mode="r")[part.first : part.last]
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of torch: the arrays are not writable
+    # of torch: the arrays are not writable
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
         arrays = map(torch.from_numpy, (*values, np.ascontiguousarray(rows, np.float32)))
         result: np.ndarray = function(*arrays).numpy()
     return result

@@ -1,8 +1,9 @@
 """Models whose relations are linear maps of scalars and 2×2 blocks: ANALOGY, DistMult and ComplEx.
 
-The d coordinates of a vector are its scalars, then the first coordinates a of all blocks, then their second coordinates
-b. A relation's row has a factor r for each scalar and, at the places of a and b, the entries x and y of each block
-``[[x, y], [-y, x]]`` of W. With ``swap`` exchanging a and b,
+The d coordinates of a vector are its scalars, then the first coordinates a of all blocks, then
+their second coordinates b. A relation's row has a factor r for each scalar and, at the places of a
+and b, the entries x and y of each block ``[[x, y], [-y, x]]`` of W. With ``swap`` exchanging a and
+b,
 
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
@@ -24,12 +25,18 @@ CLAMP = 1e-6  #: Lower bound of the |r| and x² + y² by which ``inverse`` divid
 
 
 class BlockModel(RelationMapModel):
-    """f(h, r, t) = interaction(vₕᵀW, vₜ), W block-diagonal (scalars, 2×2 blocks); by default ⟨vₕᵀW, vₜ⟩."""
+    """f(h, r, t) = interaction(vₕᵀW, vₜ), W block-diagonal (scalars, 2×2 blocks);
+    by default ⟨vₕᵀW, vₜ⟩.
+    """
 
     scalars: ClassVar[int]  #: percentage of coordinates that are scalars
 
     def width(self, dimension: int) -> int:
-        multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)
+        multiple = next(
+            m
+            for m in range(1, 201)
+            if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200
+        )
         if dimension % multiple:
             expected = f"expected a multiple of {multiple}, as {type(self).__name__} needs"
             raise InputError(paths.PARAMS, f"dimension {dimension}", expected)
@@ -40,7 +47,9 @@ class BlockModel(RelationMapModel):
         return relation
 
     def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Gradient with respect to relations, (..., w), from that with respect to their ``maps``, (..., d)."""
+        """Gradient with respect to relations, (..., w),
+        from that with respect to their ``maps``, (..., d).
+        """
         return by_maps
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
@@ -57,15 +66,21 @@ class BlockModel(RelationMapModel):
         scalars, x, y = self.parts(self.maps(relation))
         sign = torch.where(scalars < 0, -1.0, 1.0)
         norm = (x * x + y * y).clamp(min=CLAMP)
-        return self._apply(torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors)
+        return self._apply(
+            torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors
+        )
 
     def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
-        """|r| of scalars and sqrt(x² + y²) of blocks of relations, (..., w); shapes (..., scalars), (..., blocks)."""
+        """|r| of scalars and sqrt(x² + y²) of blocks of relations, (..., w);
+        shapes (..., scalars), (..., blocks).
+        """
         scalars, x, y = self.parts(self.maps(relation))
         return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        straight, crossed = (triples.relations(factor) for factor in self._factors(self.maps(relation)))
+        straight, crossed = (
+            triples.relations(factor) for factor in self._factors(self.maps(relation))
+        )
         heads, swapped = triples.heads(entity), triples.heads(self._swap(entity))
         memory, mapped = triples.empty(entity, entity.shape[-1])
         torch.mul(heads, straight, out=mapped).addcmul_(swapped, crossed)
@@ -102,7 +117,9 @@ class BlockModel(RelationMapModel):
 @register_model("analogy")
 @dataclass(frozen=True)
 class ANALOGY(BlockModel):
-    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half belong to blocks (Liu et al. 2017)."""
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars,
+    half belong to blocks (Liu et al. 2017).
+    """
 
     linear = True
     scalars = 50
@@ -111,7 +128,9 @@ class ANALOGY(BlockModel):
 @register_model("complex")
 @dataclass(frozen=True)
 class ComplEx(BlockModel):
-    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates belong to blocks (Trouillon et al. 2016)."""
+    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates belong to
+    blocks (Trouillon et al. 2016).
+    """
 
     linear = True
     complex_vectors = True

@@ -1,4 +1,6 @@
-"""Models that score by a distance: TransE (Bordes et al. 2013), with L1 or L2 norm, and RotatE (Sun et al. 2019)."""
+"""Models that score by a distance: TransE (Bordes et al. 2013), with L1 or L2 norm,
+and RotatE (Sun et al. 2019).
+"""
 
 import math
 from dataclasses import dataclass
@@ -45,7 +47,10 @@ class TransE(Translation, DistanceModel):
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         memory, mapped = triples.empty(entity, entity.shape[-1])
         torch.add(triples.heads(entity), triples.relations(relation), out=mapped)
-        return memory, lambda by_mapped: (triples.by_head(by_mapped), triples.by_relation(by_mapped))
+        return memory, lambda by_mapped: (
+            triples.by_head(by_mapped),
+            triples.by_relation(by_mapped),
+        )
 
 
 @register_model("transe_l1")
@@ -63,7 +68,9 @@ class TransEL1(Translation, RelationMapModel):
 @register_model("rotate")
 @dataclass(frozen=True)
 class RotatE(DistanceModel, BlockModel):
-    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or ‖·‖² if ``squared``; blocks have x = cos θ, y = sin θ; relation row θ."""
+    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or ‖·‖² if ``squared``; blocks have x = cos θ, y = sin θ;
+    relation row θ.
+    """
 
     complex_vectors = True
     angles = True

@@ -1,9 +1,10 @@
 """A model: the score of a triple, and from it the ranking of candidates and the gradients.
 
-A model is a frozen dataclass, registered under a name; its fields are its options. A subclass of ``Model`` defines
-``score``, ``transform`` and ``inverse``: the embeddings of a stack are scored one after the other, with gradients by
-autograd. If relations map heads, a subclass of ``RelationMapModel`` defines ``transform`` and ``inverse``: all pairs of
-mapped heads and tails are scored together, and only the map needs autograd, or a closed-form gradient (``map``).
+A model is a frozen dataclass, registered under a name; its fields are its options. A subclass of
+``Model`` defines ``score``, ``transform`` and ``inverse``: the embeddings of a stack are scored one
+after the other, with gradients by autograd. If relations map heads, a subclass of
+``RelationMapModel`` defines ``transform`` and ``inverse``: all pairs of mapped heads and tails are
+scored together, and only the map needs autograd, or a closed-form gradient (``map``).
 """
 
 from abc import ABC, abstractmethod
@@ -16,55 +17,82 @@ from torch import Tensor
 from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
 
-BUDGET = 2**24  #: Maximum number of elements in an intermediate tensor when ``Model`` scores all entities of a query.
+#: Maximum number of elements in an intermediate tensor when ``Model`` scores all entities of a
+#: query.
+BUDGET = 2**24
 
 
 class Model(ABC):
     """The score f(h, r, t) of a head, a relation and a tail.
 
-    Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w = ``width(d)``.
+    Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w =
+    ``width(d)``.
     """
 
     linear: ClassVar[bool] = False  #: whether f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
     invertible: ClassVar[bool] = True  #: whether ``transform`` and ``inverse`` are known
-    distance: ClassVar[bool] = False  #: whether f = margin - a distance, with the margin as an option
-    complex_vectors: ClassVar[bool] = False  #: whether vectors are complex numbers, real halves before imaginary ones
+    #: whether f = margin - a distance, with the margin as an option
+    distance: ClassVar[bool] = False
+    #: whether vectors are complex numbers, real halves before imaginary ones
+    complex_vectors: ClassVar[bool] = False
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
 
     def width(self, dimension: int) -> int:
-        """Length of a relation's row for vectors of ``dimension``; ``InputError`` where the dimension is impossible."""
+        """Length of a relation's row for vectors of ``dimension``;
+        ``InputError`` where the dimension is impossible.
+        """
         return dimension
 
     def half_range(self, given: float) -> float:
-        """Half range of the uniform distribution that initializes relations; ``given`` is that of entities."""
+        """Half range of the uniform distribution that initializes relations;
+        ``given`` is that of entities.
+        """
         return given
 
     @abstractmethod
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        """f of rows of the tables; shapes (..., d), (..., w), (..., d), which broadcast; result (...)."""
+        """f of rows of the tables; shapes (..., d), (..., w), (..., d), which broadcast;
+        result (...).
+        """
 
     @abstractmethod
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Heads ``vectors``, (..., d), mapped by relations, (..., w), to their expected tails; shape (..., d)."""
+        """Heads ``vectors``, (..., d), mapped by relations, (..., w), to their expected tails;
+        shape (..., d).
+        """
 
     @abstractmethod
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Tails ``vectors``, (..., d), mapped back by relations, (..., w), to their expected heads; shape (..., d)."""
+        """Tails ``vectors``, (..., d), mapped back by relations, (..., w), to their expected heads;
+        shape (..., d).
+        """
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Tails mapped such that interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)); (..., d)."""
+        """Tails mapped such that interaction(transform(h, r), t) =
+        interaction(h, transform_tail(t, r)); (..., d).
+        """
         return self.inverse(vectors, relation)
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        """Scores of all entities as tail; shapes (M, Q, d), (M, Q, w), (M, E, d), result (M, Q, E)."""
-        return _in_parts(lambda h, r, e: self.score(h[:, None], r[:, None], e), head, relation, entity)
+        """Scores of all entities as tail; shapes (M, Q, d), (M, Q, w), (M, E, d),
+        result (M, Q, E).
+        """
+        return _in_parts(
+            lambda h, r, e: self.score(h[:, None], r[:, None], e), head, relation, entity
+        )
 
     def score_heads(self, tail: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        """Scores of all entities as head; shapes (M, Q, d), (M, Q, w), (M, E, d), result (M, Q, E)."""
-        return _in_parts(lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity)
+        """Scores of all entities as head; shapes (M, Q, d), (M, Q, w), (M, E, d),
+        result (M, Q, E).
+        """
+        return _in_parts(
+            lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity
+        )
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Scores f of triples, and a function from slopes (which may overwrite f) to both gradients of Σ slope · f."""
+        """Scores f of triples, and a function from slopes (which may overwrite f) to both
+        gradients of Σ slope · f.
+        """
         _, scores = triples.empty(entity)
         return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
@@ -98,16 +126,25 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads, in memory of ``triples.empty``; a function from their gradient to those of both tables."""
+        """Mapped heads, in memory of ``triples.empty``;
+        a function from their gradient to those of both tables.
+        """
         memory, mapped = triples.empty(entity, entity.shape[-1])
-        return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
+        return memory, _by_autograd(
+            lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped
+        )
 
 
 def _by_autograd(
-    function: Callable[[Tensor, Tensor, Tensor], Tensor], entity: Tensor, relation: Tensor, triples: Triples,
+    function: Callable[[Tensor, Tensor, Tensor], Tensor],
+    entity: Tensor,
+    relation: Tensor,
+    triples: Triples,
     values: Tensor,
-) -> Backward:  # fmt: skip
-    """Write a function's results for all triples into ``values``; returns its backward function, by autograd."""
+) -> Backward:
+    """Write a function's results for all triples into ``values``;
+    returns its backward function, by autograd.
+    """
     for model, place, (h, r, t) in triples.parts():
         vectors = entity[model][h], relation[model][r], entity[model][t]
         values[place] = function(*vectors).view_as(values[place])
@@ -115,7 +152,9 @@ def _by_autograd(
     def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
         total = torch.zeros_like(entity), torch.zeros_like(relation)
         for model, place, (h, r, t) in triples.parts():
-            tables = entities, relations = tuple(table[model].detach().requires_grad_() for table in (entity, relation))
+            tables = entities, relations = tuple(
+                table[model].detach().requires_grad_() for table in (entity, relation)
+            )
             with torch.enable_grad():
                 result = function(entities[h], relations[r], entities[t])
             gradients = torch.autograd.grad(result, tables, slope[place].view_as(result))
@@ -127,14 +166,21 @@ def _by_autograd(
 
 
 def _in_parts(
-    score: Callable[[Tensor, Tensor, Tensor], Tensor], known: Tensor, relation: Tensor, entity: Tensor
+    score: Callable[[Tensor, Tensor, Tensor], Tensor],
+    known: Tensor,
+    relation: Tensor,
+    entity: Tensor,
 ) -> Tensor:
     """Scores of all entities, (M, Q, E), in chunks of queries that fit into ``BUDGET``."""
     number = max(1, BUDGET // entity[0].numel())
-    return torch.stack([
-        torch.cat([score(k, r, e) for k, r in zip(ks.split(number), rs.split(number), strict=True)])
-        for ks, rs, e in zip(known, relation, entity, strict=True)
-    ])  # fmt: skip
+    return torch.stack(
+        [
+            torch.cat(
+                [score(k, r, e) for k, r in zip(ks.split(number), rs.split(number), strict=True)]
+            )
+            for ks, rs, e in zip(known, relation, entity, strict=True)
+        ]
+    )
 
 
 M = TypeVar("M", bound=type[Model])
@@ -161,7 +207,9 @@ def register_model(name: str) -> Callable[[M], M]:
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
-    """The model registered under a name, with options; ``InputError`` at the key if name or options do not fit."""
+    """The model registered under a name, with options;
+    ``InputError`` at the key if name or options do not fit.
+    """
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))
 

@@ -1,12 +1,14 @@
-"""Scores of triples by product or distance, and their gradients: for all triples (dense), or for a list.
+"""Scores of triples by product or distance, and their gradients:
+for all triples (dense), or for a list.
 
-The formula of a model is the same for both forms: it reads rows of tables with ``heads`` and ``relations``, and sums
-gradients with ``by_head`` and ``by_relation``. In shapes below, ``...`` is (M, R, E), each relation with each head, for
-``DenseTriples``, and (N,) for ``TripleList``.
+The formula of a model is the same for both forms: it reads rows of tables with ``heads`` and
+``relations``, and sums gradients with ``by_head`` and ``by_relation``. In shapes below, ``...`` is
+(M, R, E), each relation with each head, for ``DenseTriples``, and (N,) for ``TripleList``.
 
-Results are bit-identical for any number of models in the stack. PyTorch processes an array register by register, and
-rounds the last numbers differently if they do not fill a register. So a dense table has a spare row in memory behind
-each model (``spaced``), which makes PyTorch process each model by itself, and a list is padded (``padded``).
+Results are bit-identical for any number of models in the stack. PyTorch processes an array register
+by register, and rounds the last numbers differently if they do not fill a register. So a dense
+table has a spare row in memory behind each model (``spaced``), which makes PyTorch process each
+model by itself, and a list is padded (``padded``).
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from torch.nn.functional import pad
 EPSILON = 1e-6  #: Smallest squared distance: a gradient that divides by less would be noise.
 _REGISTER = 64  #: A multiple of the number of floats in a register of any processor.
 
-Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: Maps slopes to both gradients of Σ slope · f.
+#: Maps slopes to both gradients of Σ slope · f.
+Backward = Callable[[Tensor], tuple[Tensor, Tensor]]
 Linear = Callable[[Tensor], Tensor]
-#: Indices of heads, relations and tails into a model's tables; the indexed vectors broadcast against each other.
+#: Indices of heads, relations and tails into a model's tables; the indexed vectors broadcast
+#: against each other.
 Indices = tuple[Any, Any, Any]
 
 
@@ -36,7 +40,9 @@ def spaced(table: Tensor) -> Tensor:
 
 
 def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
-    """Apply an elementwise function, any shape; a result's bits do not depend on the number's place in the tensor."""
+    """Apply an elementwise function, any shape;
+    a result's bits do not depend on the number's place in the tensor.
+    """
     flat = values.flatten()
     return function(pad(flat, (0, -len(flat) % _REGISTER)))[: len(flat)].view(values.shape)
 
@@ -46,11 +52,18 @@ class Product:
     """f(m, t) = ⟨m, t⟩ of mapped heads m and tails t."""
 
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """Scores, (...), of mapped heads and tails, (..., d), which broadcast; a function from slopes to gradients."""
-        return (mapped * tail).sum(-1), lambda slope: (tail * slope[..., None], mapped * slope[..., None])
+        """Scores, (...), of mapped heads and tails, (..., d), which broadcast;
+        a function from slopes to gradients.
+        """
+        return (mapped * tail).sum(-1), lambda slope: (
+            tail * slope[..., None],
+            mapped * slope[..., None],
+        )
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """As ``rows``, of all pairs: (M, N, d), (M, E, d); scores (M, N, E); slopes may lack last rows: (M, ≤N, E)."""
+        """As ``rows``, of all pairs: (M, N, d), (M, E, d); scores (M, N, E);
+        slopes may lack last rows: (M, ≤N, E).
+        """
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
             return torch.bmm(slope, tail), torch.bmm(slope.mT, mapped[:, : slope.shape[1]])
@@ -60,10 +73,11 @@ class Product:
 
 @dataclass(frozen=True)
 class Distance:
-    """f(m, t) = margin - ‖m - t‖, or margin - ‖m - t‖² if ``squared``; ‖m - t‖² is at least ``EPSILON``.
+    """f(m, t) = margin - ‖m - t‖, or margin - ‖m - t‖² if ``squared``;
+    ‖m - t‖² is at least ``EPSILON``.
 
-    For all pairs, ‖m - t‖² = ‖m‖² + ‖t‖² - 2⟨m, t⟩. The gradient by m is c · (t - m), by t its negative, with
-    c = 1 / ‖m - t‖, or c = 2 if ``squared``.
+    For all pairs, ‖m - t‖² = ‖m‖² + ‖t‖² - 2⟨m, t⟩. The gradient by m is c · (t - m), by t its
+    negative, with c = 1 / ‖m - t‖, or c = 2 if ``squared``.
     """
 
     margin: float
@@ -116,7 +130,10 @@ class L1Distance:
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
-            tables = mapped[:, : slope.shape[1]].detach().requires_grad_(), tail.detach().requires_grad_()
+            tables = (
+                mapped[:, : slope.shape[1]].detach().requires_grad_(),
+                tail.detach().requires_grad_(),
+            )
             with torch.enable_grad():
                 distance = torch.cdist(*tables, p=1)
             by_mapped, by_tail = torch.autograd.grad(distance, tables, -slope)
@@ -148,22 +165,31 @@ class DenseTriples:
         return table[:, :, None]
 
     def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
-        """Memory for ``interact``, and its view as mapped heads, (..., width); without ``width``, as scores."""
+        """Memory for ``interact``, and its view as mapped heads, (..., width);
+        without ``width``, as scores.
+        """
         models, relations, entities = self.shape
         memory = entity.new_zeros(models, relations * entities + 1, width or entities)
         return memory, memory[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        """Sum values, (..., d), plus f(x) if ``swapped`` is (x, f), f linear, by head; (M, E, d); may alter values."""
+        """Sum values, (..., d), plus f(x) if ``swapped`` is (x, f), f linear, by head; (M, E, d);
+        may alter values.
+        """
         total = values.sum(1)
-        return total + swapped[1](swapped[0].sum(1)) if swapped else total  # f of the sums, which are fewer
+        # f of the sums, which are fewer
+        return total + swapped[1](swapped[0].sum(1)) if swapped else total
 
     def by_relation(self, values: Tensor) -> Tensor:
         """Sum values, (..., d), by relation; shape (M, R, d)."""
         return values.sum(2)
 
-    def interact(self, interaction: Interaction, mapped: Tensor, entity: Tensor) -> tuple[Tensor, Backward]:
-        """Scores of mapped heads and tails; and a function from slopes to gradients by mapped heads and by entities."""
+    def interact(
+        self, interaction: Interaction, mapped: Tensor, entity: Tensor
+    ) -> tuple[Tensor, Backward]:
+        """Scores of mapped heads and tails; and a function from slopes to gradients by
+        mapped heads and by entities.
+        """
         scores, by_pairs = interaction.pairs(mapped, entity)
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
@@ -173,7 +199,9 @@ class DenseTriples:
         return scores[:, :-1].view(*self.shape, -1), backward
 
     def parts(self) -> Iterator[tuple[int, Any, Indices]]:
-        """Parts of the scores, each of one model: its place in the stack, index of scores, indices of table rows."""
+        """Parts of the scores, each of one model: its place in the stack, index of scores,
+        indices of table rows.
+        """
         for model, number in product(range(self.shape[0]), range(self.shape[1])):
             yield model, (model, number), ((slice(None), None), number, None)
 
@@ -206,7 +234,9 @@ class TripleList:
     def by_relation(self, values: Tensor) -> Tensor:
         return self._sum(values, self.relation, self.shape[1])
 
-    def interact(self, interaction: Interaction, mapped: Tensor, entity: Tensor) -> tuple[Tensor, Backward]:
+    def interact(
+        self, interaction: Interaction, mapped: Tensor, entity: Tensor
+    ) -> tuple[Tensor, Backward]:
         scores, by_rows = interaction.rows(mapped, self._gather(entity, self.tail))
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
@@ -227,7 +257,9 @@ class TripleList:
     def _sum(self, values: Tensor, ids: Tensor, number: int) -> Tensor:
         """Sum values, (N, d), by model and id; shape (M, number, d)."""
         table = values.new_zeros(self.shape[0] * number, values.shape[-1])
-        return table.index_add_(0, self.model * number + ids, values).view(self.shape[0], number, -1)
+        return table.index_add_(0, self.model * number + ids, values).view(
+            self.shape[0], number, -1
+        )
 
 
 Triples = DenseTriples | TripleList

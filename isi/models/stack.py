@@ -21,7 +21,9 @@ DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
 
 @contextmanager
 def without_denormals() -> Iterator[None]:
-    """Compute with zero in place of denormal numbers, which are slow (dead coordinates have many); then as before."""
+    """Compute with zero in place of denormal numbers, which are slow (dead coordinates have many);
+    then as before.
+    """
     before = not (torch.full((1,), DENORMAL) * 1).any()
     torch.set_flush_denormal(True)
     try:
@@ -32,7 +34,9 @@ def without_denormals() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Embedding:
-    """Vectors of entities and relations of a stack of M embeddings, and the model that scores their triples."""
+    """Vectors of entities and relations of a stack of M embeddings,
+    and the model that scores their triples.
+    """
 
     entity: Tensor  #: shape: (M, E, d)
     relation: Tensor  #: shape: (M, R, w), with w = ``model.width(d)``
@@ -40,15 +44,21 @@ class Embedding:
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         """f(h, r, t) of triples (section 2); ids and result of shape (M, Q)."""
-        return self.model.score(rows(self.entity, head), rows(self.relation, relation), rows(self.entity, tail))
+        return self.model.score(
+            rows(self.entity, head), rows(self.relation, relation), rows(self.entity, tail)
+        )
 
     def score_tails(self, head: Tensor, relation: Tensor) -> Tensor:
         """Scores of all entities as tail of (h, r, ?); ids of shape (M, Q), result (M, Q, E)."""
-        return self.model.score_tails(rows(self.entity, head), rows(self.relation, relation), self.entity)
+        return self.model.score_tails(
+            rows(self.entity, head), rows(self.relation, relation), self.entity
+        )
 
     def score_heads(self, relation: Tensor, tail: Tensor) -> Tensor:
         """Scores of all entities as head of (?, r, t); ids of shape (M, Q), result (M, Q, E)."""
-        return self.model.score_heads(rows(self.entity, tail), rows(self.relation, relation), self.entity)
+        return self.model.score_heads(
+            rows(self.entity, tail), rows(self.relation, relation), self.entity
+        )
 
     def score_relations(self, head: Tensor, tail: Tensor) -> Tensor:
         """Scores of all relations of (h, ?, t); ids of shape (M, Q), result (M, Q, R)."""
@@ -62,12 +72,16 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """Index the tensors, (M, ...), of a value (see ``mapped``) by a mask or ids of models; not in ``shared`` fields."""
+    """Index the tensors, (M, ...), of a value (see ``mapped``) by a mask or ids of models;
+    not in ``shared`` fields.
+    """
     return mapped(stacked, lambda tensor: tensor[models], shared=False)
 
 
 def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) -> T:
-    """Apply a function to tensors in nested data classes (``shared`` fields if ``shared``), dicts, lists and tuples."""
+    """Apply a function to tensors in nested data classes (``shared`` fields if ``shared``), dicts,
+    lists and tuples.
+    """
     result: Any = value
     if isinstance(result, Tensor):
         result = function(result)
@@ -77,19 +91,32 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
         result = type(result)(mapped(part, function, shared) for part in result)
     elif is_dataclass(result):
         names = [part.name for part in fields(result) if shared or not part.metadata.get("shared")]
-        result = replace(result, **{name: mapped(getattr(result, name), function, shared) for name in names})  # type: ignore[type-var]
+        result = replace(
+            result, **{name: mapped(getattr(result, name), function, shared) for name in names}
+        )  # type: ignore[type-var]
     return result  # type: ignore[no-any-return]
 
 
 def uniform(
-    entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
+    entities: Tensor,
+    relations: int,
+    model: Model,
+    dimension: int,
+    half_range: float,
+    root: int,
+    keys: Tensor,
 ) -> Embedding:
-    """Uniform tables in ±``half_range`` (relations: ``Model.half_range``), zero outside ``entities``, (M, E)."""
+    """Uniform tables in ±``half_range`` (relations: ``Model.half_range``),
+    zero outside ``entities``, (M, E).
+    """
     bound, of_relations = half_range, model.half_range(half_range)
     shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
     streams = [stream(root, "embedding", *key) for key in keys.tolist()]
-    entity = np.stack([rng.uniform(-bound, bound, shape) for rng in streams])  # drawn before relations from each stream
-    relation = np.stack([rng.uniform(-of_relations, of_relations, relation_shape) for rng in streams])
+    # drawn before relations from each stream
+    entity = np.stack([rng.uniform(-bound, bound, shape) for rng in streams])
+    relation = np.stack(
+        [rng.uniform(-of_relations, of_relations, relation_shape) for rng in streams]
+    )
     vectors = torch.as_tensor(entity, dtype=torch.float32) * entities[..., None]
     return Embedding(vectors, torch.as_tensor(relation, dtype=torch.float32), model)
 
@@ -106,7 +133,10 @@ class NotFinite(InputError):
 
 
 def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
-    """Raise ``NotFinite`` with the models that have NaN or |x| > ``largest`` in one of the tables, each (M, ...)."""
-    sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
+    """Raise ``NotFinite`` with the models that have NaN or |x| > ``largest`` in one of the tables,
+    each (M, ...).
+    """
+    # NaN is not
+    sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or huge numbers in {name}")

@@ -9,4 +9,13 @@ from isi.pykeen.insertion import enlarge, insert, inserted
 from isi.pykeen.reading import InteractionModel, read_model
 from isi.pykeen.training import fit_new, train_on, warm
 
-__all__ = ["InteractionModel", "enlarge", "fit_new", "insert", "inserted", "read_model", "train_on", "warm"]
+__all__ = [
+    "InteractionModel",
+    "enlarge",
+    "fit_new",
+    "insert",
+    "inserted",
+    "read_model",
+    "train_on",
+    "warm",
+]

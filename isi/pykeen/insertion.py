@@ -1,4 +1,6 @@
-"""``insert``: a copy of a model of PyKEEN with new entities; ``inserted`` and ``enlarge``: its two steps."""
+"""``insert``: a copy of a model of PyKEEN with new entities; ``inserted`` and ``enlarge``:
+its two steps.
+"""
 
 from __future__ import annotations
 
@@ -29,63 +31,104 @@ SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
 
 def insert(
-    model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
-    new: int | Sequence[str] | None = None, new_relations: int | Sequence[str] = 0,
-    words: Any = None, word_source: Source | None = None, kinds: Any = None,
-    initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
-) -> tuple[PykeenModel, CoreTriplesFactory]:  # fmt: skip
-    """Insert new entities or relations into a copy of a trained model: ``insert(model, factory, triples)``.
+    model: PykeenModel | PipelineResult,
+    factory: Any = None,
+    triples: Any = None,
+    *,
+    new: int | Sequence[str] | None = None,
+    new_relations: int | Sequence[str] = 0,
+    words: Any = None,
+    word_source: Source | None = None,
+    kinds: Any = None,
+    initializer: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    margin: float | None = None,
+    seed: int = 0,
+    calibrate: bool = True,
+    tolerance: float = 0.02,
+    budget: float = 3,
+) -> tuple[PykeenModel, CoreTriplesFactory]:
+    """Insert new entities or relations into a copy of a trained model:
+    ``insert(model, factory, triples)``.
 
     Known vectors stay unchanged.
 
-    To train the copy, use ``fit_new`` or ``train_on``: PyKEEN's own ``train`` starts again from random vectors.
+    To train the copy, use ``fit_new`` or ``train_on``: PyKEEN's own ``train`` starts again from
+    random vectors.
 
     Args:
-        model: stores the vectors of entities in tables, as most models do, perhaps within a wrapper of
-            ``torch.compile`` or ``DataParallel``, which copies lack. DistMult and ComplEx work with all
-            initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others with those that need no inverse
-            (map_mean, mean, es, ...). Or the result of PyKEEN's pipeline: ``insert(result, triples)``.
+        model: stores the vectors of entities in tables, as most models do, perhaps within a wrapper
+            of ``torch.compile`` or ``DataParallel``, which copies lack. DistMult and ComplEx work
+            with all initializers, TransE (L1, L2, squared) and RotatE with all but ridge, others
+            with those that need no inverse (map_mean, mean, es, ...). Or the result of PyKEEN's
+            pipeline: ``insert(result, triples)``.
         factory: the triples factory that the model was trained on.
-        triples: of the new entities and relations, as labels (if the factory has labels) or ids, in any form of
-            ``isi.insert``; or another triples factory.
-        new: labels of the new entities (None: all labels in ``triples`` that the factory lacks, with a warning if one
-            is nearly a known label); their number if the factory has no labels.
-        new_relations: labels of the new relations in ``triples``, or their number if the factory has no labels.
-            The model needs tables of relations. Triples of new relations may lie between known entities.
+        triples: of the new entities and relations, as labels (if the factory has labels) or ids, in
+            any form of ``isi.insert``; or another triples factory.
+        new: labels of the new entities (None: all labels in ``triples`` that the factory lacks,
+            with a warning if one is nearly a known label); their number if the factory has no
+            labels.
+        new_relations: labels of the new relations in ``triples``, or their number if the factory
+            has no labels. The model needs tables of relations. Triples of new relations may lie
+            between known entities.
         words: see ``isi.insert``, as for all arguments that are not listed here.
-        margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability ½; None: estimated
-            from scores of the factory's triples and of corrupted ones.
+        margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability
+            ½; None: estimated from scores of the factory's triples and of corrupted ones.
 
     Returns:
-        copies of the model, with the vectors of new entities and relations as last rows, and of the factory, with their
-        labels and triples. With inverse triples, a new relation has two rows, its own and that of its inverse. PyKEEN
-        can predict with, evaluate and save them. Numeric literals of new entities are zero, as PyKEEN sets those of
-        entities without literals.
+        copies of the model, with the vectors of new entities and relations as last rows, and of the
+        factory, with their labels and triples. With inverse triples, a new relation has two rows,
+        its own and that of its inverse. PyKEEN can predict with, evaluate and save them. Numeric
+        literals of new entities are zero, as PyKEEN sets those of entities without literals.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
     """
     model, factory, triples = of_result(model, factory, triples)
     done = inserted(
-        model, factory, triples, new=new, new_relations=new_relations, words=words, word_source=word_source,
-        kinds=kinds, initializer=initializer, options=options, margin=margin, seed=seed, calibrate=calibrate,
-        tolerance=tolerance, budget=budget,
-    )  # fmt: skip
+        model,
+        factory,
+        triples,
+        new=new,
+        new_relations=new_relations,
+        words=words,
+        word_source=word_source,
+        kinds=kinds,
+        initializer=initializer,
+        options=options,
+        margin=margin,
+        seed=seed,
+        calibrate=calibrate,
+        tolerance=tolerance,
+        budget=budget,
+    )
     return enlarge(model, factory, done)
 
 
 def inserted(
-    model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
-    new: int | Sequence[str] | None = None, new_relations: int | Sequence[str] = 0,
-    words: Any = None, word_source: Source | None = None, kinds: Any = None,
-    initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
-    seed: int = 0, calibrate: bool = True, tolerance: float = 0.02, budget: float = 3,
-) -> Inserted:  # fmt: skip
-    """The result of ``isi.insert`` for the arguments of ``insert``: vectors, report and interference.
+    model: PykeenModel | PipelineResult,
+    factory: Any = None,
+    triples: Any = None,
+    *,
+    new: int | Sequence[str] | None = None,
+    new_relations: int | Sequence[str] = 0,
+    words: Any = None,
+    word_source: Source | None = None,
+    kinds: Any = None,
+    initializer: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    margin: float | None = None,
+    seed: int = 0,
+    calibrate: bool = True,
+    tolerance: float = 0.02,
+    budget: float = 3,
+) -> Inserted:
+    """The result of ``isi.insert`` for the arguments of ``insert``:
+    vectors, report and interference.
 
-    With a model of inverse triples, each triple counts in both directions. In the result, as in PyKEEN's
-    predictions, tails are scored by the relation and heads by its inverse; a row of ``relations`` joins both.
+    With a model of inverse triples, each triple counts in both directions. In the result, as in
+    PyKEEN's predictions, tails are scored by the relation and heads by its inverse; a row of
+    ``relations`` joins both.
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
@@ -99,65 +142,104 @@ def inserted(
         rows = labelled(triples)
     near = {}
     if new is None:
-        new = _new_labels(rows, factory, Names("entity_names", factory.num_entities, entity_labels), relations)
+        new = _new_labels(
+            rows, factory, Names("entity_names", factory.num_entities, entity_labels), relations
+        )
         near = nearly_known(new, factory.entity_to_id)
     names = all_names(Names("entity_names", factory.num_entities, entity_labels), new, "new")
     ids = triples_of(rows, "triples", names, relations)
     embedding = read_model(model, factory.mapped_triples, margin)
-    known = (ids[:, [HEAD, TAIL]] < factory.num_entities).all(1) & (ids[:, RELATION] < known_relations.number)
+    known = (ids[:, [HEAD, TAIL]] < factory.num_entities).all(1) & (
+        ids[:, RELATION] < known_relations.number
+    )
     for head, relation, tail in ids[known][:1].tolist():
         triple = f"({names.of(head)}, {relations.of(relation)}, {names.of(tail)})"[:200]
-        raise InputError("argument 'triples'", triple, "expected a new entity or relation, but all are known already")
+        raise InputError(
+            "argument 'triples'",
+            triple,
+            "expected a new entity or relation, but all are known already",
+        )
     embedding = joined(embedding) if model.use_inverse_triples else embedding
     try:
         done = api.insert(
-            embedding.entity[0].numpy(), embedding.relation[0].numpy(), ids, new=new, new_relations=new_relations,
-            model=embedding.model, entity_names=entity_labels, relation_names=relation_labels,
-            known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
-            initializer=initializer, options=options, seed=seed, calibrate=calibrate, tolerance=tolerance,
+            embedding.entity[0].numpy(),
+            embedding.relation[0].numpy(),
+            ids,
+            new=new,
+            new_relations=new_relations,
+            model=embedding.model,
+            entity_names=entity_labels,
+            relation_names=relation_labels,
+            known_triples=factory.mapped_triples.numpy(),
+            words=words,
+            word_source=word_source,
+            kinds=kinds,
+            initializer=initializer,
+            options=options,
+            seed=seed,
+            calibrate=calibrate,
+            tolerance=tolerance,
             budget=budget,
-        )  # fmt: skip
+        )
     except InputError as error:
         if near and error.file.startswith("new entity"):
             label = next((label for label in near if repr(label) in error.file), next(iter(near)))
             raise InputError(
-                error.file, error.place, f"{error.message}; for {label!r}, did you mean {near[label]!r}?"
+                error.file,
+                error.place,
+                f"{error.message}; for {label!r}, did you mean {near[label]!r}?",
             ) from error
         raise
     for label, other in near.items():
         warnings.warn(
-            f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)", stacklevel=3
+            f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
+            stacklevel=3,
         )
-    vectors = reading.constrained(tables_of(model), torch.from_numpy(done.entities[done.known :])).numpy()
+    vectors = reading.constrained(
+        tables_of(model), torch.from_numpy(done.entities[done.known :])
+    ).numpy()
     return replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
 
 
-def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Copies of a model and its factory, with the vectors, labels and triples of new entities and relations."""
+def enlarge(
+    model: PykeenModel, factory: CoreTriplesFactory, done: Inserted
+) -> tuple[PykeenModel, CoreTriplesFactory]:
+    """Copies of a model and its factory, with the vectors,
+    labels and triples of new entities and relations.
+    """
     larger = deepcopy(unwrapped(model))
     larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)
     grown = stored(tables_of(larger), torch.from_numpy(done.entities[done.known :]))
     base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
     if isinstance(base, BothWays):
-        base, rows, larger.num_relations = base.base, rows.view(-1, rows.shape[1] // 2), 2 * len(done.relations)
+        base, rows, larger.num_relations = (
+            base.base,
+            rows.view(-1, rows.shape[1] // 2),
+            2 * len(done.relations),
+        )
     if len(rows):
         grown += stored(reading.relation_tables_of(larger), reading.table_rows(base, rows))
     for table, added in grown:
         weight = table._embeddings.weight
-        weight.data, weight.grad = torch.cat([weight.data, added]), None  # same Parameter: regularizers may refer to it
+        # same Parameter: regularizers may refer to it
+        weight.data, weight.grad = torch.cat([weight.data, added]), None
         table.max_id = table._embeddings.num_embeddings = len(weight)
     new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
     triples = torch.cat([factory.mapped_triples, new])
     options: dict[str, Any] = {"metadata": dict(factory.metadata)}
     options["create_inverse_triples"] = factory.create_inverse_triples
     if not isinstance(factory, TriplesFactory):
-        return larger, CoreTriplesFactory(triples, len(done.entities), len(done.relations), **options)
+        return larger, CoreTriplesFactory(
+            triples, len(done.entities), len(done.relations), **options
+        )
     relation_names = done.relation_names or ()
     options |= {
         "mapped_triples": triples,
-        "relation_to_id": dict(factory.relation_to_id) | {name: row for row, name in enumerate(relation_names)},
-        "entity_to_id": dict(factory.entity_to_id) | {str(done.names.of(row)): row for row in done.new},
-    }  # fmt: skip
+        "relation_to_id": dict(factory.relation_to_id)
+        | {name: row for row, name in enumerate(relation_names)},
+        "entity_to_id": dict(factory.entity_to_id)
+        | {str(done.names.of(row)): row for row in done.new},
+    }
     if not isinstance(factory, TriplesNumericLiteralsFactory):
         return larger, TriplesFactory(**options)
     old = factory.numeric_literals
@@ -165,8 +247,12 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
     return larger, TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
 
 
-def of_result(model: Any, factory: Any, triples: Any) -> tuple[PykeenModel, CoreTriplesFactory, Any]:
-    """Model, factory and triples of a call with them, or with the result of PyKEEN's pipeline and triples."""
+def of_result(
+    model: Any, factory: Any, triples: Any
+) -> tuple[PykeenModel, CoreTriplesFactory, Any]:
+    """Model, factory and triples of a call with them,
+    or with the result of PyKEEN's pipeline and triples.
+    """
     if not isinstance(model, PipelineResult):
         return unwrapped(model), factory, triples
     if triples is None:
@@ -174,24 +260,38 @@ def of_result(model: Any, factory: Any, triples: Any) -> tuple[PykeenModel, Core
     return unwrapped(model.model), model.training if factory is None else factory, triples
 
 
-def checked_labels(model: PykeenModel, factory: CoreTriplesFactory) -> tuple[list[str] | None, list[str] | None]:
-    """Labels of entities and relations by id, None without labels; InputError if a factory does not fit its model."""
+def checked_labels(
+    model: PykeenModel, factory: CoreTriplesFactory
+) -> tuple[list[str] | None, list[str] | None]:
+    """Labels of entities and relations by id, None without labels;
+    InputError if a factory does not fit its model.
+    """
     with argument("factory"):
         if not isinstance(factory, CoreTriplesFactory):
-            raise InputError("", "", f"expected a triples factory of PyKEEN's, got {short(factory)}")
+            raise InputError(
+                "", "", f"expected a triples factory of PyKEEN's, got {short(factory)}"
+            )
         expected = f"{model.num_entities} entities and {model.num_real_relations} relations"
-        if (got := f"{factory.num_entities} entities and {factory.real_num_relations} relations") != expected:
+        if (
+            got := f"{factory.num_entities} entities and {factory.real_num_relations} relations"
+        ) != expected:
             raise InputError("", "", f"expected {expected}, as the model has, got {got}")
         if not isinstance(factory, TriplesFactory):
             return None, None
         if (number := len(set(factory.entity_to_id.values()))) != factory.num_entities:
-            raise InputError("", "", f"expected labels of all {factory.num_entities} entities, got {number}")
-    entities, relations = (sorted(ids, key=ids.__getitem__) for ids in (factory.entity_to_id, factory.relation_to_id))
+            raise InputError(
+                "", "", f"expected labels of all {factory.num_entities} entities, got {number}"
+            )
+    entities, relations = (
+        sorted(ids, key=ids.__getitem__) for ids in (factory.entity_to_id, factory.relation_to_id)
+    )
     return entities, relations
 
 
 def labelled(triples: Any) -> np.ndarray | list[Any]:
-    """The triples of a factory, as labels if it has labels; other forms as ``listed_triples`` gives them."""
+    """The triples of a factory, as labels if it has labels;
+    other forms as ``listed_triples`` gives them.
+    """
     if isinstance(triples, CoreTriplesFactory):
         triples = triples.triples if isinstance(triples, TriplesFactory) else triples.mapped_triples
     return listed_triples(triples)
@@ -200,16 +300,24 @@ def labelled(triples: Any) -> np.ndarray | list[Any]:
 def _new_labels(
     rows: np.ndarray | list[Any], factory: CoreTriplesFactory, entities: Names, relations: Names
 ) -> list[str]:
-    """Labels of entities in triples that the factory lacks, in order; InputError without any, and no new relation."""
+    """Labels of entities in triples that the factory lacks, in order;
+    InputError without any, and no new relation.
+    """
     if not isinstance(factory, TriplesFactory):
-        raise InputError("argument 'new'", "", "expected the number of new entities: the factory has no labels")
+        raise InputError(
+            "argument 'new'", "", "expected the number of new entities: the factory has no labels"
+        )
     whole = [tuple(triple) for triple in rows if hasattr(triple, "__len__") and len(triple) == 3]
-    ends = dict.fromkeys(str(end) for head, _, tail in whole for end in (head, tail) if isinstance(end, str))
+    ends = dict.fromkeys(
+        str(end) for head, _, tail in whole for end in (head, tail) if isinstance(end, str)
+    )
     new = [end for end in ends if end not in entities.ids]
     if new or relations.number > factory.real_num_relations:
         return new
     known = triples_of(rows, "triples", entities, relations)
-    names = ", ".join(repr(entities.of(row)) for row in dict.fromkeys(known[:, [HEAD, TAIL]].flatten().tolist()))
+    names = ", ".join(
+        repr(entities.of(row)) for row in dict.fromkeys(known[:, [HEAD, TAIL]].flatten().tolist())
+    )
     problem = f"all are known already: {names}" if len(known) else "there are no triples"
     raise InputError("argument 'triples'", "", f"expected a label of a new entity, but {problem}")
 
@@ -217,10 +325,12 @@ def _new_labels(
 def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     """For new labels that a slip of the pen may have made of a known label, that label.
 
-    They differ in case, blanks, hyphens, underscores and Unicode's forms, or in one letter (another, missing, added, or
-    exchanged with its neighbour), but in no digit.
+    They differ in case, blanks, hyphens, underscores and Unicode's forms, or in one letter
+    (another, missing, added, or exchanged with its neighbour), but in no digit.
     """
-    spellings = {form: label for label in new if len(label) >= SHORTEST for form in _spellings(label)}
+    spellings = {
+        form: label for label in new if len(label) >= SHORTEST for form in _spellings(label)
+    }
     lengths = {length for form in spellings for length in (len(form) - 1, len(form), len(form) + 1)}
     near = dict[str, str]()
     for other in known:

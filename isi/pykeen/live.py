@@ -20,19 +20,24 @@ from isi.pykeen.reading import PykeenModel, read_model
 
 
 def of(
-    model: PykeenModel | PipelineResult, factory: TriplesFactory | None = None, *,
+    model: PykeenModel | PipelineResult,
+    factory: TriplesFactory | None = None,
+    *,
     kinds: Mapping[str, str] | None = None,
     margin: float | None = None,
-) -> LiveEmbedding:  # fmt: skip
-    """A live embedding of a trained model of PyKEEN, or of the result of its pipeline. The model is not changed.
+) -> LiveEmbedding:
+    """A live embedding of a trained model of PyKEEN, or of the result of its pipeline.
+    The model is not changed.
 
-    DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder. Constraints that PyKEEN
-    applies to its vectors while it trains are not applied to new ones (``isi.pykeen.insert`` does).
+    DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder.
+    Constraints that PyKEEN applies to its vectors while it trains are not applied to new ones
+    (``isi.pykeen.insert`` does).
 
     Args:
-        factory: the triples factory with labels that the model was trained on; not with a result of the pipeline.
-        kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that match no entity
-            (``same_name``), and of entities without a kind.
+        factory: the triples factory with labels that the model was trained on; not with a result of
+            the pipeline.
+        kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that
+            match no entity (``same_name``), and of entities without a kind.
         margin: of a distance model; None: estimated (``isi.pykeen.insert``).
 
     Raises:
@@ -44,16 +49,28 @@ def of(
         raise InputError("argument 'factory'", "", "expected a triples factory with labels")
     read = read_model(model, known.mapped_triples, margin)
     read = joined(read) if model.use_inverse_triples else read
-    name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None  # as a folder can hold it
+    # as a folder can hold it
+    name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
     options: dict[str, Any] = vars(read.model) if name else {}
-    manifest = Manifest(model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[])
+    manifest = Manifest(
+        model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[]
+    )
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
     kind_of, missing = by_known_name(kinds or {}, entities)
     without = [label for label in entities if kinds and label not in kind_of]
     if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
         warnings.warn(f"kinds: {note}", stacklevel=2)
-    return LiveEmbedding(OpenBundle(
-        manifest, read.entity[0].numpy(), read.relation[0].numpy(), entities,
-        [kind_of.get(label, "") for label in entities], list(map(plain, entities)), relations, triples, None,
-        None if name else read.model,
-    ))  # fmt: skip
+    return LiveEmbedding(
+        OpenBundle(
+            manifest,
+            read.entity[0].numpy(),
+            read.relation[0].numpy(),
+            entities,
+            [kind_of.get(label, "") for label in entities],
+            list(map(plain, entities)),
+            relations,
+            triples,
+            None,
+            None if name else read.model,
+        )
+    )

@@ -12,7 +12,9 @@ from isi.pykeen.reading import read_model, unwrapped
 
 
 def of_pickle(path: Path, labels: Labels) -> Bundle:
-    """A bundle of a pickled model; InputError for another file, or if ``MODELS`` lacks the model."""
+    """A bundle of a pickled model; InputError for another file,
+    or if ``MODELS`` lacks the model.
+    """
     try:
         # runs code: --trust-pickle allows it
         loaded = torch.load(path, map_location="cpu", weights_only=False)

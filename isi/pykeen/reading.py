@@ -1,4 +1,6 @@
-"""A model of PyKEEN as an embedding: its tables, joined to one row for each entity and relation, and its score."""
+"""A model of PyKEEN as an embedding: its tables, joined to one row for each entity and relation,
+and its score.
+"""
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
@@ -30,7 +32,9 @@ ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
 
 @dataclass(frozen=True)
 class Form:
-    """Shape and type of a value stored as a row of real numbers; if complex, the real half, then the imaginary half."""
+    """Shape and type of a value stored as a row of real numbers;
+    if complex, the real half, then the imaginary half.
+    """
 
     shape: tuple[int, ...]
     is_complex: bool
@@ -43,7 +47,9 @@ class Form:
         return prod(self.shape) * (1 + self.is_complex)
 
     def values(self, rows: Tensor) -> Tensor:
-        """Convert rows of shape (..., size) to values of shape (..., *shape), under the constraints."""
+        """Convert rows of shape (..., size) to values of shape (..., *shape),
+        under the constraints.
+        """
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         values = rows.reshape(-1, *self.shape)  # a table, as constrainers expect it
@@ -60,10 +66,11 @@ def parted(rows: Tensor, forms: Sequence[Form]) -> list[Tensor]:
 
 @dataclass(frozen=True, eq=False)
 class InteractionModel(Model):
-    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction. It has no ``transform`` and no ``inverse``.
+    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction.
+    It has no ``transform`` and no ``inverse``.
 
-    A row joins the rows of all tables of an entity (SimplE, ConvE, ... have several), or of a relation; a relation
-    without a table (UM) has a row of one zero.
+    A row joins the rows of all tables of an entity (SimplE, ConvE, ... have several), or of a
+    relation; a relation without a table (UM) has a row of one zero.
     """
 
     interaction: modules.Interaction[Any, Any, Any]
@@ -79,12 +86,14 @@ class InteractionModel(Model):
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         first, last = (parted(vectors.double(), self.entities) for vectors in (head, tail))
         sides = (
-            [first[table] for table in self.interaction.head_indices], parted(relation.double(), self.relations),
+            [first[table] for table in self.interaction.head_indices],
+            parted(relation.double(), self.relations),
             [last[table] for table in self.interaction.tail_indices],
-        )  # fmt: skip
+        )
         h, r, t = (values[0] if len(values) == 1 else values for values in sides)
         scores: Tensor = self.interaction(h=h, r=r, t=t)
-        scores = scores if self.relations else scores + 0 * relation[..., 0]  # for the shape and the gradient
+        # for the shape and the gradient
+        scores = scores if self.relations else scores + 0 * relation[..., 0]
         return self.offset + scores.to(head.dtype)
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
@@ -95,7 +104,9 @@ class InteractionModel(Model):
 
 
 def unwrapped(model: Any) -> Any:
-    """The model in a wrapper of ``torch.compile`` (``_orig_mod``) or of ``DataParallel`` (``module``); else itself."""
+    """The model in a wrapper of ``torch.compile`` (``_orig_mod``) or of ``DataParallel``
+    (``module``); else itself.
+    """
     while isinstance(model, Module) and not isinstance(model, ERModel):
         inner = next((part for name, part in model.named_children() if name in WRAPPED), None)
         if inner is None:
@@ -105,16 +116,24 @@ def unwrapped(model: Any) -> Any:
 
 
 def tables_of(model: object) -> list[Table]:
-    """The entity tables of a model; InputError unless it stores all vectors of entities in tables."""
+    """The entity tables of a model; InputError unless it stores all
+    vectors of entities in tables.
+    """
     if not isinstance(model, ERModel):
-        expected = "expected a model with vectors (ERModel of PyKEEN), or the result of its pipeline"
+        expected = (
+            "expected a model with vectors (ERModel of PyKEEN), or the result of its pipeline"
+        )
         raise InputError("argument 'model'", type(model).__name__, expected)
     tables = []
     for part in model.entity_representations:
         if not isinstance(part, Table):
-            problem = f"{type(part).__name__} computes the vectors of entities, so no row can be added to them"
+            problem = (
+                f"{type(part).__name__} computes the vectors of entities, "
+                "so no row can be added to them"
+            )
             remedy = (
-                "make the model with a factory of all triples, copy the parameters of equal shape, isi.pykeen.train_on"
+                "make the model with a factory of all triples, "
+                "copy the parameters of equal shape, isi.pykeen.train_on"
             )
             raise InputError("argument 'model'", type(model).__name__, f"{problem}: {remedy}")
         tables.append(part)
@@ -122,12 +141,18 @@ def tables_of(model: object) -> list[Table]:
 
 
 def relation_tables_of(model: PykeenModel) -> list[Table]:
-    """The relation tables of a model; InputError if it has none, or computes vectors of relations."""
+    """The relation tables of a model; InputError if it has none,
+    or computes vectors of relations.
+    """
     parts = list(model.relation_representations)
     tables = [part for part in parts if isinstance(part, Table)]
     if not tables or len(tables) < len(parts):
         others = [type(part).__name__ for part in parts if not isinstance(part, Table)]
-        problem = f"{others[0]} computes the vectors of relations" if others else "it has no vectors of relations"
+        problem = (
+            f"{others[0]} computes the vectors of relations"
+            if others
+            else "it has no vectors of relations"
+        )
         message = f"{type(model).__name__} cannot have new relations, since {problem}"
         raise InputError("argument 'new_relations'", "", message)
     return tables
@@ -154,9 +179,11 @@ def stored(tables: Sequence[Table], rows: Tensor) -> list[tuple[Table, Tensor]]:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """Read a model as a stack of one embedding; margin None: estimated from ``triples``, shape (T, 3).
+    """Read a model as a stack of one embedding; margin None:
+    estimated from ``triples``, shape (T, 3).
 
-    Of a model with inverse triples, row 2r is that of relation r and row 2r + 1 that of its inverse, as in PyKEEN.
+    Of a model with inverse triples, row 2r is that of relation r and row 2r + 1 that of its
+    inverse, as in PyKEEN.
     """
     model = unwrapped(model)
     forms = tuple(map(form_of, tables_of(model)))
@@ -171,18 +198,26 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
     rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
     scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
-    scored = replace(scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
+    scored = replace(
+        scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
+    )
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
 
 def _closed_form(
     interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w); None if there is none."""
+    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w);
+    None if there is none.
+    """
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
         is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
-        return (lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)) if is_rotation else None
+        return (
+            (lambda margin: RotatE(margin, False), torch.atan2(imaginary, real))
+            if is_rotation
+            else None
+        )
     forms: dict[tuple[type, Any], Callable[[float], Model]] = {
         (modules.DistMultInteraction, None): lambda _: DistMult(),
         (modules.ComplExInteraction, None): lambda _: ComplEx(),
@@ -194,12 +229,18 @@ def _closed_form(
 
 
 def table_rows(model: Model, relations: Tensor) -> Tensor:
-    """Rows of relations of a model that was read, (q, w), as joined rows of tables: RotatE's angles as |r| = 1."""
-    return torch.cat([relations.cos(), relations.sin()], 1) if isinstance(model, RotatE) else relations
+    """Rows of relations of a model that was read, (q, w), as joined rows of tables:
+    RotatE's angles as |r| = 1.
+    """
+    return (
+        torch.cat([relations.cos(), relations.sin()], 1) if isinstance(model, RotatE) else relations
+    )
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:
-    """Form and all rows, shape (N, size), of a representation in evaluation mode (no dropout; normalized)."""
+    """Form and all rows, shape (N, size), of a representation in evaluation mode
+    (no dropout; normalized).
+    """
     training = representation.training
     with torch.no_grad():
         values = representation.eval()().detach().cpu()

@@ -22,18 +22,29 @@ from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
 
 
 def fit_new(
-    model: PykeenModel | PipelineResult, factory: Any = None, triples: Any = None, *,
-    new: int | Sequence[str | int] | None = None, epochs: int = 100, learning_rate: float = 0.04,
-    weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, margin: float | None = None, seed: int = 0,
-) -> PykeenModel:  # fmt: skip
-    """Train the vectors of new entities in a copy of an enlarged model, by ``isi.fit_new``. All else stays unchanged.
+    model: PykeenModel | PipelineResult,
+    factory: Any = None,
+    triples: Any = None,
+    *,
+    new: int | Sequence[str | int] | None = None,
+    epochs: int = 100,
+    learning_rate: float = 0.04,
+    weight_decay: float = 0.001,
+    batch_size: int = 2048,
+    ratio: int = 9,
+    margin: float | None = None,
+    seed: int = 0,
+) -> PykeenModel:
+    """Train the vectors of new entities in a copy of an enlarged model, by ``isi.fit_new``.
+    All else stays unchanged.
 
     Args:
-        model: with new entities, as ``insert`` returns it; ``factory``: its triples factory, with their triples.
-        triples: of the new entities, in any form that ``insert`` accepts. Without ``new``, those entities in them are
-            new that have no other triple in the factory.
-        new: labels or ids of the entities to train, or the number of the last ones. They are trained on their triples
-            in ``factory`` and ``triples``.
+        model: with new entities, as ``insert`` returns it; ``factory``: its triples factory, with
+            their triples.
+        triples: of the new entities, in any form that ``insert`` accepts. Without ``new``, those
+            entities in them are new that have no other triple in the factory.
+        new: labels or ids of the entities to train, or the number of the last ones. They are
+            trained on their triples in ``factory`` and ``triples``.
         margin: see ``insert``; the other arguments are those of ``isi.fit_new``.
 
     Returns:
@@ -48,7 +59,9 @@ def fit_new(
     names = Names("entity_names", factory.num_entities, entity_labels)
     relations = Names("relation_names", model.num_real_relations, relation_labels)
     with argument("triples"):
-        added = triples_of([] if triples is None else labelled(triples), "triples", names, relations)
+        added = triples_of(
+            [] if triples is None else labelled(triples), "triples", names, relations
+        )
     known = factory.mapped_triples.numpy()
     ids = _new_ids(names, new, added, known)
     about = np.concatenate([known, added])
@@ -59,44 +72,67 @@ def fit_new(
         about = both_ways(torch.from_numpy(about)).numpy()
     embedding = read_model(model, factory.mapped_triples, margin)
     vectors, _ = fit.fit_new(
-        embedding.entity[0].numpy()[order], embedding.relation[0].numpy(), about, new=len(ids), model=embedding.model,
-        epochs=epochs, learning_rate=learning_rate, weight_decay=weight_decay, batch_size=batch_size, ratio=ratio,
+        embedding.entity[0].numpy()[order],
+        embedding.relation[0].numpy(),
+        about,
+        new=len(ids),
+        model=embedding.model,
+        epochs=epochs,
+        learning_rate=learning_rate,
+        weight_decay=weight_decay,
+        batch_size=batch_size,
+        ratio=ratio,
         seed=seed,
-    )  # fmt: skip
+    )
     trained = deepcopy(model)
     for table, rows in stored(tables_of(trained), torch.from_numpy(vectors[-len(ids) :])):
         table._embeddings.weight.data[torch.from_numpy(ids)] = rows
     return trained
 
 
-def _new_ids(names: Names, new: int | Sequence[str | int] | None, triples: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Sorted ids of the entities to train; by default those that are in ``triples`` and in no other known triple."""
+def _new_ids(
+    names: Names, new: int | Sequence[str | int] | None, triples: np.ndarray, known: np.ndarray
+) -> np.ndarray:
+    """Sorted ids of the entities to train; by default those that are in ``triples`` and
+    in no other known triple.
+    """
     if new is None:
         others = set(map(tuple, known.tolist())) - set(map(tuple, triples.tolist()))
         ends = np.unique(triples[:, [HEAD, TAIL]])
-        ids = np.setdiff1d(ends, [end for head, _, tail in others for end in (head, tail)]).astype(np.int64)
+        ids = np.setdiff1d(ends, [end for head, _, tail in others for end in (head, tail)]).astype(
+            np.int64
+        )
     elif is_whole(new):
         ids = np.arange(names.number)[max(0, names.number - int(new)) :]  # type: ignore[arg-type]
     else:
         with argument("new"):
             ids = np.unique([names.id(label, "") for label in as_list(new)]).astype(np.int64)
     if not 0 < len(ids) < names.number:
-        raise InputError("argument 'new'", "", "expected at least one new entity, beside known ones")
+        raise InputError(
+            "argument 'new'", "", "expected at least one new entity, beside known ones"
+        )
     return ids
 
 
 def train_on(
-    model: PykeenModel | PipelineResult, factory: CoreTriplesFactory | None = None, epochs: int = 5, *,
-    training_loop: str = "slcwa", optimizer: str | Optimizer = "adam", learning_rate: float = 0.001,
-    batch_size: int = 256, progress: bool = False,
-) -> list[float]:  # fmt: skip
+    model: PykeenModel | PipelineResult,
+    factory: CoreTriplesFactory | None = None,
+    epochs: int = 5,
+    *,
+    training_loop: str = "slcwa",
+    optimizer: str | Optimizer = "adam",
+    learning_rate: float = 0.001,
+    batch_size: int = 256,
+    progress: bool = False,
+) -> list[float]:
     """Continue PyKEEN's training of all vectors of a model, in place, without new random vectors.
 
     Args:
         model: with or without new entities; ``factory``: its triples factory.
         epochs: number of epochs, with the loss and the regularizers of the model.
         training_loop: slcwa (sampled negatives) or lcwa.
-        optimizer: a name, with step size ``learning_rate``, or an optimizer of the model's parameters.
+        optimizer: a name, with step size ``learning_rate``, or an optimizer of the model's
+            parameters.
 
     Returns:
         the mean loss of each epoch.
@@ -104,18 +140,30 @@ def train_on(
     model, factory, _ = of_result(model, factory, ())
     checked_labels(model, factory)
     if not isinstance(optimizer, Optimizer):
-        optimizer = optimizer_resolver.make(optimizer, {"lr": learning_rate}, params=model.get_grad_params())
-    loop = training_loop_resolver.make(training_loop, model=model, triples_factory=factory, optimizer=warm(optimizer))
+        optimizer = optimizer_resolver.make(
+            optimizer, {"lr": learning_rate}, params=model.get_grad_params()
+        )
+    loop = training_loop_resolver.make(
+        training_loop, model=model, triples_factory=factory, optimizer=warm(optimizer)
+    )
     losses = loop.train(
-        factory, epochs, batch_size, continue_training=True, use_tqdm=progress, use_tqdm_batch=progress,
+        factory,
+        epochs,
+        batch_size,
+        continue_training=True,
+        use_tqdm=progress,
+        use_tqdm_batch=progress,
         pin_memory=False,
-    )  # fmt: skip
+    )
     return losses or []
 
 
 def warm(optimizer: Optimizer) -> Optimizer:
-    """Prepare an optimizer, in place, for PyKEEN's ``train(continue_training=True)``, which does not reset vectors."""
+    """Prepare an optimizer, in place, for PyKEEN's ``train(continue_training=True)``,
+    which does not reset vectors.
+    """
     for group in optimizer.param_groups:
         for parameter in group["params"]:
-            optimizer.state[parameter]  # creates an empty entry; PyKEEN refuses an optimizer without state
+            # creates an empty entry; PyKEEN refuses an optimizer without state
+            optimizer.state[parameter]
     return optimizer

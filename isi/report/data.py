@@ -1,4 +1,6 @@
-"""The pipeline's tables as the report reads them: experiments, analyses of them, and variants beyond the paper."""
+"""The pipeline's tables as the report reads them:
+experiments, analyses of them, and variants beyond the paper.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,13 +34,16 @@ from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
 
-#: Analyses shown for every experiment that params list for them; the others are shown for the first one alone.
+#: Analyses shown for every experiment that params list for them; the others are shown for the first
+#: one alone.
 _OF_EACH = ("query_breakdown", "finetune_only")
 
 
 @dataclass(frozen=True, eq=False)
 class ModelRuns:
-    """Runs of initializers and of the joint model under the same conditions, on one experiment or graph."""
+    """Runs of initializers and of the joint model under the same conditions,
+    on one experiment or graph.
+    """
 
     #: its key in params
     name: str
@@ -57,7 +62,9 @@ class ModelRuns:
 
     @property
     def finetuned(self) -> list[str]:
-        """All initializers; of an ``Experiment``, those whose entities are fine-tuned after insertion."""
+        """All initializers; of an ``Experiment``, those whose entities are
+        fine-tuned after insertion.
+        """
         return self.initializers
 
     @property
@@ -66,7 +73,9 @@ class ModelRuns:
         return self.params.finetuning.max_epochs
 
     def of_size(self, size: int | None) -> Self:
-        """A copy with only the runs and queries that insert ``size`` entities (None: no runs and no queries)."""
+        """A copy with only the runs and queries that insert ``size`` entities
+        (None: no runs and no queries).
+        """
         queries = None if self.queries is None else self.queries[self.queries["size"] == size]
         return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
 
@@ -76,27 +85,42 @@ class ModelRuns:
         return self.runs[self.runs["epoch"] == 0]
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """``epochs_to_convergence`` of runs, session by session, against the joint models of the same session."""
+        """``epochs_to_convergence`` of runs, session by session,
+        against the joint models of the same session.
+        """
         joint, sessions = self.runs[self.runs["model"] == JOINT], []
         for session in sorted(set(runs["session"])) or [1]:
             rows, target = (frame[frame["session"] == session] for frame in (runs, joint))
-            epochs = epochs_to_convergence(rows, target, self.params.convergence.margin, self.max_epochs, by)
+            epochs = epochs_to_convergence(
+                rows, target, self.params.convergence.margin, self.max_epochs, by
+            )
             sessions.append(epochs.assign(session=session))
         return pd.concat(sessions, ignore_index=True)
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """``converged`` for the fine-tuned initializers: rows by model, scope, size, seed and session."""
+        """``converged`` for the fine-tuned initializers:
+        rows by model, scope, size, seed and session.
+        """
         return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
 
     @property
     def mrr_star(self) -> ByScope:
-        """Mean MRR* right after insertion, in points, by scope and model, where there are queries."""
-        return stats.by_scope(100 * self.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna(), self.models)
+        """Mean MRR* right after insertion, in points, by scope and model,
+        where there are queries.
+        """
+        return stats.by_scope(
+            100 * self.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna(),
+            self.models,
+        )
 
     def epochs(self, statistic: str = "mean") -> ByScope:
-        """Mean (or another pandas ``statistic``) of the epochs to convergence, by scope and model."""
-        return stats.by_scope(self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned)
+        """Mean (or another pandas ``statistic``) of the epochs to convergence,
+        by scope and model.
+        """
+        return stats.by_scope(
+            self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned
+        )
 
     @property
     def unconverged(self) -> ByScope:
@@ -106,28 +130,45 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity MRR* in [0, 1] in scope ``novel`` by direction (in column ``scope``), model, size and seed."""
+        """Entity MRR* in [0, 1] in scope ``novel`` by direction (in column ``scope``), model,
+        size and seed.
+        """
         rows = self.queries
         assert rows is not None  # noqa: S101  # used only with a query breakdown
-        rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
-        rows = rows[rows["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
+        rows = rows[
+            (rows["scope"] == "novel")
+            & (rows["filter"] == "learned")
+            & (rows["hidden"] != "relation")
+        ]
+        rows = (
+            rows[rows["novel"].isin(list(DIRECTIONS))]
+            .drop(columns="scope")
+            .rename(columns={"novel": "scope"})
+        )
         measures = stats.combined(rows, ["scope", "model", "size", "seed"])
         return measures.drop(columns=["mrr_star", "mrr_star_relation"])
 
     @cached_property
     def directions(self) -> dict[str, dict[str, Estimate]]:
-        """Entity MRR* about novel entities by direction and model: means over sizes and seeds, in points."""
+        """Entity MRR* about novel entities by direction and model:
+        means over sizes and seeds, in points.
+        """
         rows = self.directed
-        return {name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
-                for name in DIRECTIONS}  # fmt: skip
+        return {
+            name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
+            for name in DIRECTIONS
+        }
 
     def by_grid_point(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
-        """A measure (points) right after insertion: a row for each session, size and seed, a column for each model.
+        """A measure (points) right after insertion:
+        a row for each session, size and seed, a column for each model.
 
         In scope ``given``: entity MRR* over the queries that give a novel entity.
         """
         if scope == "given":
-            return 100 * stats.cells_of(self.directed.assign(session=1), self.models, scope, "mrr_star_entity")
+            return 100 * stats.cells_of(
+                self.directed.assign(session=1), self.models, scope, "mrr_star_entity"
+            )
         return 100 * stats.cells_of(self.immediate, self.models, scope, measure)
 
     @property
@@ -137,7 +178,9 @@ class ModelRuns:
 
     def immediate_means(self, scope: str) -> dict[str, Estimate]:
         """Mean MRR* (points) right after insertion in one scope, by model."""
-        return stats.by_model(self.immediate[self.immediate["scope"] == scope], "mrr_star", self.models)
+        return stats.by_model(
+            self.immediate[self.immediate["scope"] == scope], "mrr_star", self.models
+        )
 
     def epochs_means(self) -> dict[str, Estimate]:
         """Mean epochs to convergence on held-out triples of the novel entities, by initializer."""
@@ -147,7 +190,9 @@ class ModelRuns:
 
 @dataclass(frozen=True, eq=False)
 class Experiment(ModelRuns):
-    """The tables of one experiment, with strings in place of categories (``read_text``); ids stay numbers."""
+    """The tables of one experiment, with strings in place of categories (``read_text``);
+    ids stay numbers.
+    """
 
     #: end of the names of its tables and figures; empty for the first experiment
     suffix: str
@@ -161,7 +206,8 @@ class Experiment(ModelRuns):
     joint_log: pd.DataFrame
     inserted: pd.DataFrame
     ties: pd.DataFrame
-    #: results of the analyses that were run, by section of params; for ``query_breakdown``: ``USED_COORDINATES``
+    #: results of the analyses that were run, by section of params; for ``query_breakdown``:
+    #: ``USED_COORDINATES``
     analyses: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -177,25 +223,43 @@ class Experiment(ModelRuns):
     def curve_size(self) -> int | None:
         """The first size of ``full_curves`` that was run; None if none was."""
         settings = self.settings
-        return next((size for size in settings.full_curves.sizes if size in settings.sessions.sizes), None)
+        return next(
+            (size for size in settings.full_curves.sizes if size in settings.sessions.sizes), None
+        )
 
     @property
     def curves(self) -> pd.DataFrame:
-        """Runs at ``curve_size`` of the initializers with full curves, and of the joint model; empty without any."""
-        names = [name for name in self.finetuned if is_listed(self.settings.full_curves.initializers, name)]
-        rows = self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])]
+        """Runs at ``curve_size`` of the initializers with full curves, and of the joint model;
+        empty without any.
+        """
+        names = [
+            name
+            for name in self.finetuned
+            if is_listed(self.settings.full_curves.initializers, name)
+        ]
+        rows = self.runs[
+            (self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])
+        ]
         return rows if names else rows.head(0)
 
     @property
     def collapsed(self) -> dict[str, float]:
-        """Models that score many candidates like the answer, each with its mean number of tied competitors.
+        """Models that score many candidates like the answer,
+        each with its mean number of tied competitors.
 
-        A triple of scope ``all`` counts the competitors tied with the answer of its head, its tail and its relation
-        query; the mean is over triples. A model is listed if its mean is at least |E| / 2.
+        A triple of scope ``all`` counts the competitors tied with the answer of its head, its tail
+        and its relation query; the mean is over triples. A model is listed if its mean is at least
+        |E| / 2.
         """
-        tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
+        tied, runs = (
+            rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate)
+        )
         competitors = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
-        return {str(model): float(number) for model, number in competitors.items() if number >= len(self.entities) / 2}
+        return {
+            str(model): float(number)
+            for model, number in competitors.items()
+            if number >= len(self.entities) / 2
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,22 +275,37 @@ class VariantRuns(ModelRuns):
 
     @property
     def max_epochs(self) -> int:
-        return int(self.variant.changes.get("finetuning.max_epochs", self.params.finetuning.max_epochs))
+        return int(
+            self.variant.changes.get("finetuning.max_epochs", self.params.finetuning.max_epochs)
+        )
 
     @classmethod
     def of(
-        cls, key: str, variant: Variant, name: str, title: str, params: Params, runs: pd.DataFrame,
-        queries: pd.DataFrame, *graph: pd.DataFrame,
-    ) -> Self:  # fmt: skip
-        """The rows of the experiment or graph ``name`` in a variant's tables; ``key``: the variant's key in params."""
+        cls,
+        key: str,
+        variant: Variant,
+        name: str,
+        title: str,
+        params: Params,
+        runs: pd.DataFrame,
+        queries: pd.DataFrame,
+        *graph: pd.DataFrame,
+    ) -> Self:
+        """The rows of the experiment or graph ``name`` in a variant's tables;
+        ``key``: the variant's key in params.
+        """
         runs, queries = (rows[rows["experiment"] == name] for rows in (runs, queries))
         initializers = [model for model in variant.initializers if model in set(runs["model"])]
-        return cls(name, title, params, initializers, runs, queries, variant, f"{key}_{name}", *graph)
+        return cls(
+            name, title, params, initializers, runs, queries, variant, f"{key}_{name}", *graph
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Experiments with their analyses, and the variants and graphs of the second pipeline that were run."""
+    """Experiments with their analyses, and the variants and graphs of the
+    second pipeline that were run.
+    """
 
     params: Params
     #: params, versions and hashes, by title
@@ -246,21 +325,37 @@ class Results:
     @property
     def standalone(self) -> list[Experiment]:
         """Experiments whose entities all come from one source."""
-        return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is None]
+        return [
+            experiment
+            for experiment in self.experiments.values()
+            if experiment.settings.graph.extend is None
+        ]
 
     @property
     def extended(self) -> list[Experiment]:
         """Experiments that insert entities of a second source (``graph.extend``)."""
-        return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is not None]
+        return [
+            experiment
+            for experiment in self.experiments.values()
+            if experiment.settings.graph.extend is not None
+        ]
 
     def source_title(self, source: str) -> str:
         """The title of a source: that of the experiment on its graph, else its name."""
-        of_source = (experiment for experiment in self.standalone if experiment.settings.graph.source == source)
+        of_source = (
+            experiment
+            for experiment in self.standalone
+            if experiment.settings.graph.source == source
+        )
         return next((experiment.title for experiment in of_source), source)
 
     def analysis(self, name: str, *among: Experiment | None) -> list[tuple[Experiment, Any]]:
-        """The experiments (without ``among``: of all) for which an analysis was run, each with its tables."""
-        ran = (each for each in among or self.experiments.values() if each and name in each.analyses)
+        """The experiments (without ``among``: of all) for which an analysis was run,
+        each with its tables.
+        """
+        ran = (
+            each for each in among or self.experiments.values() if each and name in each.analyses
+        )
         return [(experiment, experiment.analyses[name]) for experiment in ran]
 
     def variants_of(self, group: str) -> list[VariantRuns]:
@@ -269,89 +364,156 @@ class Results:
 
 
 def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
-    """Read the tables of all experiments and analyses; ``InputError`` where one is missing or broken."""
+    """Read the tables of all experiments and analyses;
+    ``InputError`` where one is missing or broken.
+    """
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
-    sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)
+    sources = dict.fromkeys(
+        part.source for graph in graphs for part in (graph, graph.extend) if part
+    )
     return Results(
-        params=params, run=run, paper=paper_values.read(paths.PAPER), experiments=experiments,
-        vocabulary=paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY),
+        params=params,
+        run=run,
+        paper=paper_values.read(paths.PAPER),
+        experiments=experiments,
+        vocabulary=paper_values.read(
+            paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY
+        ),
         definitions=read_definitions(paths.DEFINITIONS),
-        observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
-                  for name in sources},
+        observed={
+            name: MinedSource(
+                name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name)
+            )
+            for name in sources
+        },
         mined={name: MINED.read_text(source=name) for name in sources},
-    )  # fmt: skip
+    )
 
 
 def read_readings(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     """The cases of ``readings`` that were run, without the experiments of the first pipeline."""
     cases = load_beyond(params, runs=False).readings
     return Results(
-        params=params, run=run, paper=paper_values.read(paths.PAPER), experiments={}, definitions=pd.DataFrame(),
-        vocabulary={}, observed={}, mined={},
-        readings={name: CaseRuns.read(name, case) for name, case in cases.items() if READINGS.path(case=name).exists()},
-    )  # fmt: skip
+        params=params,
+        run=run,
+        paper=paper_values.read(paths.PAPER),
+        experiments={},
+        definitions=pd.DataFrame(),
+        vocabulary={},
+        observed={},
+        mined={},
+        readings={
+            name: CaseRuns.read(name, case)
+            for name, case in cases.items()
+            if READINGS.path(case=name).exists()
+        },
+    )
 
 
 def with_beyond(results: Results) -> Results:
     """Results with the runs of the second pipeline, of which any may be missing."""
     tables, params = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES), results.params
     graphs = [
-        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
-                       *(table.read_text(graph=name) for table in tables))
-        for name, graph in load_beyond(params, runs=False).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
-    ]  # fmt: skip
+        VariantRuns.of(
+            name,
+            graph.variant(name),
+            name,
+            graph.title,
+            params,
+            *(table.read_text(graph=name) for table in tables),
+        )
+        for name, graph in load_beyond(params, runs=False).graphs.items()
+        if GRAPH_QUERIES.path(graph=name).exists()
+    ]
     titles = {name: experiment.title for name, experiment in results.experiments.items()}
     return replace(results, variants=read_variants(titles, params), other_graphs=graphs)
 
 
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
-    """Runs of every variant on every experiment where it was run; ``titles``: display titles by experiment."""
+    """Runs of every variant on every experiment where it was run;
+    ``titles``: display titles by experiment.
+    """
     variants = []
     for name, variant in load_beyond(params, runs=False).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():
             tables = [table.read_text(variant=name) for table in (VARIANT_RUNS, VARIANT_QUERIES)]
             ran = titles.keys() & set(tables[0]["experiment"])
-            variants += [VariantRuns.of(name, variant, experiment, titles[experiment], params, *tables)
-                         for experiment in variant.experiments if experiment in ran]  # fmt: skip
+            variants += [
+                VariantRuns.of(name, variant, experiment, titles[experiment], params, *tables)
+                for experiment in variant.experiments
+                if experiment in ran
+            ]
     return variants
 
 
 def _experiment(params: Params, name: str) -> Experiment:
     initializers, table = params.initializers_of(name), partial(_table, name)
     models = [*initializers, JOINT]
-    traced = ["entity", "known", "theta0", *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators"))]
+    traced = [
+        "entity",
+        "known",
+        "theta0",
+        *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators")),
+    ]
     readers: dict[str, Callable[[], Any]] = {
         "affordances": lambda: table(AFFORDANCES).rename(columns={"initializer": "model"}),
         "sweep": lambda: table(INDICATOR_SWEEP, params.sweep.initializers, "initializer"),
         "rate_sweep": lambda: table(RATE_SWEEP, params.rate_sweep.initializers, "initializer"),
         "cross_validation": lambda: table(CROSS_VALIDATION),
-        "compare_models": lambda: table(MODEL_COMPARISON, params.compare_models.models, column="family"),
-        "trajectory": lambda: {part: tensor.numpy() for part, tensor in
-                                TRAJECTORY.read(traced, experiment=name).items()},
+        "compare_models": lambda: table(
+            MODEL_COMPARISON, params.compare_models.models, column="family"
+        ),
+        "trajectory": lambda: {
+            part: tensor.numpy()
+            for part, tensor in TRAJECTORY.read(traced, experiment=name).items()
+        },
         "explorer": lambda: explorer.read(params, name),
         "query_breakdown": lambda: table(USED_COORDINATES),
         "finetune_only": lambda: table(FINETUNE_ONLY),
-    }  # fmt: skip
+    }
     listed = {section: params.studies[section].experiments for section in readers}
-    ran = [section for section, names in listed.items() if name in (names if section in _OF_EACH else names[:1])]
+    ran = [
+        section
+        for section, names in listed.items()
+        if name in (names if section in _OF_EACH else names[:1])
+    ]
     return Experiment(
-        name=name, title=params.experiments[name].title, params=params, initializers=initializers,
+        name=name,
+        title=params.experiments[name].title,
+        params=params,
+        initializers=initializers,
         suffix="" if name == next(iter(params.experiments)) else f"_{name}",
-        runs=table(RUNS, models), ties=table(TIES, models), inserted=table(INSERTED, initializers, "initializer"),
+        runs=table(RUNS, models),
+        ties=table(TIES, models),
+        inserted=table(INSERTED, initializers, "initializer"),
         queries=table(QUERY_BREAKDOWN) if "query_breakdown" in ran else None,
-        entities=table(ENTITIES), triples=table(TRIPLES), coverage=table(COVERAGE), splits=table(SPLITS),
-        novel=table(NOVEL), insert_triples=table(INSERT_TRIPLES),
-        theta0_log=table(TRAINING_LOG, ["theta0"]), joint_log=table(TRAINING_LOG, [JOINT]),
+        entities=table(ENTITIES),
+        triples=table(TRIPLES),
+        coverage=table(COVERAGE),
+        splits=table(SPLITS),
+        novel=table(NOVEL),
+        insert_triples=table(INSERT_TRIPLES),
+        theta0_log=table(TRAINING_LOG, ["theta0"]),
+        joint_log=table(TRAINING_LOG, [JOINT]),
         analyses={section: readers[section]() for section in ran},
-    )  # fmt: skip
+    )
 
 
 def _table(
-    experiment: str, table: Table, names: Iterable[str] = (), slot: str = "model", column: str = "model"
+    experiment: str,
+    table: Table,
+    names: Iterable[str] = (),
+    slot: str = "model",
+    column: str = "model",
 ) -> pd.DataFrame:
-    """One file of a table, or those of ``names`` (in ``slot`` of the path) concatenated; ``column`` has the name."""
-    parts = [table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name}) for name in names]
+    """One file of a table, or those of ``names`` (in ``slot`` of the path) concatenated;
+    ``column`` has the name.
+    """
+    parts = [
+        table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name})
+        for name in names
+    ]
     return pd.concat(parts) if parts else table.read_text(experiment=experiment)
 
 

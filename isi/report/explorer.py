@@ -1,4 +1,6 @@
-"""The data of the page's explorer: Θ⁰ of one seed and its graph, from which the page computes insertions itself."""
+"""The data of the page's explorer: Θ⁰ of one seed and its graph,
+from which the page computes insertions itself.
+"""
 
 import base64
 from dataclasses import dataclass
@@ -21,9 +23,11 @@ from isi.report.words import TEMPLATES, label
 
 #: The initializers that the page computes, and its modules in the order of their imports.
 COMPUTED = ("xavier", "iu", "es", "rs", "ers", "mean", "kind_mean", "soft_hybrid", "map")
-MODULES = ("linear_algebra", "model", "data", "similarity", "newton", "initializers", "ranking", "state", "insertion",
-           "elements", "map_view", "answers_view", "controls", "main")  # fmt: skip
-STEPS = 2**15 - 1  #: Coordinates of the joint model are rounded to this many steps from zero to the largest.
+MODULES = ("linear_algebra", "model", "data", "similarity", "newton", "initializers", "ranking",
+           "state", "insertion", "elements", "map_view", "answers_view", "controls",
+           "main")  # fmt: skip
+#: Coordinates of the joint model are rounded to this many steps from zero to the largest.
+STEPS = 2**15 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +41,9 @@ class Explored:
 
 
 def read(params: Params, experiment: str) -> Explored | None:
-    """Read what the explorer of an experiment shows; None if its model is none that the page computes."""
+    """Read what the explorer of an experiment shows;
+    None if its model is none that the page computes.
+    """
     store, model, chosen = Store(experiment), params.model_of(), params.explorer
     if not (isinstance(model, BlockModel) and model.linear):
         return None
@@ -46,10 +52,19 @@ def read(params: Params, experiment: str) -> Explored | None:
 
 
 def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, Any]:
-    """The explorer's data as JSON values; arrays are base64 of little-endian numbers (see ``explorer/data.js``)."""
-    points, theta0, joint = explored.points, explored.theta0, explored.joint.entity[0].double().numpy()
+    """The explorer's data as JSON values; arrays are base64 of little-endian numbers
+    (see ``explorer/data.js``).
+    """
+    points, theta0, joint = (
+        explored.points,
+        explored.theta0,
+        explored.joint.entity[0].double().numpy(),
+    )
     graph, known = points.graph, points.session(0).entities[0].numpy()
-    vectors, (of_kinds, names) = theta0.entity[0].double().numpy(), pd.factorize(kinds.astype(str), sort=True)
+    vectors, (of_kinds, names) = (
+        theta0.entity[0].double().numpy(),
+        pd.factorize(kinds.astype(str), sort=True),
+    )
     words, upper = torch.as_tensor(explored.words), np.triu_indices(len(known))
     centre, axes, shown = plane(vectors[known])
     turned, fitted = procrustes(joint, vectors, known)
@@ -60,21 +75,42 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
     novel = set(points.novel[0, 0].tolist())
     start = next((e for e in sorted(novel) if graph.entities[e] == "mug"), min(novel))
     return {
-        "seed": points.seeds[0], "model": type(model).__name__, "scalars": vectors.shape[1] * model.scalars // 100,
-        "dimension": vectors.shape[1], "names": graph.entities, "kinds": list(names), "kind": of_kinds.tolist(),
-        "relations": graph.relations, "known": np.flatnonzero(known).tolist(), "novel": sorted(novel), "start": start,
-        "theta0": packed(vectors[known]), "map": packed(model.maps(theta0.relation[0])),
-        "cosines": packed(cosines(words)[upper]), "worded": np.flatnonzero((explored.words != 0).any(1)).tolist(),
+        "seed": points.seeds[0],
+        "model": type(model).__name__,
+        "scalars": vectors.shape[1] * model.scalars // 100,
+        "dimension": vectors.shape[1],
+        "names": graph.entities,
+        "kinds": list(names),
+        "kind": of_kinds.tolist(),
+        "relations": graph.relations,
+        "known": np.flatnonzero(known).tolist(),
+        "novel": sorted(novel),
+        "start": start,
+        "theta0": packed(vectors[known]),
+        "map": packed(model.maps(theta0.relation[0])),
+        "cosines": packed(cosines(words)[upper]),
+        "worded": np.flatnonzero((explored.words != 0).any(1)).tolist(),
         "triples": np.c_[graph.triples, graph.counts, points.splits[0]].tolist(),
         "given": insert_triples(points, params.seed, params.sessions.insert_fraction),
-        "joint": packed(np.round(joint / scale), "<i2"), "jointScale": scale,
+        "joint": packed(np.round(joint / scale), "<i2"),
+        "jointScale": scale,
         "jointMap": packed(model.maps(explored.joint.relation[0])),
-        "jointPlaces": ((turned - centre) @ axes.T).round(3).tolist(), "fitted": round(100 * fitted),
-        "plane": packed(np.vstack([centre, axes])), "shown": round(100 * shown),
-        "uniform": {name: packed(stream(params.seed, name, points.size, points.seeds[0]).random(vectors.shape[1]))
-                    for name in ("xavier", "iu") if name in listed},
-        "initializers": [{"name": name, "label": label(name), "options": options} for name, options in listed.items()],
-    }  # fmt: skip
+        "jointPlaces": ((turned - centre) @ axes.T).round(3).tolist(),
+        "fitted": round(100 * fitted),
+        "plane": packed(np.vstack([centre, axes])),
+        "shown": round(100 * shown),
+        "uniform": {
+            name: packed(
+                stream(params.seed, name, points.size, points.seeds[0]).random(vectors.shape[1])
+            )
+            for name in ("xavier", "iu")
+            if name in listed
+        },
+        "initializers": [
+            {"name": name, "label": label(name), "options": options}
+            for name, options in listed.items()
+        ],
+    }
 
 
 def packed(values: Any, kind: str = "<f4") -> str:
@@ -83,18 +119,27 @@ def packed(values: Any, kind: str = "<f4") -> str:
 
 
 def insert_triples(points: GridPoints, root: int, fraction: float) -> dict[str, list[int]]:
-    """Insert triples by entity: of novel ones those of the run, of known ones drawn by the same rule."""
+    """Insert triples by entity: of novel ones those of the run,
+    of known ones drawn by the same rule.
+    """
     splits, rows = points.session(0).splits[0].numpy(), points.insert_triples_in(1)
-    triples = {int(entity): rows[rows[:, 1] == place, 2].tolist() for place, entity in enumerate(points.novel[0, 0])}
+    triples = {
+        int(entity): rows[rows[:, 1] == place, 2].tolist()
+        for place, entity in enumerate(points.novel[0, 0])
+    }
     for entity in np.flatnonzero(points.session(0).entities[0]):
         alone = np.array([[entity]])
-        drawn = sample_insert_triples(points.graph, splits, alone, 1, root, points.seeds[0], fraction)
+        drawn = sample_insert_triples(
+            points.graph, splits, alone, 1, root, points.seeds[0], fraction
+        )
         triples[int(entity)] = [triple for _, triple in drawn]
     return {str(entity): listed for entity, listed in sorted(triples.items())}
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The mean (d) of vectors (N, d), two principal axes (2, d) with fixed signs, and their share of the variance."""
+    """The mean (d) of vectors (N, d), two principal axes (2, d) with fixed signs,
+    and their share of the variance.
+    """
     centre = vectors.mean(0, dtype=np.float64)
     _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
     largest = np.abs(axes[:2]).argmax(1)
@@ -102,17 +147,29 @@ def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     return centre, turned, float((strength[:2] ** 2).sum() / (strength**2).sum())
 
 
-def procrustes(vectors: np.ndarray, onto: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
-    """Rotate, scale and shift ``vectors`` (E, d) to fit ``onto`` at known rows; explained share of its variance."""
+def procrustes(
+    vectors: np.ndarray, onto: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Rotate, scale and shift ``vectors`` (E, d) to fit ``onto`` at known rows;
+    explained share of its variance.
+    """
     centre, target = vectors[known].mean(0), onto[known].mean(0)
     offsets, target_offsets = vectors[known] - centre, onto[known] - target
     left, lengths, right = np.linalg.svd(offsets.T @ target_offsets)
     scale = lengths.sum() / (offsets**2).sum()
-    return (vectors - centre) @ left @ right * scale + target, float(lengths.sum() * scale / (target_offsets**2).sum())
+    return (vectors - centre) @ left @ right * scale + target, float(
+        lengths.sum() * scale / (target_offsets**2).sum()
+    )
 
 
 def script() -> Markup:
     """The modules of the page in one script, without their imports and exports."""
     sources = (TEMPLATES / "explorer" / f"{name}.js" for name in MODULES)
-    lines = [line for source in sources for line in source.read_text(encoding="utf-8").splitlines(keepends=True)]
-    return Markup("".join(line.removeprefix("export ") for line in lines if not line.startswith("import ")))  # noqa: S704
+    lines = [
+        line
+        for source in sources
+        for line in source.read_text(encoding="utf-8").splitlines(keepends=True)
+    ]
+    return Markup(  # noqa: S704
+        "".join(line.removeprefix("export ") for line in lines if not line.startswith("import "))
+    )

@@ -1,4 +1,6 @@
-"""Figures for files and the page: style, panels, lines with intervals, legends, colours and alternative texts."""
+"""Figures for files and the page: style, panels, lines with intervals, legends,
+colours and alternative texts.
+"""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,20 +21,39 @@ from matplotlib.lines import Line2D
 
 from isi.report.stats import over_seeds
 from isi.report.tables import Estimate
-from isi.report.words import HALVES, JOINT, SCOPES, WORDS, capitalized, colour, controls, label, line_style
+from isi.report.words import (
+    HALVES,
+    JOINT,
+    SCOPES,
+    WORDS,
+    capitalized,
+    colour,
+    controls,
+    label,
+    line_style,
+)
 
 #: Matplotlib settings of every figure. Draw and render within ``matplotlib.rc_context(STYLE)``.
 STYLE: Any = {
-    "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "grid.alpha": 0.3,
-    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "none", "figure.dpi": 160,
-}  # fmt: skip
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "svg.hashsalt": "isi",
+    "svg.fonttype": "none",
+    "figure.dpi": 160,
+}
 _LEGEND_ROW = 5  # maximum number of legend entries in a row
 #: Ink and paper in the dark scheme (``style.css``).
 _INK, _PAPER = (230, 232, 235), (21, 24, 28)
-#: Minimum contrast (WCAG 2.2) of a colour on dark paper; the RGB parts of a grey differ by less than ``_GREY``.
+#: Minimum contrast (WCAG 2.2) of a colour on dark paper; the RGB parts of a grey differ by less
+#: than ``_GREY``.
 _CONTRAST, _GREY = 4.5, 24
-#: Exponent of a grey's brightness in the dark scheme; above 1 it moves greys towards ink, for contrast as on white.
+#: Exponent of a grey's brightness in the dark scheme; above 1 it moves greys towards ink, for
+#: contrast as on white.
 _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 #: Colours of the parts of a bar: the start, then each part of the gain.
@@ -52,7 +73,9 @@ class Figure:
 
 
 def rendered(canvas: Canvas, form: str) -> bytes:
-    """A canvas as ``svg`` or ``png``; equal figures give equal bytes. The first call fixes the layout."""
+    """A canvas as ``svg`` or ``png``; equal figures give equal bytes.
+    The first call fixes the layout.
+    """
     buffer = BytesIO()
     with mpl.rc_context(STYLE):
         canvas.savefig(buffer, format=form, metadata={"Date": None} if form == "svg" else None)
@@ -60,8 +83,12 @@ def rendered(canvas: Canvas, form: str) -> bytes:
     return rounded(buffer.getvalue().decode()).encode() if form == "svg" else buffer.getvalue()
 
 
-def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8) -> tuple[Canvas, list[Axes]]:
-    """A canvas of ``height`` times ``width`` inches, and its panels, ``columns`` in a row; unused places are blank."""
+def panels(
+    number: int, columns: int = 2, height: float = 3.6, width: float = 8
+) -> tuple[Canvas, list[Axes]]:
+    """A canvas of ``height`` times ``width`` inches, and its panels, ``columns`` in a row;
+    unused places are blank.
+    """
     canvas = Canvas(figsize=(width, height), layout="constrained")
     axes = list(canvas.subplots(-(-number // columns), columns, squeeze=False).flat)
     for blank in axes[number:]:
@@ -70,35 +97,66 @@ def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8)
 
 
 def in_words(canvas: Canvas) -> str:
-    """Alternative text by panel: titles; first and last y-value of each line; of rows with names, their x-values."""
+    """Alternative text by panel: titles; first and last y-value of each line;
+    of rows with names, their x-values.
+    """
     texts = []
     for axes in canvas.axes:
-        rows = {} if axes.get_ylabel() else {text.get_text(): list[str]() for text in axes.get_yticklabels()}
+        rows = (
+            {}
+            if axes.get_ylabel()
+            else {text.get_text(): list[str]() for text in axes.get_yticklabels()}
+        )
         lines = []
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
             line: Any = handle[0] if isinstance(handle, Container) else handle
             if rows:
-                ends: Any = line.get_xydata() if isinstance(line, Line2D) else [(line.get_width(), line.get_y())]
+                ends: Any = (
+                    line.get_xydata()
+                    if isinstance(line, Line2D)
+                    else [(line.get_width(), line.get_y())]
+                )
                 for value, level in ends:
                     list(rows.values())[round(level)].append(f"{name} {value:.1f}")
                 continue
-            points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
+            points = (
+                np.asarray(line.get_xydata(), dtype=float)
+                if isinstance(line, Line2D)
+                else np.empty((0, 2))
+            )
             heights = points[~np.isnan(points).any(1), 1]
             if len(heights):
                 level = len(np.unique(heights)) == 1
-                lines.append(f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}")
-        lines += ["; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())] if rows else []
+                lines.append(
+                    f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}"
+                )
+        lines += (
+            ["; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())]
+            if rows
+            else []
+        )
         sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
-        titles = [axes.get_title().replace("\n", ", "), *(f"{side}: {text}" for side, text in sides if text)]
-        text = ". ".join(filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines))))
+        titles = [
+            axes.get_title().replace("\n", ", "),
+            *(f"{side}: {text}" for side, text in sides if text),
+        ]
+        text = ". ".join(
+            filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines)))
+        )
         texts += [f"{text}."] if text else []
     return " ".join(texts)
 
 
 def by_size(
-    runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int, first: Names = ()
+    runs: pd.DataFrame,
+    models: Names,
+    scopes: Names,
+    measures: Names,
+    entities: int,
+    first: Names = (),
 ) -> Canvas:
-    """MRR* right after insertion against |ξ|: a row of panels for each measure, a column for each scope.
+    """MRR* right after insertion against |ξ|: a row of panels for each measure,
+    a column for each scope.
 
     If ``first`` is given, the page shows the other models on demand.
     """
@@ -108,17 +166,31 @@ def by_size(
             rows = runs[(runs["scope"] == scope) & (runs["model"] == model)]
             if len(rows):  # lines are shifted apart in x; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
-                aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
-                drawn = panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]),
-                                       **line_style(model, models), lw=0.9 if control else 1.2, marker="o",
-                                       ms=2 if control else 3)  # fmt: skip
-                for number, part in enumerate(drawn.get_children() if first and model not in first else ()):
+                aside, control = (
+                    (place - len(models) / 2) * min(0.06, 0.8 / len(models)),
+                    bool(controls([model])),
+                )
+                drawn = panel.errorbar(
+                    sizes + aside,
+                    mean,
+                    np.stack([mean - low, high - mean]),
+                    **line_style(model, models),
+                    lw=0.9 if control else 1.2,
+                    marker="o",
+                    ms=2 if control else 3,
+                )
+                for number, part in enumerate(
+                    drawn.get_children() if first and model not in first else ()
+                ):
                     part.set_gid(f"{OPTIONAL}-{measure}-{scope}-{model}-{number}")
         title = f"{SCOPES.get(scope, scope)}: {WORDS.get(HALVES[measure], HALVES[measure])}"
         panel.set(title=title, xlabel="novel entities |ξ|", ylabel="MRR* (points)")
         panel.set_xticks(sorted(runs["size"].unique()))
         panel.tick_params(axis="x", labelsize=8)
-        shares = (lambda size: np.asarray(size) * (100 / entities), lambda share: np.asarray(share) * (entities / 100))
+        shares = (
+            lambda size: np.asarray(size) * (100 / entities),
+            lambda share: np.asarray(share) * (entities / 100),
+        )
         above = panel.secondary_xaxis("top", functions=shares)
         above.set_xlabel("% of |E|", fontsize=8)
         above.tick_params(labelsize=8)
@@ -127,24 +199,42 @@ def by_size(
 
 
 def by_epoch(
-    runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabels: Names = ("MRR* (points)",)
+    runs: pd.DataFrame,
+    models: Names,
+    scopes: Names,
+    margin: float | None = None,
+    ylabels: Names = ("MRR* (points)",),
 ) -> Canvas:
-    """MRR* by epoch, a panel for each scope; lines at the joint model's mean J and, if given, at J − ``margin``.
+    """MRR* by epoch, a panel for each scope; lines at the joint model's mean J and, if given,
+    at J − ``margin``.
 
-    The first ten epochs take about half of the width, since most changes are there; then every fifth is drawn.
+    The first ten epochs take about half of the width, since most changes are there; then every
+    fifth is drawn.
     """
     canvas, axes = panels(len(scopes))
     for place, (panel, scope) in enumerate(zip(axes, scopes, strict=True)):
         shown = runs[(runs["scope"] == scope) & ((runs["epoch"] <= 10) | (runs["epoch"] % 5 == 0))]
         for model in models:  # controls have no band: more bands would hide each other
             band = 0 if controls([model]) else 0.1
-            with_band(panel, shown[shown["model"] == model], "epoch", "mrr_star", 100, band,
-                      lw=1.4 if band else 1, **line_style(model, models))  # fmt: skip
+            with_band(
+                panel,
+                shown[shown["model"] == model],
+                "epoch",
+                "mrr_star",
+                100,
+                band,
+                lw=1.4 if band else 1,
+                **line_style(model, models),
+            )
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
         panel.axhline(joint, color=colour(JOINT, models), lw=1.2, ls="--", label=label(JOINT))
         if margin is not None:
             panel.axhline(
-                joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="margin of convergence"
+                joint - 100 * margin,
+                color=colour(JOINT, models),
+                lw=1,
+                ls=":",
+                label="margin of convergence",
             )
         last = int(runs["epoch"].max()) if len(runs) else 0
         panel.set_xscale("symlog", linthresh=10, linscale=1.2)
@@ -161,7 +251,9 @@ def by_epoch(
 def with_band(
     panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: int, band: float, **style: Any
 ) -> np.ndarray:
-    """Draw means over seeds as a line, intervals as a band of opacity ``band``; returns ``line_over_seeds``."""
+    """Draw means over seeds as a line, intervals as a band of opacity ``band``;
+    returns ``line_over_seeds``.
+    """
     values, mean, low, high = line = line_over_seeds(rows, by, column, scale)
     if len(rows):
         panel.plot(values, mean, **style)
@@ -171,18 +263,34 @@ def with_band(
 
 
 def by_row(
-    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "MRR* (points)"
+    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]],
+    models: Names,
+    xlabel: str = "MRR* (points)",
 ) -> Canvas:
-    """A panel for each title: a row for each group, a dot with its interval for each model; keys: title, row, model."""
+    """A panel for each title: a row for each group, a dot with its interval for each model;
+    keys: title, row, model.
+    """
     number = max(len(rows) for rows in rows_of.values())
-    canvas, axes = panels(len(rows_of), 1 if "" in rows_of else 2, 0.9 + number * (0.25 + 0.06 * len(models)))
+    canvas, axes = panels(
+        len(rows_of), 1 if "" in rows_of else 2, 0.9 + number * (0.25 + 0.06 * len(models))
+    )
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
         for place, model in enumerate(models):
             shown = [(level, row[model]) for level, row in enumerate(rows.values()) if model in row]
-            heights = [level + (place - (len(models) - 1) / 2) * 0.8 / len(models) for level, _ in shown]
+            heights = [
+                level + (place - (len(models) - 1) / 2) * 0.8 / len(models) for level, _ in shown
+            ]
             means = np.array([estimate.parts for _, estimate in shown]).reshape(-1, 3)
-            panel.errorbar(means[:, 0], heights, xerr=np.abs(means[:, 1:] - means[:, :1]).T, marker="o", ms=3,
-                           lw=0, elinewidth=1, **{**line_style(model, models), "ls": ""})  # fmt: skip
+            panel.errorbar(
+                means[:, 0],
+                heights,
+                xerr=np.abs(means[:, 1:] - means[:, :1]).T,
+                marker="o",
+                ms=3,
+                lw=0,
+                elinewidth=1,
+                **{**line_style(model, models), "ls": ""},
+            )
         panel.set_yticks(range(len(rows)), list(rows))
         panel.invert_yaxis()
         panel.grid(visible=False, axis="y")
@@ -194,24 +302,51 @@ def by_row(
 
 
 def composed(
-    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]], models: Names
+    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]],
+    models: Names,
 ) -> Canvas:
-    """Bars of parts (points), one after the other; by title: the parts, marks for models, the interval of the end."""
+    """Bars of parts (points), one after the other; by title:
+    the parts, marks for models, the interval of the end.
+    """
     canvas, (axes,) = panels(1, 1, 1.3 + 0.55 * len(rows), 5.4)
     names = list(dict.fromkeys(name for bars, *_ in rows.values() for name, _ in bars))
     for level, (bars, marks, end) in enumerate(rows.values()):
         left = 0.0
         for name, width in bars:
-            axes.barh(level, width, 0.55, left, color=_PARTS[min(names.index(name), len(_PARTS) - 1)],
-                      label=name, hatch="///" if width < 0 else None, edgecolor="#ffffff", lw=0.6)  # fmt: skip
+            axes.barh(
+                level,
+                width,
+                0.55,
+                left,
+                color=_PARTS[min(names.index(name), len(_PARTS) - 1)],
+                label=name,
+                hatch="///" if width < 0 else None,
+                edgecolor="#ffffff",
+                lw=0.6,
+            )
             if abs(width) >= _LABELLED:
-                axes.text(left + width / 2, level - 0.3, f"{width:.1f}", ha="center", va="bottom", fontsize=8)
+                axes.text(
+                    left + width / 2,
+                    level - 0.3,
+                    f"{width:.1f}",
+                    ha="center",
+                    va="bottom",
+                    fontsize=8,
+                )
             left += width
         if end is not None and not np.isnan(end.low):
             axes.plot([end.low, end.high], [level, level], color="#000000", lw=1.2)
         for (model, value), shape in zip(marks.items(), ("|", "D", "o"), strict=False):
-            axes.plot(value, level, ls="", marker=shape, ms=13 if shape == "|" else 7, mew=2 if shape == "|" else 1,
-                      color=colour(model, models), label=label(model))  # fmt: skip
+            axes.plot(
+                value,
+                level,
+                ls="",
+                marker=shape,
+                ms=13 if shape == "|" else 7,
+                mew=2 if shape == "|" else 1,
+                color=colour(model, models),
+                label=label(model),
+            )
     axes.set_yticks(range(len(rows)), list(rows))
     axes.set(xlim=(min(0, axes.get_xlim()[0]), 100), xlabel="MRR* right after insertion (points)")
     axes.invert_yaxis()
@@ -221,13 +356,21 @@ def composed(
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
-    """Rows: values of ``by``; means over seeds, and lower and upper bounds, times ``scale``; shape (4, values)."""
+    """Rows: values of ``by``; means over seeds, and lower and upper bounds, times ``scale``;
+    shape (4, values).
+    """
     line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
-    return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
+    return (
+        np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float)
+        .reshape(-1, 4)
+        .T
+    )
 
 
 def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
-    """Letter the panels; add one legend for all, below them, in order along rows (matplotlib fills columns)."""
+    """Letter the panels; add one legend for all, below them,
+    in order along rows (matplotlib fills columns).
+    """
     entries: dict[str, Any] = {}
     for letter, panel in zip("abcdefgh", axes, strict=False):
         if len(axes) > 1:
@@ -237,46 +380,73 @@ def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
     if entries:
         columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
         filled = [name for first in range(columns) for name in list(entries)[first::columns]]
-        drawn = canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
+        drawn = canvas.legend(
+            [entries[name] for name in filled], filled, loc="outside lower center", ncols=columns
+        )
         rows: Any = [
-            row for column in drawn.get_children()[0].get_children()[1].get_children() for row in column.get_children()
+            row
+            for column in drawn.get_children()[0].get_children()[1].get_children()
+            for row in column.get_children()
         ]
         for name, (handles, text) in zip(filled, (row.get_children() for row in rows), strict=True):
             entry = entries[name]
             gid = entry.get_children()[0].get_gid() if isinstance(entry, Container) else None
-            for place, part in enumerate((*text.get_children(), *handles.get_children()) if gid else ()):
+            for place, part in enumerate(
+                (*text.get_children(), *handles.get_children()) if gid else ()
+            ):
                 part.set_gid(f"{gid}-legend-{place}")
 
 
 def rounded(svg: str) -> str:
-    """An SVG with coordinates rounded to 0.01 and numbered ids, so that the last bits of numbers do not change it."""
+    """An SVG with coordinates rounded to 0.01 and numbered ids,
+    so that the last bits of numbers do not change it.
+    """
 
     def shorter(attribute: re.Match[str]) -> str:
         return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", attribute[0])
 
-    hashed = dict.fromkeys(re.findall(r' id="((?:C\w+_|[mp])[\da-f]{10})"', svg))  # hashes of unrounded coordinates
+    # hashes of unrounded coordinates
+    hashed = dict.fromkeys(re.findall(r' id="((?:C\w+_|[mp])[\da-f]{10})"', svg))
     names = {name: f"i{number}" for number, name in enumerate(hashed)}
-    svg = re.sub(r'(?<=[#"])(?:C\w+_|[mp])[\da-f]{10}(?=[)"])', lambda name: names.get(name[0], name[0]), svg)
+    svg = re.sub(
+        r'(?<=[#"])(?:C\w+_|[mp])[\da-f]{10}(?=[)"])', lambda name: names.get(name[0], name[0]), svg
+    )
     return re.sub(r' (?:d|x|y|width|height|transform)="[^"]*"', shorter, svg)
 
 
 def inline(svg: str, name: str) -> Markup:
-    """A matplotlib SVG as a small element of the page; the prefix ``name`` makes its ids unique within the page."""
-    text = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    """A matplotlib SVG as a small element of the page;
+    the prefix ``name`` makes its ids unique within the page.
+    """
+    text = re.sub(
+        r"<metadata>.*?</metadata>|<style .*?</style>",
+        "",
+        svg[svg.index("<svg") :],
+        flags=re.DOTALL,
+    )
     text = re.sub(r' xmlns(?::\w+)?="[^"]*"|font-family: [^;"]*;? ?|(?<= )xlink:', "", text)
     root, styles = ElementTree.fromstring(text), dict[str, str]()  # noqa: S314  # drawn by matplotlib
     used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
     _compact(root, used, name, styles)
-    root.attrib = {"aria-hidden": "true", "viewBox": (box := root.attrib["viewBox"]),
-                   "style": f"min-width: {0.9 * float(box.split()[2]):.0f}px"}  # fmt: skip
+    root.attrib = {
+        "aria-hidden": "true",
+        "viewBox": (box := root.attrib["viewBox"]),
+        "style": f"min-width: {0.9 * float(box.split()[2]):.0f}px",
+    }
     rules = "".join(f".{place}{{{style}}}" for style, place in styles.items())
     text = ElementTree.tostring(root, "unicode", short_empty_elements=True)
-    text = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", text.replace(">", f"><style>{rules}</style>", 1))
+    text = re.sub(
+        r'(url\(#|href="#)', rf"\g<1>{name}-", text.replace(">", f"><style>{rules}</style>", 1)
+    )
     return Markup(_COLOUR.sub(r"var(--c\1)", text))  # noqa: S704
 
 
-def _compact(element: ElementTree.Element, used: Collection[str], name: str, styles: dict[str, str]) -> None:
-    """Drop unused ids, groups without attributes and white space; replace styles by classes, listed in ``styles``."""
+def _compact(
+    element: ElementTree.Element, used: Collection[str], name: str, styles: dict[str, str]
+) -> None:
+    """Drop unused ids, groups without attributes and white space;
+    replace styles by classes, listed in ``styles``.
+    """
     for key, value in list(element.attrib.items()):
         if key == "id":
             del element.attrib[key]
@@ -302,7 +472,9 @@ def colours(figures: Iterable[str]) -> dict[str, str]:
 
 
 def dark(name: str) -> str:
-    """The dark scheme's counterpart of a colour: greys are inverted, others lightened to the contrast ``_CONTRAST``."""
+    """The dark scheme's counterpart of a colour:
+    greys are inverted, others lightened to the contrast ``_CONTRAST``.
+    """
     colour = tuple(bytes.fromhex(name))
     if max(colour) - min(colour) < _GREY:
         light = (sum(colour) / (3 * 255)) ** _FAINT
@@ -318,5 +490,8 @@ def _hex(colour: Iterable[float]) -> str:
 
 def luminance(colour: Iterable[float]) -> float:
     """Relative luminance (WCAG 2.2)."""
-    red, green, blue = (part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4 for part in colour)
+    red, green, blue = (
+        part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4
+        for part in colour
+    )
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue

@@ -1,4 +1,6 @@
-"""The report as files: one self-contained HTML page, all tables and figures, headline numbers and curves."""
+"""The report as files: one self-contained HTML page, all tables and figures,
+headline numbers and curves.
+"""
 
 import json
 import re
@@ -24,7 +26,8 @@ from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import BASELINE, HALVES, JOINT, TEMPLATES, WORDS, joined, label
 from isi.tables.io import atomically
 
-#: The pages with their titles and sections, and the paper's figures and tables with their places on the first page.
+#: The pages with their titles and sections, and the paper's figures and tables with their places on
+#: the first page.
 PAGES = config.read(TEMPLATES / "pages.yaml")
 #: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
@@ -32,7 +35,9 @@ _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?n
 
 @dataclass(frozen=True)
 class Page:
-    """A page of the report: its name in ``pages.yaml``, and its sections; ``answer`` stands above the others."""
+    """A page of the report: its name in ``pages.yaml``, and its sections;
+    ``answer`` stands above the others.
+    """
 
     name: str
     sections: Sequence[ReportSection]
@@ -42,11 +47,17 @@ class Page:
     def of(cls, name: str) -> Self:
         """A page by its name."""
         about = PAGES[name]
-        sections = [ReportSection.of(place, group) for group, places in about["sections"].items() for place in places]
+        sections = [
+            ReportSection.of(place, group)
+            for group, places in about["sections"].items()
+            for place in places
+        ]
         return cls(name, sections, ReportSection.of(about["answer"]) if "answer" in about else None)
 
     def write(self, folder: Path, results: Results) -> None:
-        """Write all files into ``folder``, each atomically; delete tables and figures of earlier reports."""
+        """Write all files into ``folder``, each atomically;
+        delete tables and figures of earlier reports.
+        """
         with mpl.rc_context(STYLE):
             answer = self.answer.filled(results) if self.answer else None
             parts = [part for section in self.sections if (part := section.filled(results))]
@@ -54,15 +65,26 @@ class Page:
         for block in (block for part in [*parts, *filter(None, [answer])] for block in part.blocks):
             item = block.content
             if isinstance(item, ReportTable):
-                files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
+                files |= {
+                    folder / "tables" / f"{item.name}.{form}": text.encode()
+                    for form, text in item.files.items()
+                }
             elif isinstance(item, Figure):
                 drawn = {form: rendered(item.canvas, form) for form in ("svg", "png")}
-                files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
+                files |= {
+                    folder / "figures" / f"{item.name}.{form}": drawing
+                    for form, drawing in drawn.items()
+                }
                 if block.kind == "figure":
                     drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
         if self.name == "report":
-            files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
-            files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
+            files |= {
+                folder / "plots" / f"{name}.csv": csv(frame).encode()
+                for name, frame in plots(results).items()
+            }
+            files[folder / "metrics.json"] = (
+                json.dumps(metrics(results), indent=2) + "\n"
+            ).encode()
         if answer:
             files[folder / "tables" / "answer.md"] = markdown(answer).encode()
         files[folder / "index.html"] = self.html(parts, answer, drawings, results).encode()
@@ -73,47 +95,76 @@ class Page:
                 path.unlink()
 
     def html(
-        self, parts: list[FilledSection], answer: FilledSection | None, drawings: dict[str, Markup], results: Results
+        self,
+        parts: list[FilledSection],
+        answer: FilledSection | None,
+        drawings: dict[str, Markup],
+        results: Results,
     ) -> str:
         """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
         environment = Environment(
-            loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined,
-            trim_blocks=True, lstrip_blocks=True,
-        )  # fmt: skip
+            loader=PackageLoader("isi.report"),
+            autoescape=select_autoescape(),
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
         blocks = [block for part in [*parts, *filter(None, [answer])] for block in part.blocks]
-        ids = {part.id for part in parts} | {f"{b.kind}-{b.content.name}" for b in blocks if b.kind in _NAMED}
+        ids = {part.id for part in parts} | {
+            f"{b.kind}-{b.content.name}" for b in blocks if b.kind in _NAMED
+        }
         ids |= {term.id for block in blocks if block.kind == "terms" for term in block.content}
         terms = [*glossary.of_the_page(), *glossary.of_models(results)]
         marker = glossary.Marker([term for term in terms if term.id in ids])
         places = {title: place for title, place in PAGES["paper"].items() if place in ids}
         return environment.get_template("page.html").render(
-            page=PAGES[self.name], answer=answer, places=places,
-            colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words, marker=marker,
-            groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)],
+            page=PAGES[self.name],
+            answer=answer,
+            places=places,
+            colours=figures.colours(drawings.values()),
+            figures=drawings,
+            in_words=in_words,
+            marker=marker,
+            groups=[
+                (name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)
+            ],
             marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
-            header=header, column_groups=column_groups, best_rows=best_rows, forms=_FORMS, foot=foot(results),
+            header=header,
+            column_groups=column_groups,
+            best_rows=best_rows,
+            forms=_FORMS,
+            foot=foot(results),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
-        )  # fmt: skip
+        )
 
 
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
 #: Kinds of blocks that can be linked to by their names; the files of tables and figures.
 _NAMED = ("table", "figure")
-_FORMS = {"tables": [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")], "figures": [("svg", "SVG"), ("png", "PNG")]}
+_FORMS = {
+    "tables": [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")],
+    "figures": [("svg", "SVG"), ("png", "PNG")],
+}
 #: By column: which value is the best.
-_BEST: dict[str, Any] = dict.fromkeys([*HALVES.values(), *stats.DIRECTIONS.values(), "all", "novel"], max)
+_BEST: dict[str, Any] = dict.fromkeys(
+    [*HALVES.values(), *stats.DIRECTIONS.values(), "all", "novel"], max
+)
 _BEST["mean"] = _BEST["median"] = min  # epochs to convergence
 
 
 def markdown(section: FilledSection) -> str:
-    """The lists of a section in Markdown, without links: the README and the docs have these sentences, too."""
+    """The lists of a section in Markdown, without links:
+    the README and the docs have these sentences, too.
+    """
     items = [item for block in section.blocks for item in block.items]
     unlinked = (re.sub(rf" \({_LINK.pattern}\)", "", item) for item in items)
     return "".join(f"- {_LINK.sub(lambda place: place[1], item)}\n" for item in unlinked)
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
-    """Text with ```code```, ``**weight**`` and ``[links](#section)`` as HTML; a link to an absent section is text."""
+    """Text with ```code```, ``**weight**`` and ``[links](#section)`` as HTML;
+    a link to an absent section is text.
+    """
 
     def link(place: re.Match[str]) -> str:
         there = not place[2].startswith("#") or place[2][1:] in ids
@@ -133,25 +184,42 @@ def foot(results: Results) -> list[str]:
     ]
     graphs = joined(titles)
     return [
-        "Angel Daruna, Weiyu Liu, Zsolt Kira, Sonia Chernova: [Leveraging Semantics for Incremental Learning in "
-        "Multi-Relational Embeddings](https://arxiv.org/abs/1905.12181), 2019. Please cite the paper (CITATION.cff).",
-        f"Made by `make repro` (pages beyond the paper: `make beyond`) from {graphs}. The sources with their dates are "
-        f"in data/raw/README.md; versions and params are [listed above](#run). Code and inputs: SHA-256 {code[:12]}. "
-        "Licence: MIT; third-party data: NOTICE.md.",
-        "Links to files of tables and figures work in the folder `reports/`; the page itself needs no other file.",
+        (
+            "Angel Daruna, Weiyu Liu, Zsolt Kira, Sonia Chernova: [Leveraging Semantics for "
+            "Incremental Learning in Multi-Relational "
+            "Embeddings](https://arxiv.org/abs/1905.12181), 2019. "
+            "Please cite the paper (CITATION.cff)."
+        ),
+        (
+            f"Made by `make repro` (pages beyond the paper: `make beyond`) from {graphs}. The "
+            "sources with their dates are in data/raw/README.md; versions and params are [listed "
+            f"above](#run). Code and inputs: SHA-256 {code[:12]}. Licence: MIT; third-party data: "
+            "NOTICE.md."
+        ),
+        (
+            "Links to files of tables and figures work in the folder `reports/`; "
+            "the page itself needs no other file."
+        ),
     ]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:
-    """The rows with the best value of each column of ``_BEST``, without the joint model's; only if rows are models."""
+    """The rows with the best value of each column of ``_BEST``, without the joint model's;
+    only if rows are models.
+    """
     if sum(table.is_text) != 1:
         return {}
     best, texts = {}, table.texts
     for place, column in enumerate(table.columns):
-        means = {number: row[place].mean for number, row in enumerate(table.rows)
-                 if isinstance(row[place], Estimate) and row[0] != label(JOINT)}  # fmt: skip
+        means = {
+            number: row[place].mean
+            for number, row in enumerate(table.rows)
+            if isinstance(row[place], Estimate) and row[0] != label(JOINT)
+        }
         if column.name in _BEST and len(means) > 1:
-            first = texts[_BEST[column.name](means, key=lambda number, means=means: means[number])][place][0]
+            first = texts[_BEST[column.name](means, key=lambda number, means=means: means[number])][
+                place
+            ][0]
             best[place] = {number for number in means if texts[number][place][0] == first}
     return best
 
@@ -162,32 +230,52 @@ def header(column: Column) -> str:
 
 
 def column_groups(table: ReportTable) -> list[tuple[str, int]]:
-    """Title and number of columns of each group of neighbouring columns; empty if no column has a group."""
+    """Title and number of columns of each group of neighbouring columns;
+    empty if no column has a group.
+    """
     shown = groupby(column.group for _, column, _ in table.layout)
     groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in shown]
     return groups if any(name for name, _ in groups) else []
 
 
 def metrics(results: Results) -> dict[str, Any]:
-    """Headline numbers for ``dvc metrics``: the first experiment's, and each other one's under its name."""
+    """Headline numbers for ``dvc metrics``: the first experiment's,
+    and each other one's under its name.
+    """
     first, *others = results.experiments.values()
-    return _rounded(_headlines(first) | {experiment.name: _headlines(experiment) for experiment in others})
+    return _rounded(
+        _headlines(first) | {experiment.name: _headlines(experiment) for experiment in others}
+    )
 
 
 def _headlines(experiment: Experiment) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"immediate_mrr_star": experiment.mrr_star, "epochs_to_convergence": experiment.epochs(),
-                               "unconverged_percent": experiment.unconverged}  # fmt: skip
+    numbers: dict[str, Any] = {
+        "immediate_mrr_star": experiment.mrr_star,
+        "epochs_to_convergence": experiment.epochs(),
+        "unconverged_percent": experiment.unconverged,
+    }
     if experiment.settings.graph.extend is None:
-        graph = {"observations": int(experiment.triples["count"].sum()), "unique_triples": len(experiment.triples),
-                 "entities": len(experiment.entities)}  # fmt: skip
-        gains = {scope: stats.improvements(experiment.immediate, scope) for scope in ("all", "novel")}
-        shown = {scope: {name: gain.mean for name, gain in of_scope.items() if name not in (BASELINE, JOINT)}
-                 for scope, of_scope in gains.items()}  # fmt: skip
+        graph = {
+            "observations": int(experiment.triples["count"].sum()),
+            "unique_triples": len(experiment.triples),
+            "entities": len(experiment.entities),
+        }
+        gains = {
+            scope: stats.improvements(experiment.immediate, scope) for scope in ("all", "novel")
+        }
+        shown = {
+            scope: {
+                name: gain.mean for name, gain in of_scope.items() if name not in (BASELINE, JOINT)
+            }
+            for scope, of_scope in gains.items()
+        }
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
         runs = experiment.curves
         ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == experiment.max_epochs)]
-        numbers["drop_percent"] = stats.values(finetuning.interference_percent(experiment.immediate))
+        numbers["drop_percent"] = stats.values(
+            finetuning.interference_percent(experiment.immediate)
+        )
         numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
     if experiment.queries is not None:
         numbers["novel_entity_given"] = stats.values(experiment.given_means)
@@ -198,26 +286,49 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     """Values rounded as in all files (``number``), without nulls."""
-    present = {name: value for name, value in values.items() if isinstance(value, dict) or not pd.isna(value)}
-    return {name: _rounded(value) if isinstance(value, dict) else number(value) for name, value in present.items()}
+    present = {
+        name: value
+        for name, value in values.items()
+        if isinstance(value, dict) or not pd.isna(value)
+    }
+    return {
+        name: _rounded(value) if isinstance(value, dict) else number(value)
+        for name, value in present.items()
+    }
 
 
 def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch, a column for each initializer."""
+    """Curves for ``dvc plots``, by file name: means of MRR* × 100 by size or epoch,
+    a column for each initializer.
+    """
     initializers = list(results.params.initializers)
-    nothing = pd.DataFrame(columns=["epoch", *initializers])  # dvc.yaml names these plots, also without the experiment
+    # dvc.yaml names these plots, also without the experiment
+    nothing = pd.DataFrame(columns=["epoch", *initializers])
     frames = {"transfer_known": nothing, "transfer_known_closed": nothing}
     for experiment in results.experiments.values():
         name = f"{experiment.name}_{{}}"
         if experiment in results.standalone:
-            means = 100 * experiment.immediate.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
-            means = means.reindex(columns=[*means.columns, *(name for name in initializers if name not in means)])
+            means = 100 * experiment.immediate.groupby(["scope", "size", "model"])[
+                "mrr_star"
+            ].mean().unstack("model")
+            means = means.reindex(
+                columns=[*means.columns, *(name for name in initializers if name not in means)]
+            )
             for scope in ("all", "novel"):
-                rows = means.loc[scope] if scope in means.index.unique("scope") else means.head(0).droplevel("scope")
+                rows = (
+                    means.loc[scope]
+                    if scope in means.index.unique("scope")
+                    else means.head(0).droplevel("scope")
+                )
                 frames[f"immediate_{scope}{experiment.suffix}"] = rows.reset_index()
             name = f"curves_{{}}{experiment.suffix}"
         runs = experiment.curves[experiment.curves["model"] != JOINT]
         for scope in ("all", "novel_heldout", "known", "known_closed"):
-            rows = runs[runs["scope"] == scope].groupby(["epoch", "model"])["mrr_star"].mean().unstack("model")
+            rows = (
+                runs[runs["scope"] == scope]
+                .groupby(["epoch", "model"])["mrr_star"]
+                .mean()
+                .unstack("model")
+            )
             frames[name.format(scope)] = (100 * rows.reindex(columns=initializers)).reset_index()
     return frames

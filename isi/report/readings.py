@@ -1,4 +1,6 @@
-"""The paper's results under every reading of its metric: values with intervals, and the reading that fits them."""
+"""The paper's results under every reading of its metric:
+values with intervals, and the reading that fits them.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,11 @@ class CaseRuns:
     """The measures of a case under every reading."""
 
     case: ReadingCase
-    #: MRR* (points) right after insertion, by model, number of indicators and size; shape: (seeds, readings)
+    #: MRR* (points) right after insertion, by model, number of indicators and size; shape:
+    #: (seeds, readings)
     mrr_star: Mapping[tuple[str, int, int], np.ndarray]
-    #: the same for epochs to convergence, of sizes fine-tuned; infinite where a run ended before that was decided
+    #: the same for epochs to convergence, of sizes fine-tuned; infinite where a run ended before
+    #: that was decided
     epochs: Mapping[tuple[str, int, int], np.ndarray]
     curves: Mapping[str, np.ndarray]  #: ``READING_CURVES``
 
@@ -77,8 +81,8 @@ class CaseRuns:
         return self.case.indicators.get(model, [])
 
 
-#: The runs of a case, the places of N readings in ``readings()``, and weights of the seeds, (B, S), that sum to 1, to a
-#: number under each reading; shape: (B, N).
+#: The runs of a case, the places of N readings in ``readings()``, and weights of the seeds, (B, S),
+#: that sum to 1, to a number under each reading; shape: (B, N).
 Measured = Callable[[CaseRuns, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -96,7 +100,9 @@ class PaperResult:
 
 
 def _means(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted means over the seeds with a value; values: (S, N); weights: (B, S); shape: (B, N)."""
+    """Weighted means over the seeds with a value; values: (S, N); weights: (B, S);
+    shape: (B, N).
+    """
     present = ~np.isnan(values)
     total = np.einsum("bs,sn->bn", weights, np.where(present, values, 0.0))
     share = np.einsum("bs,sn->bn", weights, present.astype(float))
@@ -164,11 +170,15 @@ def epochs(model: str, statistic: str = "mean") -> Measured:
 
 
 def best_indicators(model: str) -> Measured:
-    """The number of indicators with the highest mean MRR* right after insertion, at the first size (Figure 2a)."""
+    """The number of indicators with the highest mean MRR* right after insertion,
+    at the first size (Figure 2a).
+    """
 
     def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
         size, numbers = runs.sizes[0], runs.swept(model)
-        means = np.stack([_means(runs.mrr_star[model, k, size][:, places], weights) for k in numbers])
+        means = np.stack(
+            [_means(runs.mrr_star[model, k, size][:, places], weights) for k in numbers]
+        )
         best = np.array(numbers, float)[np.nan_to_num(means).argmax(0)]
         return np.where(np.isnan(means).all(0), nan, best)
 
@@ -176,29 +186,59 @@ def best_indicators(model: str) -> Measured:
 
 
 def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
-    """The results of the paper that a reading decides, from its numbers (``data/raw/paper/values.yaml``)."""
-    gains, moved, listed = paper["immediate"]["improvement_over_xavier"], paper["transfer"], list[PaperResult]()
+    """The results of the paper that a reading decides,
+    from its numbers (``data/raw/paper/values.yaml``).
+    """
+    gains, moved, listed = (
+        paper["immediate"]["improvement_over_xavier"],
+        paper["transfer"],
+        list[PaperResult](),
+    )
     for name, value in gains.items():
-        listed.append(PaperResult("section 6.1", f"gain of {name}", value, "published", gain(name), "", "gain"))
+        listed.append(
+            PaperResult(
+                "section 6.1", f"gain of {name}", value, "published", gain(name), "", "gain"
+            )
+        )
     for name, number in paper["convergence"]["epochs"].items():
         listed.append(
-            PaperResult("Table 2", f"epochs of {name}", number["mean"], "published", epochs(name), "", "epochs")
+            PaperResult(
+                "Table 2",
+                f"epochs of {name}",
+                number["mean"],
+                "published",
+                epochs(name),
+                "",
+                "epochs",
+            )
         )
     for name, number in paper["convergence"]["epochs"].items():
         deviation = number["deviation"]
         title = f"deviation of the epochs of {name}"
-        listed.append(PaperResult("Table 2", title, deviation, "published", epochs(name, "deviation"), "", "deviation"))
+        listed.append(
+            PaperResult(
+                "Table 2", title, deviation, "published", epochs(name, "deviation"), "", "deviation"
+            )
+        )
     for key, about, group in (("all_queries", "", "all"), ("novel_queries", "novel", "novel")):
         of_whom = "all queries" if key == "all_queries" else "new entities"
         for name, value in moved[key].items():
             title = f"{of_whom}: {name}"
-            listed.append(PaperResult("section 6.3", title, value, "extended", mrr_star(name), about, group))
+            listed.append(
+                PaperResult("section 6.3", title, value, "extended", mrr_star(name), about, group)
+            )
     for name, value in moved["drop"].items():
         title = f"AI2-THOR's entities: {name} below the joint model"
         listed.append(PaperResult("section 6.3", title, value, "extended", drop(name), "known"))
     base = moved["epochs"][BASELINE]
     listed.append(
-        PaperResult("section 6.3", f"epochs after the transfer, {BASELINE}", base, "extended", epochs(BASELINE))
+        PaperResult(
+            "section 6.3",
+            f"epochs after the transfer, {BASELINE}",
+            base,
+            "extended",
+            epochs(BASELINE),
+        )
     )
     for name in isi(gains):
         best = paper["indicators_degrade_after"]
@@ -213,12 +253,15 @@ class Fit:
 
     results: Sequence[PaperResult]
     values: np.ndarray  #: shape: (results, readings)
-    low: np.ndarray  #: bounds of the interval in which 95 % of means over the paper's repeats would lie
+    #: bounds of the interval in which 95 % of means over the paper's repeats would lie
+    low: np.ndarray
     high: np.ndarray
     paper: np.ndarray  #: shape: (results, 1)
 
     @classmethod
-    def of(cls, results: Sequence[PaperResult], cases: Mapping[str, CaseRuns], repeats: int) -> Self:
+    def of(
+        cls, results: Sequence[PaperResult], cases: Mapping[str, CaseRuns], repeats: int
+    ) -> Self:
         """Measure each result on its case; ``repeats``: the paper's seeds."""
         parts = [_interval(result, cases[result.case], repeats) for result in results]
         values, low, high = (np.stack(part) for part in zip(*parts, strict=True))
@@ -226,7 +269,9 @@ class Fit:
 
     @cached_property
     def distance(self) -> np.ndarray:
-        """How far each value is from the paper's, in half-widths of its interval, at most ``FAR``; as ``values``."""
+        """How far each value is from the paper's, in half-widths of its interval, at most ``FAR``;
+        as ``values``.
+        """
         side = np.where(self.paper >= self.values, self.high - self.values, self.values - self.low)
         apart = np.abs(self.paper - self.values) / np.maximum(side, PRINTED)
         distance: np.ndarray = np.nan_to_num(apart, nan=FAR).clip(max=FAR)
@@ -248,23 +293,32 @@ class Fit:
         return Estimate(*(float(part[row, place]) for part in (self.values, self.low, self.high)))
 
 
-def _interval(result: PaperResult, runs: CaseRuns, repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A result under every reading, and its interval for a mean over the paper's repeats; shapes: (readings,).
+def _interval(
+    result: PaperResult, runs: CaseRuns, repeats: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A result under every reading, and its interval for a mean over the paper's repeats;
+    shapes: (readings,).
 
-    The bootstrap's percentile interval is that of our mean over S seeds. A mean over other R seeds differs from it
-    by √(1 + S / R) times as much.
+    The bootstrap's percentile interval is that of our mean over S seeds. A mean over other R seeds
+    differs from it by √(1 + S / R) times as much.
     """
     places = np.array([place_of(about(reading, result.about)) for reading in readings()])
     distinct, back = np.unique(places, return_inverse=True)
     even = np.full((1, runs.seeds), 1 / runs.seeds)
     values = result.measured(runs, distinct, even)[0]
-    resampled = result.measured(runs, distinct, stats.resamples(runs.seeds)[:RESAMPLES] / runs.seeds)
+    resampled = result.measured(
+        runs, distinct, stats.resamples(runs.seeds)[:RESAMPLES] / runs.seeds
+    )
     measured = np.isfinite(values)
     resampled = np.where(np.isfinite(resampled), resampled, np.nan_to_num(values, posinf=0.0))
     low, high = np.percentile(resampled, (2.5, 97.5), axis=0)
     values, low, high = (np.where(measured, part, nan) for part in (values, low, high))
     wider = sqrt(1 + runs.seeds / repeats)
-    return values[back], (values - wider * (values - low))[back], (values + wider * (high - values))[back]
+    return (
+        values[back],
+        (values - wider * (values - low))[back],
+        (values + wider * (high - values))[back],
+    )
 
 
 def about(reading: Reading, whom: str) -> Reading:

@@ -1,6 +1,8 @@
-"""A section of the page: a function gives its numbers, tables and figures, a template its sentences and captions.
+"""A section of the page: a function gives its numbers, tables and figures,
+a template its sentences and captions.
 
-A template is text in blocks with empty lines between them. A block is a paragraph, or starts with one of these::
+A template is text in blocks with empty lines between them. A block is a paragraph, or starts with
+one of these::
 
     # TITLE [| open]                    the section's title; an open section is expanded at first
     ## TITLE                            a heading within the section
@@ -11,8 +13,8 @@ A template is text in blocks with empty lines between them. A block is a paragra
     @terms NAME | TITLE [| folded]      words and their meanings
     @explorer NAME, @guide              parts of the page with templates of their own
 
-In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](address)`` are marked up; a link to a section
-that the page does not have is plain text.
+In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](address)`` are marked up; a
+link to a section that the page does not have is plain text.
 """
 
 import re
@@ -34,13 +36,16 @@ from isi.report.tables import ReportTable
 
 @dataclass(frozen=True)
 class Content:
-    """The content of a section, once or for each experiment: numbers for its template, tables and figures."""
+    """The content of a section, once or for each experiment:
+    numbers for its template, tables and figures.
+    """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
     tables: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, Canvas] = field(default_factory=dict)
-    #: end of the names of tables and figures; title of the experiment, put in brackets behind their titles
+    #: end of the names of tables and figures; title of the experiment, put in brackets behind their
+    #: titles
     suffix: str = ""
     title: str = ""
     #: whether the page only links to the files of the tables and figures
@@ -49,7 +54,9 @@ class Content:
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a template: a paragraph, list or heading; or, after ``@``, a table, figure or numbers by name."""
+    """A block of a template: a paragraph, list or heading;
+    or, after ``@``, a table, figure or numbers by name.
+    """
 
     kind: str
     text: str = ""
@@ -61,7 +68,9 @@ class Block:
 
 @dataclass(frozen=True)
 class FilledSection:
-    """A section as the page shows it; ``opened``: expanded at first; ``group``: its part of the page."""
+    """A section as the page shows it; ``opened``: expanded at first;
+    ``group``: its part of the page.
+    """
 
     id: str
     title: str
@@ -72,7 +81,9 @@ class FilledSection:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A section: its function, and its template, which is ``text`` or else the file ``NAME.md.j2``."""
+    """A section: its function, and its template,
+    which is ``text`` or else the file ``NAME.md.j2``.
+    """
 
     name: str
     contents: Callable[[Results], Iterable[Content]]
@@ -81,42 +92,75 @@ class ReportSection:
 
     @classmethod
     def of(cls, place: str, group: str = "") -> Self:
-        """The section ``MODULE.FUNCTION``; its template is the ``TEXT`` of the module, if there is one."""
+        """The section ``MODULE.FUNCTION``; its template is the ``TEXT`` of the module,
+        if there is one.
+        """
         module_name, _, name = place.rpartition(".")
         module = import_module(f"isi.report.sections.{module_name}")
         return cls(name, getattr(module, name), getattr(module, "TEXT", None), group)
 
     def filled(self, results: Results) -> FilledSection | None:
         """The section with its blocks; None if it has none."""
-        template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
+        template = (
+            _ENVIRONMENT.from_string(self.text)
+            if self.text
+            else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
+        )
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
             about = {"results": results, "params": results.params, "tables": content.tables}
-            for block in parsed(template.render({**about, "first": number == 0, **content.numbers}), content):
+            for block in parsed(
+                template.render({**about, "first": number == 0, **content.numbers}), content
+            ):
                 if block.kind == "section":
                     title, flag = block.title, block.text
                 elif block.kind == "list" and blocks and blocks[-1].kind == "list":
                     blocks[-1] = replace(block, items=[*blocks[-1].items, *block.items])
                 else:
                     blocks.append(block)
-        return FilledSection(self.name.replace("_", "-"), title, flag == "open", blocks, self.group) if blocks else None
+        return (
+            FilledSection(self.name.replace("_", "-"), title, flag == "open", blocks, self.group)
+            if blocks
+            else None
+        )
 
 
-def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
-    """The content of each experiment, with its suffix and title; the page shows that of the first, files have all."""
-    contents = [(experiment, content) for experiment in experiments if (content := content_of(experiment)) is not None]
+def of_each(
+    experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]
+) -> Iterator[Content]:
+    """The content of each experiment, with its suffix and title;
+    the page shows that of the first, files have all.
+    """
+    contents = [
+        (experiment, content)
+        for experiment in experiments
+        if (content := content_of(experiment)) is not None
+    ]
     for place, (experiment, content) in enumerate(contents):
-        yield replace(content, numbers={"experiment": experiment, **content.numbers}, suffix=experiment.suffix,
-                      title=experiment.title if experiment.suffix else "", only_files=place > 0)  # fmt: skip
+        yield replace(
+            content,
+            numbers={"experiment": experiment, **content.numbers},
+            suffix=experiment.suffix,
+            title=experiment.title if experiment.suffix else "",
+            only_files=place > 0,
+        )
 
 
-def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> Callable[[Results], Iterator[Content]]:
-    """Decorate a section's function of one experiment, to apply it to every experiment with one source."""
-    return lambda results: of_each(results.standalone, lambda experiment: contents(results, experiment))
+def of_each_graph(
+    contents: Callable[[Results, Experiment], Content | None],
+) -> Callable[[Results], Iterator[Content]]:
+    """Decorate a section's function of one experiment,
+    to apply it to every experiment with one source.
+    """
+    return lambda results: of_each(
+        results.standalone, lambda experiment: contents(results, experiment)
+    )
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
-    """The blocks of a rendered template, with the tables, figures and numbers of ``content`` that they name."""
+    """The blocks of a rendered template, with the tables,
+    figures and numbers of ``content`` that they name.
+    """
     for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
         first, *others = part.split("\n")
         mark, _, rest = first.partition(" ")
@@ -130,7 +174,14 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
             made: Any = (Figure, content.figures) if drawn else (ReportTable.of, content.tables)
             kind = "data" if content.only_files else mark[1:]
             text = " ".join(" ".join(others).split())
-            yield Block(kind, text, (), title, flag == "folded", made[0](f"{name}{content.suffix}", made[1][name]))
+            yield Block(
+                kind,
+                text,
+                (),
+                title,
+                flag == "folded",
+                made[0](f"{name}{content.suffix}", made[1][name]),
+            )
         elif content.only_files:
             continue
         elif mark.startswith("@"):
@@ -146,14 +197,29 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
 
 
 _ENVIRONMENT = Environment(
-    loader=PackageLoader("isi.report", "templates/sections"), undefined=StrictUndefined, trim_blocks=True,
-    lstrip_blocks=True, autoescape=False,  # noqa: S701  # renders text; the page escapes it
-)  # fmt: skip
-_FILTERS = (words.joined, words.with_values, words.listed_epochs, words.label, words.described, words.capitalized,
-            words.isi, words.contenders, words.controls)  # fmt: skip
+    loader=PackageLoader("isi.report", "templates/sections"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    autoescape=False,  # noqa: S701  # renders text; the page escapes it
+)
+_FILTERS = (
+    words.joined,
+    words.with_values,
+    words.listed_epochs,
+    words.label,
+    words.described,
+    words.capitalized,
+    words.isi,
+    words.contenders,
+    words.controls,
+)
 _ENVIRONMENT.filters |= {function.__name__: function for function in _FILTERS} | {
-    "num": format, "values_of": values, "labels": lambda models: words.joined(map(words.label, models)),
-}  # fmt: skip
+    "num": format,
+    "values_of": values,
+    "labels": lambda models: words.joined(map(words.label, models)),
+}
 _ENVIRONMENT.globals |= {name: getattr(words, name) for name in ("SCOPES", "BASELINE", "JOINT")} | {
-    "LEVEL": LEVEL, "nan": nan,
-}  # fmt: skip
+    "LEVEL": LEVEL,
+    "nan": nan,
+}

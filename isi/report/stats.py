@@ -1,4 +1,6 @@
-"""Means over runs with bootstrap intervals over seeds, MRR* of any part of the queries, and differences with tests."""
+"""Means over runs with bootstrap intervals over seeds, MRR* of any part of the queries,
+and differences with tests.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +17,16 @@ from isi.report.words import BASELINE, HALVES, SCOPE, isi, label
 
 #: Columns that identify a run of an initializer.
 CELL = ["session", "size", "seed"]
-#: Role of the novel entity in a query of scope ``novel``: values of column ``novel`` of ``QUERY_BREAKDOWN``.
+#: Role of the novel entity in a query of scope ``novel``: values of column ``novel`` of
+#: ``QUERY_BREAKDOWN``.
 DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
 RESAMPLES = 9_999
 #: A difference is significant where its corrected p is below this.
 LEVEL = 0.05
 #: Format of a difference.
 signed = "{:+.2f}".format
-#: The sign-flip test is exact up to ``_COUNTED`` nonzero differences; beyond, it samples ``_DRAWN`` choices of signs.
+#: The sign-flip test is exact up to ``_COUNTED`` nonzero differences; beyond, it samples ``_DRAWN``
+#: choices of signs.
 _COUNTED, _DRAWN = 40, 99_999
 #: Values by scope, then by model.
 ByScope = dict[str, dict[str, float]]
@@ -30,7 +34,9 @@ ByScope = dict[str, dict[str, float]]
 
 @dataclass(frozen=True)
 class Difference(Estimate):
-    """A mean difference over ``seeds`` seeds; ``p``: sign-flip test on the ``differing`` seeds with a difference."""
+    """A mean difference over ``seeds`` seeds; ``p``: sign-flip test on the
+    ``differing`` seeds with a difference.
+    """
 
     p: float = np.nan
     seeds: int = 0
@@ -39,7 +45,9 @@ class Difference(Estimate):
 
 @dataclass(frozen=True)
 class Pair:
-    """The difference ``first`` minus ``second`` in one measure; ``holm``: p corrected over the measure's pairs."""
+    """The difference ``first`` minus ``second`` in one measure;
+    ``holm``: p corrected over the measure's pairs.
+    """
 
     measure: str
     first: str
@@ -54,13 +62,21 @@ class Pair:
 
 def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
     """Values indexed by (scope, model) as a mapping for each scope, in the order of ``models``."""
-    return {str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
-            for scope in values.index.unique("scope")}  # fmt: skip
+    return {
+        str(scope): {
+            model: float(values[scope, model]) for model in models if (scope, model) in values.index
+        }
+        for scope in values.index.unique("scope")
+    }
 
 
-def means(rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100) -> dict[str, float]:
+def means(
+    rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100
+) -> dict[str, float]:
     """Mean of a column times ``scale`` for each group, without an interval."""
-    return {str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()}
+    return {
+        str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()
+    }
 
 
 def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
@@ -75,16 +91,29 @@ def mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
 
 
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
-    """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes (section 6.1)."""
-    cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
-    return relative({str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
-                     for model in cells.columns.unique("model") if BASELINE in cells})  # fmt: skip
+    """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1),
+    averaged over sizes (section 6.1).
+    """
+    cells = immediate[immediate["scope"] == scope].pivot_table(
+        "mrr_star", "seed", ["model", "size"], dropna=False
+    )
+    return relative(
+        {
+            str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
+            for model in cells.columns.unique("model")
+            if BASELINE in cells
+        }
+    )
 
 
-def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
-    """Per cent by which means over seeds (rows) exceed those of a reference, averaged over grid points (columns).
+def relative(
+    pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1
+) -> dict[str, Estimate]:
+    """Per cent by which means over seeds (rows) exceed those of a reference,
+    averaged over grid points (columns).
 
-    ``pairs``: values and reference, by name. With ``sign`` -1: per cent below the reference. Nulls are left out.
+    ``pairs``: values and reference, by name. With ``sign`` -1: per cent below the reference. Nulls
+    are left out.
     """
     estimates = {}
     for name, (cells, base) in pairs.items():
@@ -92,40 +121,71 @@ def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int =
             continue
         values = [frame.to_numpy(float).T for frame in (cells.reindex(columns=base.columns), base)]
         with np.errstate(invalid="ignore"):  # a grid point without values gives NaN
-            means = [(np.nansum(cell.T, axis=0) / (~np.isnan(cell)).sum(1))[:, None] for cell in values]
-            resampled = [_resampled(np.nan_to_num(cell)) / _resampled(~np.isnan(cell) * 1.0) for cell in values]
-            (mean,), shares = (100 * (sign * (over / under - 1)).T.mean(-1) for over, under in (means, resampled))
-        estimates[name] = Estimate(float(mean), *(_bounds(shares[None])[0].tolist() if len(base) > 1 else ()))
+            means = [
+                (np.nansum(cell.T, axis=0) / (~np.isnan(cell)).sum(1))[:, None] for cell in values
+            ]
+            resampled = [
+                _resampled(np.nan_to_num(cell)) / _resampled(~np.isnan(cell) * 1.0)
+                for cell in values
+            ]
+            (mean,), shares = (
+                100 * (sign * (over / under - 1)).T.mean(-1) for over, under in (means, resampled)
+            )
+        estimates[name] = Estimate(
+            float(mean), *(_bounds(shares[None])[0].tolist() if len(base) > 1 else ())
+        )
     return {name: estimate for name, estimate in estimates.items() if not np.isnan(estimate.mean)}
 
 
 def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Epochs to convergence by group: mean, standard deviation, median, and per cent of runs without convergence."""
+    """Epochs to convergence by group: mean, standard deviation, median,
+    and per cent of runs without convergence.
+    """
     means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
-    never = over_seeds(convergence.assign(lost=~convergence["converged"]), by, {"lost": "unconverged %"})
+    never = over_seeds(
+        convergence.assign(lost=~convergence["converged"]), by, {"lost": "unconverged %"}
+    )
     groups = convergence.groupby(list(by))["epochs"]
     middle = pd.DataFrame({"std": groups.std(ddof=1), "median": groups.median()})
     return pd.concat([means, middle, never], axis=1)
 
 
-def by_label(models: Sequence[str], columns: Mapping[Any, Any], header: str = "model") -> dict[Any, list[Any]]:
-    """Columns of a table with a row for each model: its label, then its values in ``columns`` (None if it has none)."""
-    cells = {column: [of_model.get(model) for model in models] for column, of_model in columns.items()}
+def by_label(
+    models: Sequence[str], columns: Mapping[Any, Any], header: str = "model"
+) -> dict[Any, list[Any]]:
+    """Columns of a table with a row for each model:
+    its label, then its values in ``columns`` (None if it has none).
+    """
+    cells = {
+        column: [of_model.get(model) for model in models] for column, of_model in columns.items()
+    }
     return {header: list(map(label, models)), **cells}
 
 
 def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> dict[Any, Any]:
-    """Every column of ``frame`` for each group (first index level), titled by group; values by the other levels."""
-    return {Column(str(name), title.format(group)): frame[name].get(group, {}) for group in groups for name in frame}
+    """Every column of ``frame`` for each group (first index level), titled by group;
+    values by the other levels.
+    """
+    return {
+        Column(str(name), title.format(group)): frame[name].get(group, {})
+        for group in groups
+        for name in frame
+    }
 
 
 def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
-    """For each scope, columns with the means of MRR* and its two halves, in points; values by model."""
+    """For each scope, columns with the means of MRR* and its two halves, in points;
+    values by model.
+    """
     return by_group(over_seeds(runs, ["scope", "model"], HALVES), scopes)
 
 
-def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any) -> pd.DataFrame:
-    """Means by group as rows of a table, sorted by index level; ``orders``: values of a level to show, in order."""
+def ordered_rows(
+    means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any
+) -> pd.DataFrame:
+    """Means by group as rows of a table, sorted by index level;
+    ``orders``: values of a level to show, in order.
+    """
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))
@@ -135,34 +195,53 @@ def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "mode
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
-    """Values of ``column`` in one scope: a row for each session, size and seed, a column for each model."""
+    """Values of ``column`` in one scope: a row for each session, size and seed,
+    a column for each model.
+    """
     shown = rows[rows["scope"] == scope]
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
 
 
-def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
-    """Means × ``scale`` of ``columns`` (name to new name) by group, with 95 % intervals over seeds; nulls left out."""
+def over_seeds(
+    rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0
+) -> pd.DataFrame:
+    """Means × ``scale`` of ``columns`` (name to new name) by group, with 95 % intervals over seeds;
+    nulls left out.
+    """
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
     totals, numbers = seeds.sum().unstack("seed"), seeds.count().replace(0, np.nan).unstack("seed")
-    estimates = {name: scale * ratios(totals[column].to_numpy(float), numbers[column].to_numpy(float))
-                 for column, name in columns.items()}  # fmt: skip
-    return pd.DataFrame({name: [Estimate(*value) for value in of_groups.tolist()]
-                         for name, of_groups in estimates.items()}, index=totals.index)  # fmt: skip
+    estimates = {
+        name: scale * ratios(totals[column].to_numpy(float), numbers[column].to_numpy(float))
+        for column, name in columns.items()
+    }
+    return pd.DataFrame(
+        {
+            name: [Estimate(*value) for value in of_groups.tolist()]
+            for name, of_groups in estimates.items()
+        },
+        index=totals.index,
+    )
 
 
-def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
-    """Mean × ``scale`` of a column, with its interval over seeds, for each of ``models`` that has rows, in order."""
+def by_model(
+    rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0
+) -> dict[str, Estimate]:
+    """Mean × ``scale`` of a column, with its interval over seeds,
+    for each of ``models`` that has rows, in order.
+    """
     estimates = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
     return {model: estimates[model] for model in models if model in estimates.index}
 
 
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """The sum of each row of ``over`` divided by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
+    """The sum of each row of ``over`` divided by that of ``under``,
+    and its 95 % interval over seeds; shape: (rows, 3).
 
-    Columns are seeds; those whose ``under`` is null are left out. The interval is the bootstrap's percentile interval,
-    which is defined even where values are nearly constant (BCa is not). One seed alone has no interval.
+    Columns are seeds; those whose ``under`` is null are left out. The interval is the bootstrap's
+    percentile interval, which is defined even where values are nearly constant (BCa is not). One
+    seed alone has no interval.
     """
     estimates, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
     for pattern in np.unique(present, axis=0):
@@ -184,22 +263,33 @@ def _bounds(resampled: np.ndarray) -> np.ndarray:
 
 
 def _resampled(values: np.ndarray) -> np.ndarray:
-    """Sums of each row over resamples of its columns (seeds): (rows, RESAMPLES). Not by BLAS: its threads cost more."""
-    sums: np.ndarray = np.einsum("rs,bs->rb", np.ascontiguousarray(values), resamples(values.shape[1]))
+    """Sums of each row over resamples of its columns (seeds): (rows, RESAMPLES). Not by BLAS:
+    its threads cost more.
+    """
+    sums: np.ndarray = np.einsum(
+        "rs,bs->rb", np.ascontiguousarray(values), resamples(values.shape[1])
+    )
     return sums
 
 
 @cache
 def resamples(seeds: int) -> np.ndarray:
-    """Count of each seed in each bootstrap resample, (RESAMPLES, seeds); it depends on ``seeds`` alone."""
-    return stream(0, "resamples", seeds).multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES).astype(float)
+    """Count of each seed in each bootstrap resample, (RESAMPLES, seeds);
+    it depends on ``seeds`` alone.
+    """
+    return (
+        stream(0, "resamples", seeds)
+        .multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES)
+        .astype(float)
+    )
 
 
 def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
 
-    The entity half is a mean over relations, weighted by observations, of the mean over a relation's head and tail
-    queries. A half without queries is null; then MRR* is null. ``rows``: of ``QUERY_BREAKDOWN``.
+    The entity half is a mean over relations, weighted by observations, of the mean over a
+    relation's head and tail queries. A half without queries is null; then MRR* is null. ``rows``:
+    of ``QUERY_BREAKDOWN``.
     """
     weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
     of_relations = rows["hidden"] == "relation"
@@ -215,14 +305,20 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Compare all pairs of models, ISI first; ``measures``: frames with a row per run, a column per model."""
+    """Compare all pairs of models, ISI first; ``measures``: frames with a row per run,
+    a column per model.
+    """
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
-        names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
+        names = [
+            sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)
+        ]
         differences = [difference(by_seed(cells[first], cells[second])) for first, second in names]
         corrected = holm(np.array([points.p for points in differences])).tolist()
-        pairs += [Pair(measure, first, second, points, p)
-                  for (first, second), points, p in zip(names, differences, corrected, strict=True)]  # fmt: skip
+        pairs += [
+            Pair(measure, first, second, points, p)
+            for (first, second), points, p in zip(names, differences, corrected, strict=True)
+        ]
     return pairs
 
 
@@ -233,17 +329,25 @@ def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
         return f"{p:.3f}" if p >= 0.001 else "< 0.001"
 
     return [
-        {"measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
-         Column("difference", form=signed): (points := pair.difference)}
-        | {Column(name, form=form, any_size=True): "none" if np.isnan(p) and points.seeds else p
-           for name, p in (("p", points.p), ("p (Holm)", pair.holm))}
+        {
+            "measure": pair.measure,
+            "first": label(pair.first),
+            "second": label(pair.second),
+            Column("difference", form=signed): (points := pair.difference),
+        }
+        | {
+            Column(name, form=form, any_size=True): "none" if np.isnan(p) and points.seeds else p
+            for name, p in (("p", points.p), ("p (Holm)", pair.holm))
+        }
         | {"seeds": points.seeds, "of these differ": points.differing}
         for pair in pairs
-    ]  # fmt: skip
+    ]
 
 
 def by_seed(first: pd.Series, second: pd.Series) -> np.ndarray:
-    """First minus second, averaged by seed; rounded to 1e-9, so that ties do not depend on the order of sums."""
+    """First minus second, averaged by seed; rounded to 1e-9,
+    so that ties do not depend on the order of sums.
+    """
     means: pd.Series = (first - second).dropna().groupby("seed").mean()
     return means.to_numpy(float).round(9) + 0.0  # no -0
 
@@ -253,14 +357,18 @@ def difference(values: np.ndarray) -> Difference:
     if not len(values):
         return Difference(np.nan)
     mean, low, high = ratios(values[None], np.ones((1, len(values))))[0].tolist()
-    return Difference(mean, low, high, sign_flip(values), len(values), int(np.count_nonzero(values)))
+    return Difference(
+        mean, low, high, sign_flip(values), len(values), int(np.count_nonzero(values))
+    )
 
 
 def sign_flip(values: np.ndarray) -> float:
-    """The p of n differences: the share of the 2ⁿ choices of signs with |mean| at or above that of ``values``.
+    """The p of n differences: the share of the 2ⁿ choices of signs with |mean| at or
+    above that of ``values``.
 
-    Exact up to n = ``_COUNTED``: each signed sum of one half of the differences is looked up in the sorted sums of the
-    other half, in integers of 1e-9, so that ties are exact. Differences of zero are dropped; NaN if none is left.
+    Exact up to n = ``_COUNTED``: each signed sum of one half of the differences is looked up in the
+    sorted sums of the other half, in integers of 1e-9, so that ties are exact. Differences of zero
+    are dropped; NaN if none is left.
     """
     units = np.rint(np.abs(values[values != 0]) * 1e9).astype(np.int64)
     reached = abs(int(np.rint(values * 1e9).astype(np.int64).sum()))
@@ -270,14 +378,17 @@ def sign_flip(values: np.ndarray) -> float:
         signs = stream(0, "signs").choice(np.array([-1, 1]), (_DRAWN, len(units)))
         return float(1 + (np.abs(signs @ units) >= reached).sum()) / (1 + _DRAWN)
     none, half = np.zeros(1, dtype=np.int64), len(units) // 2
-    first, second = (np.sort(reduce(lambda sums, unit: np.append(sums - unit, sums + unit), part, none))
-                     for part in (units[:half], units[half:]))  # fmt: skip
+    first, second = (
+        np.sort(reduce(lambda sums, unit: np.append(sums - unit, sums + unit), part, none))
+        for part in (units[:half], units[half:])
+    )
     above = int((len(first) - np.searchsorted(first, reached - second)).sum())
     return 1.0 if not reached else 2.0 * above / 2 ** len(units)
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Holm's step-down correction of m values of p: the i-th smallest times (m − i + 1), made monotone, at most 1.
+    """Holm's step-down correction of m values of p:
+    the i-th smallest times (m − i + 1), made monotone, at most 1.
 
     NaN (nothing to test) counts as 1 among the m and stays NaN.
     """

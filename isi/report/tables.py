@@ -1,4 +1,6 @@
-"""Estimates and tables as values: sections return them, and CSV, Markdown, LaTeX and the page are written from them."""
+"""Estimates and tables as values: sections return them, and CSV, Markdown,
+LaTeX and the page are written from them.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +24,9 @@ class Estimate:
     high: float = nan
 
     def __format__(self, spec: str) -> str:
-        """The mean, then the interval, if there is one, in brackets; ``spec`` formats each number."""
+        """The mean, then the interval, if there is one, in brackets;
+        ``spec`` formats each number.
+        """
         interval = "" if isnan(self.low) else f" [{self.low:{spec}}, {self.high:{spec}}]"
         return f"{self.mean:{spec}}{interval}"
 
@@ -64,8 +68,12 @@ class ReportTable:
     rows: Sequence[Sequence[Any]]
 
     @classmethod
-    def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> Self:
-        """A table from a frame, a mapping of columns or an iterable of rows; labels are of type ``Column`` or text."""
+    def of(
+        cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]
+    ) -> Self:
+        """A table from a frame, a mapping of columns or an iterable of rows;
+        labels are of type ``Column`` or text.
+        """
         if isinstance(rows, Mapping):
             cells = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
             rows = pd.DataFrame(cells, columns=list(rows))
@@ -77,7 +85,9 @@ class ReportTable:
     @property
     def by_column(self) -> list[tuple[Column, list[Any]]]:
         """The columns with their cells."""
-        return [(column, [row[place] for row in self.rows]) for place, column in enumerate(self.columns)]
+        return [
+            (column, [row[place] for row in self.rows]) for place, column in enumerate(self.columns)
+        ]
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -86,28 +96,47 @@ class ReportTable:
         for column, cells in self.by_column:
             if any(isinstance(cell, Estimate) for cell in cells):
                 parts = zip(*map(_numbers, cells), strict=True)
-                values |= zip((f"{column.header}{end}" for end in ("", " low", " high")), parts, strict=True)
+                values |= zip(
+                    (f"{column.header}{end}" for end in ("", " low", " high")), parts, strict=True
+                )
             else:
                 values[column.header] = cells
         return pd.DataFrame(values)
 
     @property
     def layout(self) -> list[tuple[int, Column, int | None]]:
-        """The columns of the page: their place, the column, and the place of the column below it, if there is one."""
-        after = [*(place if column.below else None for place, column in enumerate(self.columns)), None]
-        return [(place, column, after[place + 1]) for place, column in enumerate(self.columns) if not column.below]
+        """The columns of the page: their place, the column, and the place of the column below it,
+        if there is one.
+        """
+        after = [
+            *(place if column.below else None for place, column in enumerate(self.columns)),
+            None,
+        ]
+        return [
+            (place, column, after[place + 1])
+            for place, column in enumerate(self.columns)
+            if not column.below
+        ]
 
     @property
     def is_text(self) -> list[bool]:
         """For each column, whether it holds text; a column with a ``form`` holds numbers."""
-        return [not column.form and any(isinstance(cell, str) for cell in cells) for column, cells in self.by_column]
+        return [
+            not column.form and any(isinstance(cell, str) for cell in cells)
+            for column, cells in self.by_column
+        ]
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
         """For each row, the cells as shown: pairs of a value and its interval in brackets."""
         forms = [column.form or _plain(cells) for column, cells in self.by_column]
-        return [[(cell, "") if isinstance(cell, str) else _shown(_numbers(cell), form)
-                 for cell, form in zip(row, forms, strict=True)] for row in self.rows]  # fmt: skip
+        return [
+            [
+                (cell, "") if isinstance(cell, str) else _shown(_numbers(cell), form)
+                for cell, form in zip(row, forms, strict=True)
+            ]
+            for row in self.rows
+        ]
 
     @property
     def shown(self) -> pd.DataFrame:
@@ -119,7 +148,9 @@ class ReportTable:
     def files(self) -> dict[str, str]:
         """The table as CSV, Markdown and LaTeX."""
         sides = ["left" if text else "right" for text in self.is_text]
-        markdown = self.shown.to_markdown(index=False, disable_numparse=True, colalign=sides if self.rows else None)
+        markdown = self.shown.to_markdown(
+            index=False, disable_numparse=True, colalign=sides if self.rows else None
+        )
         latex = self.shown.replace("–", "--").style.hide(axis="index").format(escape="latex")
         latex = latex.format_index(escape="latex", axis=1)
         tex: str = latex.to_latex(hrules=True, column_format="".join(side[0] for side in sides))
@@ -129,7 +160,9 @@ class ReportTable:
 
 
 def number(value: Any, any_size: bool = False) -> Any:
-    """A float, rounded to the digits on which two types of processor agree; other values unchanged."""
+    """A float, rounded to the digits on which two types of processor agree;
+    other values unchanged.
+    """
     if not isinstance(value, float) or isnan(value):
         return value
     if any_size and abs(value) < 10**DIGITS and not float(value).is_integer():
@@ -138,8 +171,12 @@ def number(value: Any, any_size: bool = False) -> Any:
 
 
 def csv(frame: pd.DataFrame, any_size: Sequence[str] = ()) -> str:
-    """A frame as CSV; columns in ``any_size`` are rounded to significant digits, others to decimals."""
-    rounded = frame.apply(lambda column: column.map(lambda value: number(value, column.name in any_size)))
+    """A frame as CSV; columns in ``any_size`` are rounded to significant digits,
+    others to decimals.
+    """
+    rounded = frame.apply(
+        lambda column: column.map(lambda value: number(value, column.name in any_size))
+    )
     text: str = rounded.to_csv(index=False, float_format="%.10g", lineterminator="\n")
     return text
 

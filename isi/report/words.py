@@ -1,4 +1,6 @@
-"""Words of the report: labels, roles and colours of models, names of scopes, and lists within sentences."""
+"""Words of the report: labels, roles and colours of models, names of scopes,
+and lists within sentences.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,8 +23,13 @@ TEMPLATES = Path(__file__).parent / "templates"
 _LISTS: dict[str, dict[str, str]] = config.read(TEMPLATES / "words.yaml")
 #: Title of each scope on the page.
 SCOPES = _LISTS["scopes"]
-#: MRR* and its halves, with their headers in files; ``WORDS`` has those of the page, if they differ.
-HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
+#: MRR* and its halves, with their headers in files; ``WORDS`` has those of the page, if they
+#: differ.
+HALVES = {
+    "mrr_star": "MRR*",
+    "mrr_star_entity": "entity half",
+    "mrr_star_relation": "relation half",
+}
 SCOPE = Column("scope", words=SCOPES)
 #: Headers on the page, by header in files.
 WORDS = SCOPES | _LISTS["headers"]
@@ -53,7 +60,9 @@ def isi(models: Iterable[str]) -> list[str]:
 
 
 def controls(models: Iterable[str]) -> list[str]:
-    """The controls: initializers that share a property with ISI but use no meaning of words or relations."""
+    """The controls: initializers that share a property with ISI but use no
+    meaning of words or relations.
+    """
     return of_role(models, "control")
 
 
@@ -63,12 +72,20 @@ def contenders(models: Iterable[str]) -> list[str]:
 
 
 def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
-    """Matplotlib's colour, label and dashes of a model; ``models``: all in the figures (for spare colours)."""
+    """Matplotlib's colour, label and dashes of a model;
+    ``models``: all in the figures (for spare colours).
+    """
     if model in _OTHERS:
         return dict(zip(("label", "color", "ls"), _OTHERS[model], strict=True))
-    uncoloured = [name for name in models if name not in _OTHERS and _registered(name).colour is None]
+    uncoloured = [
+        name for name in models if name not in _OTHERS and _registered(name).colour is None
+    ]
     colour = _registered(model).colour or _SPARE[uncoloured.index(model) % len(_SPARE)]
-    return {"label": label(model), "color": colour, "ls": (0, (3, 1.5)) if controls([model]) else "-"}
+    return {
+        "label": label(model),
+        "color": colour,
+        "ls": (0, (3, 1.5)) if controls([model]) else "-",
+    }
 
 
 def colour(model: str, models: Sequence[str]) -> str:
@@ -82,16 +99,30 @@ def joined(parts: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def with_values(values: Mapping[str, float], models: Iterable[str] | None = None, form: str = "{:.1f}") -> str:
+def with_values(
+    values: Mapping[str, float], models: Iterable[str] | None = None, form: str = "{:.1f}"
+) -> str:
     """An enumeration of the models that have a value, each with its value."""
     names = values if models is None else [model for model in models if model in values]
     return joined(f"{label(model)} {form.format(values[model])}" for model in names)
 
 
-def listed_epochs(epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Sequence[str]) -> str:
-    """An enumeration of models with epochs to convergence and the per cent of their runs that never converge."""
-    never = {model: f" ({share:.0f} % of runs never converge)" for model, share in unconverged.items() if share}
-    return joined(f"{label(model)} {epochs[model]:.1f}{never.get(model, '')}" for model in models if model in epochs)
+def listed_epochs(
+    epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Sequence[str]
+) -> str:
+    """An enumeration of models with epochs to convergence and the per cent of their
+    runs that never converge.
+    """
+    never = {
+        model: f" ({share:.0f} % of runs never converge)"
+        for model, share in unconverged.items()
+        if share
+    }
+    return joined(
+        f"{label(model)} {epochs[model]:.1f}{never.get(model, '')}"
+        for model in models
+        if model in epochs
+    )
 
 
 def capitalized(text: str) -> str:
@@ -102,4 +133,6 @@ def capitalized(text: str) -> str:
 def in_order(values: Iterable[str], first: Sequence[str]) -> list[str]:
     """Values in the order of ``first``, then the others in their own order."""
     present = list(values)
-    return [value for value in first if value in present] + [value for value in present if value not in first]
+    return [value for value in first if value in present] + [
+        value for value in present if value not in first
+    ]

@@ -1,7 +1,9 @@
-"""Sources of graphs: a reader turns scenes, tallies or tables into observations (head, relation, tail, count).
+"""Sources of graphs: a reader turns scenes,
+tallies or tables into observations (head, relation, tail, count).
 
-A source is a reader with its settings. Each module registers its readers by name; ``reader`` in params is such a name.
-A reader raises an ``InputError``, with file and place, if a file is missing, is broken or has another format.
+A source is a reader with its settings. Each module registers its readers by name; ``reader`` in
+params is such a name. A reader raises an ``InputError``, with file and place, if a file is missing,
+is broken or has another format.
 """
 
 from __future__ import annotations
@@ -24,18 +26,28 @@ from isi.tables.table import Table
 #: One row per triple of an instance, or per tally; ``count`` is the number of observations.
 OBSERVATIONS = Table(
     "data/observations/{source}.parquet",
-    {"scene": ColumnType(NAME.type, nullable=True), "room": NAME.optional,
-     "instance": ColumnType(TEXT.type, nullable=True), "head": NAME, "relation": NAME, "tail": NAME, "count": COUNT},
-)  # fmt: skip
+    {
+        "scene": ColumnType(NAME.type, nullable=True),
+        "room": NAME.optional,
+        "instance": ColumnType(TEXT.type, nullable=True),
+        "head": NAME,
+        "relation": NAME,
+        "tail": NAME,
+        "count": COUNT,
+    },
+)
 #: One row per entity of a source; ``phrase`` is looked up in the word vectors.
 KINDS = Table(
     "data/observations/{source}.entities.parquet",
     {"entity": TEXT, "kind": NAME, "phrase": TEXT},
     key=["entity"],
 )
-#: Number of instances (RDF: triples) by description, ``step``: those left after a step, dropped, or irregular.
+#: Number of instances (RDF: triples) by description, ``step``: those left after a step, dropped, or
+#: irregular.
 MINED = Table(
-    "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, "int64")}, key=["step"]
+    "data/observations/{source}.mined.parquet",
+    {"step": TEXT, "instances": at_least(0, "int64")},
+    key=["step"],
 )
 CHANGED = "names changed to Unicode's NFC, without invisible characters and outer spaces"
 REPEATED = "observations dropped that an earlier event has, too"
@@ -52,7 +64,8 @@ class Mining:
     """First argument of a reader: a seed, and two fields that the reader fills."""
 
     seed: int  #: root of every random stream
-    counts: Counter[str] = field(default_factory=Counter)  #: instances or triples by description (``MINED``)
+    #: instances or triples by description (``MINED``)
+    counts: Counter[str] = field(default_factory=Counter)
     name_entities: NameEntities | None = None  #: replaces ``Reader.name_entities`` unless None
 
 
@@ -63,17 +76,23 @@ class Reader:
     read: Read  #: called with a ``Mining`` and the settings as keywords; yields observations
     name_entities: NameEntities
     path: str | None = None  #: name of the setting that holds the path to read; None: shipped files
-    suffixes: Collection[str] = ()  #: suffixes of the files that it reads, names of files in the folders that it reads
-    reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON with this first value
-    defaults: Mapping[str, Any] = field(default_factory=dict)  #: default settings in ``isi graph FILE``
+    #: suffixes of the files that it reads, names of files in the folders that it reads
+    suffixes: Collection[str] = ()
+    #: whether it reads JSON with this first value
+    reads_json: Callable[[Any], bool] = lambda _value: False
+    #: default settings in ``isi graph FILE``
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-#: The module ``recorder`` is not imported: it loads the package ``ai2thor`` and registers no reader.
+#: The module ``recorder`` is not imported: it loads the package ``ai2thor`` and registers no
+#: reader.
 READERS: config.Plugins[Reader] = config.Plugins("isi.sources", skipped=["recorder"])
 
 
 def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:
-    """A decorator that registers a function as a reader; ``known`` are the other fields of ``Reader``."""
+    """A decorator that registers a function as a reader;
+    ``known`` are the other fields of ``Reader``.
+    """
 
     def register(read: Read) -> Read:
         READERS.register(name, Reader(read, name_entities, **known))
@@ -83,21 +102,35 @@ def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Re
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
-    """Reader and validated keyword arguments from the params at ``key``; InputError names the key that is wrong."""
+    """Reader and validated keyword arguments from the params at ``key``;
+    InputError names the key that is wrong.
+    """
     given = dict(config.check(section, dict[str, Any], key))
     name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
     chosen = READERS.get(name, f"{key}.reader")
     for setting, value in given.items():
         if isinstance(value, str) and "\0" in value:  # no path contains it
-            raise InputError(f"{key}.{setting}", "", f"expected text without a null character, got {short(value)}")
+            raise InputError(
+                f"{key}.{setting}",
+                "",
+                f"expected text without a null character, got {short(value)}",
+            )
     return chosen, config.keywords(chosen.read, given, key)
 
 
 def observed(
-    scene: str, room: str | None, instance: str, head: str, receptacles: Iterable[str] = (),
-    materials: Iterable[str] = (), affordances: Iterable[str] = (), count: int = 1,
-) -> Iterator[Observation]:  # fmt: skip
-    """Yield one row for each location (``room`` unless None, receptacles), material and affordance of an object."""
+    scene: str,
+    room: str | None,
+    instance: str,
+    head: str,
+    receptacles: Iterable[str] = (),
+    materials: Iterable[str] = (),
+    affordances: Iterable[str] = (),
+    count: int = 1,
+) -> Iterator[Observation]:
+    """Yield one row for each location (``room`` unless None, receptacles),
+    material and affordance of an object.
+    """
     locations = [room, *receptacles] if room else receptacles
     tails = {AT_LOCATION: locations, HAS_MATERIAL: materials, HAS_AFFORDANCE: affordances}
     for relation, names in tails.items():
@@ -106,7 +139,9 @@ def observed(
 
 
 def once(events: Iterable[Iterable[Observation]], counts: Counter[str]) -> Iterator[Observation]:
-    """Yield the observations of events in order, but drop and count those that an earlier event has, too."""
+    """Yield the observations of events in order,
+    but drop and count those that an earlier event has, too.
+    """
     seen: set[Observation] = set()
     for event in events:
         rows = list(event)
@@ -116,19 +151,25 @@ def once(events: Iterable[Iterable[Observation]], counts: Counter[str]) -> Itera
 
 
 class Source:
-    """A reader with its settings: ``frames`` yields the observations, and then ``kinds`` holds the entities."""
+    """A reader with its settings: ``frames`` yields the observations,
+    and then ``kinds`` holds the entities.
+    """
 
     kinds: pd.DataFrame  #: entities (``KINDS``); set after the last part of ``frames``
 
     def __init__(self, section: object, key: str, seed: int) -> None:
-        """Check the section (``settings_of``) without reading a file; ``seed`` is the root of all random streams."""
+        """Check the section (``settings_of``) without reading a file;
+        ``seed`` is the root of all random streams.
+        """
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
         self.counts = self._mining.counts
 
     def frames(self) -> Iterator[pd.DataFrame]:
-        """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names, or not one kind per entity."""
+        """Yield ``OBSERVATIONS`` in parts; InputError for none, too many, invalid names,
+        or not one kind per entity.
+        """
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()
@@ -140,7 +181,11 @@ class Source:
             total += sum(columns[6])
             fault = next(filter(None, map(name_fault, names)), None)
             if fault or total > MOST_OBSERVED:
-                raise InputError(self._place, "", fault or f"expected at most {MOST_OBSERVED:,} observations in all")
+                raise InputError(
+                    self._place,
+                    "",
+                    fault or f"expected at most {MOST_OBSERVED:,} observations in all",
+                )
             new_rooms = set(columns[1]) - {None}
             changed |= {name: clean(name) for name in names | new_rooms if clean(name) != name}
             for place in (1, 3, 4, 5) if changed else ():  # room, head, relation, tail
@@ -155,7 +200,15 @@ class Source:
             raise InputError(self._place, "", "expected observations, got none")
         name_entities = self._mining.name_entities or self._reader.name_entities
         with at(self._place):
-            self.kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
-        missing = {name for head, _, tail in triples for name in (head, tail)} - set(self.kinds["entity"])
-        if wrong := sorted(missing) or list(self.kinds.loc[self.kinds["entity"].duplicated(), "entity"]):
-            raise InputError(f"entity {short(wrong[0])}", "", "expected exactly one kind from its source")
+            self.kinds = name_entities(
+                pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms
+            )
+        missing = {name for head, _, tail in triples for name in (head, tail)} - set(
+            self.kinds["entity"]
+        )
+        if wrong := sorted(missing) or list(
+            self.kinds.loc[self.kinds["entity"].duplicated(), "entity"]
+        ):
+            raise InputError(
+                f"entity {short(wrong[0])}", "", "expected exactly one kind from its source"
+            )

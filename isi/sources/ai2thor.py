@@ -1,4 +1,6 @@
-"""Observations of AI2-THOR's and RoboTHOR's scenes, from recordings or single files (section 5.1 of the paper)."""
+"""Observations of AI2-THOR's and RoboTHOR's scenes,
+from recordings or single files (section 5.1 of the paper).
+"""
 
 import re
 from collections import Counter
@@ -30,22 +32,27 @@ from isi.sources.recordings import (
 from isi.tables import paths
 
 FLOOR = "floor"
-Materials = Literal["suncg", "simulator"]  #: Setting: sample from SUNCG's shares, or use the reported ones.
-#: Settings for invalid containment. Broken: the receptacle or the content is not in the scene or is the object itself,
-#: or a listed content does not list the receptacle. Circular: two objects contain each other, perhaps through others.
+#: Setting: sample from SUNCG's shares, or use the reported ones.
+Materials = Literal["suncg", "simulator"]
+#: Settings for invalid containment. Broken: the receptacle or the content is not in the scene or is
+#: the object itself, or a listed content does not list the receptacle. Circular: two objects
+#: contain each other, perhaps through others.
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
 OBJECTS = "expected a non-empty list of objects, or a mapping with such a list as 'objects'"
 ABSENT = "properties that no object reports, so that their affordances are missing"
 EMPTY = "events dropped without objects"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room gives it"
-#: Problems of containment: name of the count where it is dropped, and message of the error where it is refused.
+#: Problems of containment: name of the count where it is dropped, and message of the error where it
+#: is refused.
 PROBLEMS = {
     "receptacles dropped that are not in the scene": "its parent receptacle {} is not in the scene",
     "receptacles dropped that are the object itself": "it is its own parent receptacle",
     "receptacles dropped that lie in the object": "its parent receptacle {} lies in it",
     "contents dropped that are not in the scene": "it holds {}, which is not in the scene",
-    "contents dropped that do not list the receptacle": "it holds {}, which does not list it as receptacle",
+    "contents dropped that do not list the receptacle": (
+        "it holds {}, which does not list it as receptacle"
+    ),
 }
 MISSING, ITSELF, IN_CYCLE, NOT_THERE, ELSEWHERE = PROBLEMS
 #: Number of a scene, and its objects → the materials of each object.
@@ -58,18 +65,25 @@ def _register(simulator: str, **known: Any) -> None:
 
     @reader(simulator, household, path="from_", defaults=file_alone, **known)
     def read(
-        mining: Mining, from_: str, sha256: Sha256 | None, materials: Materials, broken: Broken,
+        mining: Mining,
+        from_: str,
+        sha256: Sha256 | None,
+        materials: Materials,
+        broken: Broken,
         circular: Circular = "keep",
-    ) -> Iterator[Observation]:  # fmt: skip
+    ) -> Iterator[Observation]:
         """Observations of recorded scenes.
 
-        ``from_`` is ``recording`` (in the package ``procthor``), ``simulator`` (of ``make record``), or the path of a
-        file in either format. ``sha256`` is the expected hash of the file; None: no check. The package's iTHOR has
-        fourteen ``circular`` observations, of cabinets that overlap.
+        ``from_`` is ``recording`` (in the package ``procthor``), ``simulator`` (of
+        ``make record``), or the path of a file in either format. ``sha256`` is the expected hash of
+        the file; None: no check. The package's iTHOR has fourteen ``circular`` observations, of
+        cabinets that overlap.
         """
         path = locate(from_, simulator)
         scenes = read_recording(path, sha256, SIMULATORS[simulator])
-        return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
+        return mine(
+            scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular
+        )
 
 
 def _is_scene(value: Any) -> bool:
@@ -81,22 +95,36 @@ def _is_scene(value: Any) -> bool:
 
 def _is_event(value: Any) -> bool:
     others = {"rooms", "nodes"}
-    return isinstance(value, dict) and others.isdisjoint(value) and not {"objects", "metadata"}.isdisjoint(value)
+    return (
+        isinstance(value, dict)
+        and others.isdisjoint(value)
+        and not {"objects", "metadata"}.isdisjoint(value)
+    )
 
 
-_register("ai2thor", reads_json=lambda value: isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value))
+_register(
+    "ai2thor",
+    reads_json=lambda value: (
+        isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value)
+    ),
+)
 _register("robothor")
 
 
 @reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
 def ai2thor_scene(
-    mining: Mining, path: str, room: Name | None = None, broken: Broken = "error", circular: Circular = "keep"
+    mining: Mining,
+    path: str,
+    room: Name | None = None,
+    broken: Broken = "error",
+    circular: Circular = "keep",
 ) -> Iterator[Observation]:
     """Observations of scenes, with the materials that the simulator reports.
 
-    ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a recording; or a
-    list of these, or JSON Lines, where an observation that is in several events of a scene counts once. ``room`` is the
-    scene's room; None: that of the floor plan with the scene's name (``FloorPlan1``: kitchen), if any.
+    ``path`` is a JSON file (or ``.json.gz``): a list of objects, ``event.metadata``, or a line of a
+    recording; or a list of these, or JSON Lines, where an observation that is in several events of
+    a scene counts once. ``room`` is the scene's room; None: that of the floor plan with the scene's
+    name (``FloorPlan1``: kitchen), if any.
     """
     file = Path(path)
     absent: set[str] | None = None  # properties that no object reports; None: no objects yet
@@ -118,7 +146,9 @@ def ai2thor_scene(
     if absent is None:
         raise InputError(path, "", OBJECTS)
     if absent:
-        mining.counts[f"{ABSENT}: {', '.join(name for name in AFFORDANCES if name in absent)}"] = len(absent)
+        mining.counts[f"{ABSENT}: {', '.join(name for name in AFFORDANCES if name in absent)}"] = (
+            len(absent)
+        )
 
 
 def _events(path: Path) -> Iterator[tuple[str, Any]]:
@@ -133,7 +163,9 @@ def _events(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def _fields(event: Any) -> Mapping[str, Any]:
-    """The fields of an event: those of its metadata, or only the objects. An event of a simulator may lack them."""
+    """The fields of an event: those of its metadata, or only the objects.
+    An event of a simulator may lack them.
+    """
     is_event = isinstance(event, dict) and "metadata" in event
     content = event["metadata"] if is_event else event
     if not isinstance(content, dict):
@@ -142,7 +174,10 @@ def _fields(event: Any) -> Mapping[str, Any]:
 
 
 def _scene(path: Path, fields: Mapping[str, Any], room: str | None) -> Scene:
-    name, reported = fields.get("scene") or fields.get("sceneName") or "scene", fields.get("objects")
+    name, reported = (
+        fields.get("scene") or fields.get("sceneName") or "scene",
+        fields.get("objects"),
+    )
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:
@@ -153,10 +188,16 @@ def _scene(path: Path, fields: Mapping[str, Any], room: str | None) -> Scene:
 
 
 def mine(
-    scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, counts: Counter[str], broken: Broken = "error",
+    scenes: Iterable[Scene],
+    materials_of: MaterialsOf,
+    file: Path,
+    counts: Counter[str],
+    broken: Broken = "error",
     circular: Circular = "keep",
-) -> Iterator[Observation]:  # fmt: skip
-    """Yield observations, scene by scene; ``counts`` counts dropped containment by problem; errors name ``file``."""
+) -> Iterator[Observation]:
+    """Yield observations, scene by scene; ``counts`` counts dropped containment by problem;
+    errors name ``file``.
+    """
     for scene in scenes:
         things = {thing.id: thing for thing in scene.objects}
         receptacles: dict[str, list[str]] = {name: [] for name in things}
@@ -169,20 +210,29 @@ def mine(
                 raise InputError(file, f"{scene.name}, object {cut(name)}", problem)
             else:
                 counts[fault] += 1
-        for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
+        for thing, materials in zip(
+            scene.objects, materials_of(scene.number, scene.objects), strict=True
+        ):
             if thing.name != FLOOR:
                 seen = receptacles[thing.id], materials, thing.affordances
                 yield from observed(scene.name, scene.room or None, thing.id, thing.name, *seen)
 
 
-def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Yield (id, id of its receptacle or invalid content, key of ``PROBLEMS`` or None); a floor is no receptacle."""
+def _containment(
+    things: Mapping[str, SceneObject], find_cycles: bool
+) -> Iterator[tuple[str, str, str | None]]:
+    """Yield (id, id of its receptacle or invalid content, key of ``PROBLEMS`` or None);
+    a floor is no receptacle.
+    """
     inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
-    cycle_of: dict[str, int] = {}  # equal for objects that contain each other, perhaps through others
+    # equal for objects that contain each other, perhaps through others
+    cycle_of: dict[str, int] = {}
     if find_cycles:
         import networkx as nx  # imported here: few calls need it
 
-        graph = nx.DiGraph((name, other) for name, others in inside.items() for other in others if other in things)
+        graph = nx.DiGraph(
+            (name, other) for name, others in inside.items() for other in others if other in things
+        )
         parts = enumerate(nx.strongly_connected_components(graph))
         cycle_of = {name: number for number, part in parts for name in part}
     for name, thing in things.items():
@@ -194,11 +244,17 @@ def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterat
             if other not in things or other == name:
                 yield name, other, ITSELF if other == name else MISSING
             elif things[other].name != FLOOR:
-                yield name, other, IN_CYCLE if cycle_of.get(other, other) == cycle_of.get(name, name) else None
+                yield (
+                    name,
+                    other,
+                    IN_CYCLE if cycle_of.get(other, other) == cycle_of.get(name, name) else None,
+                )
 
 
 def materials_of(materials: Materials, seed: int) -> MaterialsOf:
-    """The function that gives objects their materials: sampled from SUNCG's shares, or reported by the simulator."""
+    """The function that gives objects their materials:
+    sampled from SUNCG's shares, or reported by the simulator.
+    """
     if materials == "simulator":
         return reported_materials
     return suncg_materials(read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES), seed)
@@ -210,7 +266,9 @@ def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[Sequ
 
 
 def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
-    """Sample each material of an object with probability shares[object, material]; one random stream per scene."""
+    """Sample each material of an object with probability shares[object, material];
+    one random stream per scene.
+    """
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
@@ -223,14 +281,23 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 
 
 def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
-    """Share of instances with each material, in [0, 1]: one row per object name, one column per material.
+    """Share of instances with each material, in [0, 1]:
+    one row per object name, one column per material.
 
-    ``shares``: CSV ``concept,material,share``. ``categories``: CSV ``object,category``; a category must be a concept.
+    ``shares``: CSV ``concept,material,share``. ``categories``: CSV ``object,category``; a category
+    must be a concept.
     """
     listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
     wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)
     refuse(shares, listed["share"], wrong, "expected a number from 0 to 1 as share")
-    table = listed.assign(share=listed["share"].map(float)).pivot(index="concept", columns="material", values="share")
+    table = listed.assign(share=listed["share"].map(float)).pivot(
+        index="concept", columns="material", values="share"
+    )
     mapping = read_table(categories, ["object", "category"], ["object"])
-    refuse(categories, mapping["category"], ~mapping["category"].isin(table.index), "expected a category with shares")
+    refuse(
+        categories,
+        mapping["category"],
+        ~mapping["category"].isin(table.index),
+        "expected a category with shares",
+    )
     return table.loc[mapping["category"]].set_axis(pd.Index(mapping["object"]), axis=0).fillna(0.0)

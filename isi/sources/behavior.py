@@ -15,14 +15,20 @@ from isi.sources.readers import check_settings, packaged, read_json, read_table,
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
 PROPERTIES = "propagated_annots_canonical.json"
-STEPS = ("instances", "without structure")  #: Descriptions of counts: the instances that remain after each step.
+#: Descriptions of counts: the instances that remain after each step.
+STEPS = ("instances", "without structure")
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
 #: Number of objects in a room by name of their 3D model: category, hyphen and six letters.
 _Model = Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")]
 _Models = dict[_Model, Annotated[int, Field(ge=1, le=1_000_000)]]
 #: Models by name of a room (type, underscore and number); rooms by scene.
-_Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annotated[_Models, Field(min_length=1)]]
-_Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
+_Rooms = dict[
+    Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")],
+    Annotated[_Models, Field(min_length=1)],
+]
+_Scenes = dict[
+    Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]
+]
 
 
 class _SceneList(BaseModel):
@@ -31,13 +37,19 @@ class _SceneList(BaseModel):
 
 @reader("behavior", household, path="from_")
 def behavior(
-    mining: Mining, from_: str, structure: list[str], names: dict[str, Name], affordances: dict[str, list[Name]]
+    mining: Mining,
+    from_: str,
+    structure: list[str],
+    names: dict[str, Name],
+    affordances: dict[str, list[Name]],
 ) -> Iterator[Observation]:
-    """Observations of the scenes, without materials. The name of an object is the word of its synset.
+    """Observations of the scenes, without materials.
+    The name of an object is the word of its synset.
 
-    ``from_`` is ``package`` (the data in the package ``bddl``) or a folder with the same files. ``structure`` lists
-    synsets to omit: parts of the building. ``names`` maps synsets and types of rooms to other names.
-    ``affordances`` lists the affordances that each property of a synset implies.
+    ``from_`` is ``package`` (the data in the package ``bddl``) or a folder with the same files.
+    ``structure`` lists synsets to omit: parts of the building. ``names`` maps synsets and types of
+    rooms to other names. ``affordances`` lists the affordances that each property of a synset
+    implies.
     """
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
@@ -45,10 +57,20 @@ def behavior(
     scenes = read_json(_SceneList, path, content).scenes
     properties = read_json(dict[str, dict[str, Any]], listed, content)
     table = read_table(categories, ["category", "synset"]).drop_duplicates(["category", "synset"])
-    refuse(categories, table["category"], table.duplicated("category"), "expected each category with one synset")
+    refuse(
+        categories,
+        table["category"],
+        table.duplicated("category"),
+        "expected each category with one synset",
+    )
     synset_of = dict(zip(table["category"], table["synset"], strict=True))
     check_settings(categories, "synset", structure, synset_of.values())
-    check_settings(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
+    check_settings(
+        listed,
+        "property",
+        affordances,
+        {name for of_synset in properties.values() for name in of_synset},
+    )
     room_types = {room.rpartition("_")[0] for rooms in scenes.values() for room in rooms}
     check_settings(path, "synset or type of room", names, {*synset_of.values(), *room_types})
     synset_named: dict[str, str] = {}
@@ -72,10 +94,15 @@ def behavior(
         if fault := name_fault(head) or name_fault(place):
             raise InputError(path, f"{scene}: {room}: {short(synset)}", fault)
         if synset_named.setdefault(head, synset) != synset:
-            expected = f"{synset_named[head]} has this name, too: give {synset} another name in the setting names"
+            expected = (
+                f"{synset_named[head]} has this name, too: give {synset} "
+                "another name in the setting names"
+            )
             raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
-        yield from observed(scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count)
+        yield from observed(
+            scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count
+        )
 
 
 def _words(key: str) -> str:

@@ -32,7 +32,9 @@ def graphml(mining: Mining, path: str) -> Iterator[Observation]:
     except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
         raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
     if not graph.is_directed():
-        raise InputError(path, "graph", "expected edgedefault directed: an edge leads from head to tail")
+        raise InputError(
+            path, "graph", "expected edgedefault directed: an edge leads from head to tail"
+        )
     mining.name_entities = named = Naming()
     for name, attributes in graph.nodes(data=True):
         for key, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
@@ -47,5 +49,8 @@ def graphml(mining: Mining, path: str) -> Iterator[Observation]:
             names = {"head": head, "relation": attributes.get("relation"), "tail": tail}
             for key, name in names.items():
                 config.check(name, Name, key, "")
-            relation, count = attributes["relation"], config.check(attributes.get("count", 1), Count, "count", "")
+            relation, count = (
+                attributes["relation"],
+                config.check(attributes.get("count", 1), Count, "count", ""),
+            )
         yield None, None, None, head, relation, tail, count

@@ -1,4 +1,6 @@
-"""Observations of Matterport3D's objects in rooms, with AI2-THOR's names, from tallies or houses (section 6.3)."""
+"""Observations of Matterport3D's objects in rooms, with AI2-THOR's names,
+from tallies or houses (section 6.3).
+"""
 
 import re
 from collections import Counter
@@ -15,26 +17,41 @@ from isi.errors import InputError, short
 from isi.names import check_name, name_fault
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import AT_LOCATION, household
-from isi.sources.readers import COUNT, check_names, check_settings, read_table, read_text, reading, refuse
+from isi.sources.readers import (
+    COUNT,
+    check_names,
+    check_settings,
+    read_table,
+    read_text,
+    reading,
+    refuse,
+)
 from isi.tables import paths
 
 #: Descriptions of counts: the instances that remain after each step.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
-#: By version of the format: kinds of records in the order of the header's counts (``P`` occurs twice).
+#: By version of the format: kinds of records in the order of the header's counts (``P`` occurs
+#: twice).
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
 RECORD_KINDS = tuple("IPVSEOCRL")
 #: Place of a category's name among the fields of a record ``C``; 0 is the field after the letter.
 CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
-#: Scene and instance (None in published tallies), region and category (empty if unknown), and the number of objects.
+#: Scene and instance (None in published tallies), region and category (empty if unknown), and the
+#: number of objects.
 Tally = tuple[str | None, str | None, str, str, int]
-#: Settings: room by type of region (tallies) or by label of region (houses); other regions are omitted.
+#: Settings: room by type of region (tallies) or by label of region (houses); other regions are
+#: omitted.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
-HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
+HouseRooms = Annotated[
+    dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)
+]
 Category = Literal["category_mapping_name", "mpcat40"]
 
 
 class Vocabulary(Section):
-    """Categories to omit (``structure``), and AI2-THOR's name of a category where it differs (``same_as``)."""
+    """Categories to omit (``structure``), and AI2-THOR's name of a category where
+    it differs (``same_as``).
+    """
 
     structure: list[str]
     same_as: dict[str, str]
@@ -49,7 +66,9 @@ class Vocabulary(Section):
 
 @reader("mp3d_tallies", household)
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
-    """Observations from published tallies; ``rooms``: room by type of region; ``vocabulary``: path of a YAML file."""
+    """Observations from published tallies; ``rooms``: room by type of region;
+    ``vocabulary``: path of a YAML file.
+    """
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
 
@@ -57,20 +76,28 @@ def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Obse
 def mp3d_houses(
     mining: Mining, folder: str, category: Category, rooms: HouseRooms, vocabulary: str
 ) -> Iterator[Observation]:
-    """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and its subfolders.
+    """Observations from Matterport3D's houses,
+    the files ``*.house`` in ``folder`` and its subfolders.
 
-    ``category`` selects one of a category's two names; ``rooms``: room by label of region; ``vocabulary``: a YAML file.
+    ``category`` selects one of a category's two names; ``rooms``: room by label of region;
+    ``vocabulary``: a YAML file.
     """
-    return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
+    return mine(
+        _read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts
+    )
 
 
 def mine(
-    batches: Iterable[Iterable[Tally]], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
+    batches: Iterable[Iterable[Tally]],
+    rooms: Mapping[str, str],
+    vocabulary: Path,
+    counts: Counter[str],
 ) -> Iterator[Observation]:
-    """Observations of batches of tallies (a house is a batch); equal observations of a batch become one row.
+    """Observations of batches of tallies (a house is a batch);
+    equal observations of a batch become one row.
 
-    Adds to ``counts`` the instances that remain after each of ``STEPS``. ``vocabulary`` is a file, not part of params,
-    since DVC parses all params for every stage.
+    Adds to ``counts`` the instances that remain after each of ``STEPS``. ``vocabulary`` is a file,
+    not part of params, since DVC parses all params for every stage.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:
@@ -80,28 +107,44 @@ def mine(
             for step, left in zip(STEPS, accumulate(kept, min), strict=True):
                 counts[step] += count * left
             if all(kept):
-                observed[scene, rooms[region], instance, words.same_as.get(category, category)] += count
+                observed[scene, rooms[region], instance, words.same_as.get(category, category)] += (
+                    count
+                )
         for (scene, room, instance, head), count in observed.items():
             yield scene, room, instance, head, AT_LOCATION, room, count
 
 
 def _category_name(category: str) -> str:
-    """Lower-case words of a category: ``chest_of_drawers`` and ``Chest#of#drawers`` → ``chest of drawers``."""
+    """Lower-case words of a category: ``chest_of_drawers`` and
+    ``Chest#of#drawers`` → ``chest of drawers``.
+    """
     return " ".join(re.sub("[#_]", " ", category).lower().split())
 
 
 def read_tallies(path: Path, regions: Iterable[str]) -> Iterator[Tally]:
-    """Tallies from a CSV ``object,room,count``; InputError if one of ``regions`` is not in the column ``room``."""
+    """Tallies from a CSV ``object,room,count``;
+    InputError if one of ``regions`` is not in the column ``room``.
+    """
     table = read_table(path, ["object", "room", COUNT])
     table["object"] = table["object"].map(_category_name)
     check_names(table, path)
-    refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once per room")
+    refuse(
+        path,
+        table["object"],
+        table.duplicated(["object", "room"]),
+        "expected each category once per room",
+    )
     check_settings(path, "room", regions, table["room"])
-    return ((None, None, room, name, count) for name, room, count in table.itertuples(index=False, name=None))
+    return (
+        (None, None, room, name, count)
+        for name, room, count in table.itertuples(index=False, name=None)
+    )
 
 
 def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
-    """Objects by ``*.house`` file in a folder and its subfolders, sorted by path; InputError for a repeated house."""
+    """Objects by ``*.house`` file in a folder and its subfolders, sorted by path;
+    InputError for a repeated house.
+    """
     content = "a folder with *.house files, unpacked"
     with reading(folder, content):
         files = sorted(path for path in folder.rglob("*.house") if path.is_file())
@@ -116,14 +159,20 @@ def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
 
 
 def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
-    """The name of a house and its objects; regions and categories may be listed after the objects."""
+    """The name of a house and its objects; regions and categories may be
+    listed after the objects.
+    """
     first, *lines = read_text(path, "a .house file").split("\n")
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:
-        raise InputError(path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1")
+        raise InputError(
+            path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1"
+        )
     layouts: dict[str, tuple[Callable[[str], Any], list[int]]] = {  # conversion, fields
-        "R": (str, [4]), "C": (_category_name, [category_field]), "O": (_integer, [1, 2]),
-    }  # fmt: skip
+        "R": (str, [4]),
+        "C": (_category_name, [category_field]),
+        "O": (_integer, [1, 2]),
+    }
     numbered: dict[str, dict[int, list[Any]]] = {kind: {} for kind in layouts}
     counts, expected = Counter[str](), Counter[str]()
     records = ((line, text.split()) for line, text in enumerate(lines, 2) if text.strip())
@@ -143,12 +192,19 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
                     raise ValueError(f"{kind} {number} is in the file twice")
                 numbered[kind][number] = [line, *(convert(fields[place]) for place in places)]
             elif kind not in RECORD_KINDS:
-                raise ValueError(f"expected a record of one of the kinds {', '.join(RECORD_KINDS)}, got {short(kind)}")
+                raise ValueError(
+                    f"expected a record of one of the kinds {', '.join(RECORD_KINDS)}, "
+                    f"got {short(kind)}"
+                )
     except (ValueError, IndexError) as error:
         too_few = f"{len(fields) + 1} fields are too few for a record {kind}"
-        raise InputError(path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)) from error
+        raise InputError(
+            path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)
+        ) from error
     if wrong := next((kind for kind in expected if counts[kind] != expected[kind]), None):
-        problem = f"the header counts {expected[wrong]} records {wrong}, the file has {counts[wrong]}"
+        problem = (
+            f"the header counts {expected[wrong]} records {wrong}, the file has {counts[wrong]}"
+        )
         raise InputError(path, f"line {header}", problem)
     tallies: list[Tally] = []
     for number, (line, *ends) in numbered["O"].items():
@@ -156,7 +212,10 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
         for kind, end in zip("RC", ends, strict=True):
             names.append(numbered[kind].get(end, [0, ""])[1])
             if (fault := name_fault(names[-1])) and (end in numbered[kind] or end != -1):
-                problem = f"object {number} is of {kind} {end}, a record that is missing or has no valid name: {fault}"
+                problem = (
+                    f"object {number} is of {kind} {end}, a record that is "
+                    f"missing or has no valid name: {fault}"
+                )
                 raise InputError(path, f"line {line}", problem)
         tallies.append((house, str(number), names[0], names[1], 1))
     return house, tallies

@@ -35,7 +35,9 @@ def phrase(name: str) -> str:
 
 
 def words(name: str) -> str:
-    """A name with its words parted if it has the form ``TVStand`` or ``tv_stand``; other names stay as they are."""
+    """A name with its words parted if it has the form ``TVStand`` or ``tv_stand``;
+    other names stay as they are.
+    """
     is_joined = "_" in name or re.search("[a-z][A-Z]|[A-Z][A-Z][a-z]", name)
     return phrase(name) if is_joined else name
 
@@ -48,33 +50,49 @@ class Ends(Section):
 
 
 KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
-#: Kinds by relation of a household; the tail of ``atLocation`` has the kind room if it is the name of a room.
+#: Kinds by relation of a household; the tail of ``atLocation`` has the kind room if it is the name
+#: of a room.
 HOUSEHOLD = {
     relation: Ends(head="object", tail=tail)
-    for relation, tail in ((AT_LOCATION, "object"), (HAS_MATERIAL, "material"), (HAS_AFFORDANCE, "affordance"))
+    for relation, tail in (
+        (AT_LOCATION, "object"),
+        (HAS_MATERIAL, "material"),
+        (HAS_AFFORDANCE, "affordance"),
+    )
 }
 
 
 @dataclass
 class Naming:
-    """Assign each entity a phrase, and a kind: from ``kind_of``, else from its relations, else ``ENTITY``."""
+    """Assign each entity a phrase, and a kind:
+    from ``kind_of``, else from its relations, else ``ENTITY``.
+    """
 
     kinds: KindsByRelation | None = None
     household: bool = False  #: use ``HOUSEHOLD`` for ``kinds``, refuse other relations
-    kind_of: dict[str, str] = field(default_factory=dict)  #: by entity, from a table or the file itself
+    #: by entity, from a table or the file itself
+    kind_of: dict[str, str] = field(default_factory=dict)
     phrase_of: dict[str, str] = field(default_factory=dict)  #: as ``kind_of``
     strict: bool = False  #: whether an entity without a kind is refused
-    words: Callable[[str], str] = phrase  #: gives the phrase of an entity that is not in ``phrase_of``
-    listed: Collection[str] = ()  #: entities of a user's table; those that no triple has are counted in ``counts``
+    #: gives the phrase of an entity that is not in ``phrase_of``
+    words: Callable[[str], str] = phrase
+    #: entities of a user's table; those that no triple has are counted in ``counts``
+    listed: Collection[str] = ()
     counts: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """Entities (``KINDS``) of unique triples, sorted; InputError for an unknown relation, two kinds or none."""
+        """Entities (``KINDS``) of unique triples, sorted;
+        InputError for an unknown relation, two kinds or none.
+        """
         relations = set(triples["relation"])
         if unknown := set(map(clean, self.kinds or ())) - relations:
-            raise InputError("kinds", f"relation {min(unknown)!r}", "expected a relation of the triples")
+            raise InputError(
+                "kinds", f"relation {min(unknown)!r}", "expected a relation of the triples"
+            )
         if self.household and (unknown := relations - set(HOUSEHOLD)):
-            raise InputError(f"relation {min(unknown)!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
+            raise InputError(
+                f"relation {min(unknown)!r}", "", f"expected one of {', '.join(HOUSEHOLD)}"
+            )
         kind_of, phrase_of = _cleaned(self.kind_of), _cleaned(self.phrase_of)
         kinds = self._by_relation(triples, rooms, kind_of) | kind_of
         names = sorted({*triples["head"], *triples["tail"]})
@@ -82,19 +100,35 @@ class Naming:
             self._count_unmatched(names)
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
-            raise InputError(f"entity {without!r}", "", "expected a kind in the table of entities or the setting kinds")
+            raise InputError(
+                f"entity {without!r}",
+                "",
+                "expected a kind in the table of entities or the setting kinds",
+            )
         phrases = [phrase_of.get(name) or self.words(name) for name in names]
-        return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
+        return pd.DataFrame(
+            {
+                "entity": names,
+                "kind": [kinds.get(name, ENTITY) for name in names],
+                "phrase": phrases,
+            }
+        )
 
     def _count_unmatched(self, names: Collection[str]) -> None:
         unmatched = sorted(set(map(clean, self.listed)).difference(names))
         if len(unmatched) == len(self.listed):
-            raise InputError("entities", "", f"expected entities of the triples, got {first_of(unmatched)}")
+            raise InputError(
+                "entities", "", f"expected entities of the triples, got {first_of(unmatched)}"
+            )
         if unmatched:
             self.counts[f"{UNMATCHED}: {first_of(unmatched)}"] = len(unmatched)
 
-    def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str], kind_of: Mapping[str, str]) -> dict[str, str]:
-        """Kind by entity, from relations; InputError for two. Skips entities in ``kind_of`` unless ``household``."""
+    def _by_relation(
+        self, triples: pd.DataFrame, rooms: Collection[str], kind_of: Mapping[str, str]
+    ) -> dict[str, str]:
+        """Kind by entity, from relations; InputError for two.
+        Skips entities in ``kind_of`` unless ``household``.
+        """
         given = {clean(relation): ends for relation, ends in (self.kinds or {}).items()}
         ends: Mapping[str, Ends] = HOUSEHOLD if self.household else given
         described = () if self.household else kind_of
@@ -107,7 +141,10 @@ class Naming:
         kind_and_place: dict[str, tuple[str, str]] = {}
         for relation, slot, name in sorted(slots):
             is_room = self.household and (relation, slot) == (AT_LOCATION, "tail") and name in rooms
-            kind, place = "room" if is_room else getattr(ends[relation], slot), f"{slot} of {relation}"
+            kind, place = (
+                "room" if is_room else getattr(ends[relation], slot),
+                f"{slot} of {relation}",
+            )
             other, other_place = kind_and_place.setdefault(name, (kind, place))
             if other != kind:
                 expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
@@ -119,4 +156,5 @@ def _cleaned(texts: Mapping[str, str]) -> dict[str, str]:
     return {clean(name): clean(text) for name, text in texts.items()}
 
 
-household = Naming(household=True, words=str)  #: In a household, the phrase of an entity is its name.
+#: In a household, the phrase of an entity is its name.
+household = Naming(household=True, words=str)

@@ -1,4 +1,6 @@
-"""Observations of ProcTHOR's houses: rooms from positions, affordances from recorded objects of the same type."""
+"""Observations of ProcTHOR's houses: rooms from positions,
+affordances from recorded objects of the same type.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ from isi.sources.names import Name, entity_name, household
 from isi.sources.readers import json_lines, packaged, parse_json, read_json
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
-#: Maximum size of a house: bytes, objects, and corners of all its floors. In ProcTHOR-10K, no house has more than a few
-#: hundred thousand bytes, a few hundred objects and a few dozen corners.
+#: Maximum size of a house: bytes, objects, and corners of all its floors. In ProcTHOR-10K, no house
+#: has more than a few hundred thousand bytes, a few hundred objects and a few dozen corners.
 LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
 ROUNDED = 0.001  #: Precision of the corners of floors (metres); tolerance of borders.
 SCHEMAS = ("0.0.1", "1.0.0")  #: Versions of the format.
@@ -30,7 +32,8 @@ OUTSIDE = "dropped, in no room of their house"
 TAKEN = "dropped, with the id of another one in their house"
 UNNAMED = "with an id that names no room of their house"
 ELSEWHERE = "in another room than their id names"
-#: The name of the type follows; such objects get no affordances, and materials only from SUNCG's shares.
+#: The name of the type follows; such objects get no affordances, and materials only from SUNCG's
+#: shares.
 UNRECORDED = "of a type that was never recorded: "
 
 
@@ -71,14 +74,18 @@ class House(_Fields):
         list[Room],
         Field(min_length=1),
         ensure(
-            lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS, f"at most {MOST_CORNERS:,} corners"
+            lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS,
+            f"at most {MOST_CORNERS:,} corners",
         ),
         ensure(lambda rooms: distinct(room.id for room in rooms), "a different id for each room"),
     ]
     objects: list[Item] | None
-    metadata: Annotated[dict[str, Any], ensure(lambda data: data.get("schema") in SCHEMAS, "a known schema")] | None = (
-        None
-    )
+    metadata: (
+        Annotated[
+            dict[str, Any], ensure(lambda data: data.get("schema") in SCHEMAS, "a known schema")
+        ]
+        | None
+    ) = None
 
 
 #: An object of a house, its position, and the id of the room that its id contains (None: no room).
@@ -93,15 +100,23 @@ RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: Recorded objects by name
     reads_json=lambda value: isinstance(value, dict) and {"rooms", "objects"} <= value.keys(),
     defaults={"sha256": None, "materials": "simulator"},
 )
-def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials: Materials) -> Iterator[Observation]:
-    """Observations of objects in houses; walls, doors, windows and floors are not among the objects.
+def procthor_houses(
+    mining: Mining, path: str, sha256: Sha256 | None, materials: Materials
+) -> Iterator[Observation]:
+    """Observations of objects in houses; walls, doors,
+    windows and floors are not among the objects.
 
-    ``path`` is a file in ProcTHOR-10K's format, with one house per line (plain or gzip), or one house as ``*.json``.
-    ``materials``: ``suncg`` samples by SUNCG's shares, ``simulator`` copies those of a random recorded object.
+    ``path`` is a file in ProcTHOR-10K's format, with one house per line (plain or gzip), or one
+    house as ``*.json``. ``materials``: ``suncg`` samples by SUNCG's shares, ``simulator`` copies
+    those of a random recorded object.
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
-    draw = materials_of(materials, mining.seed) if materials == "suncg" else recorded_materials(recorded, mining.seed)
+    draw = (
+        materials_of(materials, mining.seed)
+        if materials == "suncg"
+        else recorded_materials(recorded, mining.seed)
+    )
     counts.update(dict.fromkeys((INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE), 0))
     for number, house, objects in read_houses(Path(path), sha256):
         room_ids, ids = {room.id for room in house.rooms}, set[str]()
@@ -117,7 +132,9 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
                 counts[ELSEWHERE] += named in room_ids - {room.id}
                 placed.append((entity_name(room.type), thing))
             ids.add(thing.id)
-        for (place, thing), made_of in zip(placed, draw(number, [thing for _, thing in placed]), strict=True):
+        for (place, thing), made_of in zip(
+            placed, draw(number, [thing for _, thing in placed]), strict=True
+        ):
             if thing.name not in affordances:
                 counts[UNRECORDED + thing.name] += 1
             seen = thing.receptacles, made_of, affordances.get(thing.name, ())
@@ -135,22 +152,34 @@ def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
 def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
     """Affordances that more than half of the objects have, in the order of ``AFFORDANCES``."""
     counts = Counter(action for thing in objects for action in thing.affordances)
-    return [action for actions in AFFORDANCES.values() for action in actions if 2 * counts[action] > len(objects)]
+    return [
+        action
+        for actions in AFFORDANCES.values()
+        for action in actions
+        if 2 * counts[action] > len(objects)
+    ]
 
 
 def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
-    """Copy the materials of a random recorded object of the same type (else none); one random stream per house."""
+    """Copy the materials of a random recorded object of the same type (else none);
+    one random stream per house.
+    """
 
     def draw(house: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
         draws = stream(root, "recorded materials", house).random(len(objects)).tolist()
         choices = [recorded.get(thing.name) or [thing] for thing in objects]
-        return [among[int(draw * len(among))].materials for among, draw in zip(choices, draws, strict=True)]
+        return [
+            among[int(draw * len(among))].materials
+            for among, draw in zip(choices, draws, strict=True)
+        ]
 
     return draw
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """The room that contains each object, else borders it, else None; of several, the one in its id, else the first."""
+    """The room that contains each object, else borders it, else None;
+    of several, the one in its id, else the first.
+    """
     x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
@@ -164,7 +193,9 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
                 length = along * along + across * across
                 share = ((x - start.x) * along + (z - start.z) * across) / length if length else 0.0
                 share = np.clip(share, 0.0, 1.0)
-                borders |= np.hypot(x - start.x - share * along, z - start.z - share * across) <= ROUNDED
+                borders |= (
+                    np.hypot(x - start.x - share * along, z - start.z - share * across) <= ROUNDED
+                )
         is_named = np.array([named == room.id for *_, named in objects], dtype=bool)
         score[:] = np.where(inside, 4, 2 * borders) + ((inside | borders) & is_named)
     best = scores.argmax(0) if objects else []
@@ -172,7 +203,9 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 
 
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
-    """Yield (line, house, its objects) from a file; InputError for too many objects, or one of unknown type."""
+    """Yield (line, house, its objects) from a file;
+    InputError for too many objects, or one of unknown type.
+    """
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON"):
         house = parse_json(House, content, path, f"line {line}")
@@ -187,8 +220,12 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, got none")
 
 
-def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Sequence[str] = ()) -> Iterator[HouseObject]:
-    """Yield each object, then its children. Its type is that in its id, else ``types[asset]``, else empty."""
+def house_objects(
+    items: Iterable[Item], types: Mapping[str, str], parent: Sequence[str] = ()
+) -> Iterator[HouseObject]:
+    """Yield each object, then its children. Its type is that in its id,
+    else ``types[asset]``, else empty.
+    """
     for item in items:
         kind, room = type_and_room(item.id)
         name = entity_name(kind or types.get(item.asset, ""))
@@ -198,9 +235,15 @@ def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Seque
 
 @lru_cache(maxsize=2**16)
 def type_and_room(identifier: str) -> tuple[str | None, str | None]:
-    """Type and room id in an object's id, or None: ``Bed|2|0`` → ``Bed``, ``room|2``; ``2|0`` → None, ``room|2``."""
+    """Type and room id in an object's id, or None: ``Bed|2|0`` → ``Bed``, ``room|2``;
+    ``2|0`` → None, ``room|2``.
+    """
     first, *rest = identifier.split("|")
-    kind = first if first.isascii() and first.isalnum() and not first[0].isdigit() and first != "small" else None
+    kind = (
+        first
+        if first.isascii() and first.isalnum() and not first[0].isdigit() and first != "small"
+        else None
+    )
     number = next((text for text in (first, *rest) if text.isascii() and text.isdigit()), None)
     return kind, number and f"room|{number}"
 

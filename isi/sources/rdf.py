@@ -28,7 +28,9 @@ LITERALS = "triples dropped that end in a literal"
 BLANK = "triples dropped with a blank node"
 STRUCTURE = "triples dropped with a predicate of the vocabulary of RDF, RDFS, OWL or SHACL"
 SAME = "triples dropped of owl:sameAs, whose two names stay two entities"
-MANY_TYPES = "entities of several types, of which the rarest is the kind; the setting entities gives kinds"
+MANY_TYPES = (
+    "entities of several types, of which the rarest is the kind; the setting entities gives kinds"
+)
 UNUSABLE = "labels dropped that are empty, too long, or contain control characters"
 REPEATED = "triples dropped that repeat an earlier one"
 SUFFIXES = (".nt", ".ttl", ".jsonld")
@@ -36,27 +38,38 @@ SHACL = "http://www.w3.org/ns/shacl#"
 
 
 def _is_jsonld(value: object) -> bool:
-    """Whether JSON is RDF: an object with a context or a graph, or a list whose objects have IRIs."""
+    """Whether JSON is RDF: an object with a context or a graph,
+    or a list whose objects have IRIs.
+    """
     first = value[0] if isinstance(value, list) and value else value
     return isinstance(first, dict) and not {"@context", "@graph", "@id"}.isdisjoint(first)
 
 
 @reader("rdf", Naming(), path="path", suffixes=SUFFIXES, reads_json=_is_jsonld)
 def rdf(
-    mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
-    household: bool = False, names: Choice["local", "iri"] = "local",
-) -> Iterator[Observation]:  # fmt: skip
-    """Observations of an RDF graph (``.nt``, ``.ttl``, ``.jsonld``, perhaps with ``.gz``): types are kinds.
+    mining: Mining,
+    path: str,
+    entities: str | None = None,
+    kinds: KindsByRelation | None = None,
+    household: bool = False,
+    names: Choice["local", "iri"] = "local",
+) -> Iterator[Observation]:
+    """Observations of an RDF graph (``.nt``, ``.ttl``, ``.jsonld``, perhaps with ``.gz``):
+    types are kinds.
 
-    Labels are phrases. The other settings are those of ``table``; the table ``entities`` overrides types and labels.
-    ``names``: a name is the ``local`` part of an IRI, or the whole ``iri``. Predicates of RDF, RDFS, OWL and SHACL make
-    no facts. InputError for two entities or two relations of one name.
+    Labels are phrases. The other settings are those of ``table``; the table ``entities`` overrides
+    types and labels. ``names``: a name is the ``local`` part of an IRI, or the whole ``iri``.
+    Predicates of RDF, RDFS, OWL and SHACL make no facts. InputError for two entities or two
+    relations of one name.
     """
     with extra("rdf"):
         from rdflib import OWL, RDF, RDFS, BNode, Literal
 
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
-    no_facts, no_kinds = (str(RDF), str(RDFS), str(OWL), SHACL), {OWL.NamedIndividual, OWL.Thing, RDFS.Resource}
+    no_facts, no_kinds = (
+        (str(RDF), str(RDFS), str(OWL), SHACL),
+        {OWL.NamedIndividual, OWL.Thing, RDFS.Resource},
+    )
     mining.name_entities = named = naming(entities, kinds, household, mining.counts)
     iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
     types: dict[str, dict[Node, str]] = {}  # places of types by IRI
@@ -72,7 +85,10 @@ def rdf(
             raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
         other = iris[role].setdefault(clean(name), iri) if role else iri
         if clean(other) != clean(iri):
-            also = f"{short(name)} is also the name of <{cut(other)}>; set names: iri to use whole IRIs as names"
+            also = (
+                f"{short(name)} is also the name of <{cut(other)}>; set names: "
+                "iri to use whole IRIs as names"
+            )
             raise InputError(path, place, also)
         return name
 
@@ -109,13 +125,18 @@ def rdf(
             seen.add(form)
     if not seen:
         dropped = ", ".join(f"{number:,} {label}" for label, number in mining.counts.items())
-        raise InputError(path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}")
+        raise InputError(
+            path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}"
+        )
     of_entities = {name: types.get(clean(iri), {}) for name, iri in iris["entity"].items()}
-    number_of = Counter(node for nodes in of_entities.values() for node in nodes)  # entities of each type
+    # entities of each type
+    number_of = Counter(node for nodes in of_entities.values() for node in nodes)
     listed = set(named.kind_of)
     for name, iri in iris["entity"].items():  # types and labels of relations are ignored
         given = of_entities[name]
-        lowest = [node for node in given if not any(_is_above(node, other, above) for other in given)] or list(given)
+        lowest = [
+            node for node in given if not any(_is_above(node, other, above) for other in given)
+        ] or list(given)
         if lowest and name not in listed:
             rarest = min(lowest, key=lambda node: (number_of[node], str(node)))
             named.kind_of[name] = name_of(given[rarest], rarest)
@@ -138,13 +159,17 @@ def _is_above(node: Node, other: Node, above: Mapping[Node, set[Node]]) -> bool:
 
 
 def local_name(iri: str) -> str:
-    """The part of an IRI after the last ``#`` or ``/`` (in a URN ``:``), with percent escapes decoded."""
+    """The part of an IRI after the last ``#`` or ``/`` (in a URN ``:``),
+    with percent escapes decoded.
+    """
     parts = re.split("[#/]" if re.search("[#/]", iri) else ":", iri.rstrip("#/"))
     return unquote(parts[-1])
 
 
 def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
-    """Yield (place, nodes) of each triple. Turtle is read as a whole: its triples are sorted, their places empty."""
+    """Yield (place, nodes) of each triple. Turtle is read as a whole:
+    its triples are sorted, their places empty.
+    """
     from rdflib import Graph
     from rdflib.exceptions import ParserError
     from rdflib.plugins.parsers.notation3 import BadSyntax
@@ -161,7 +186,9 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
         with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
             for number, line in enumerate(iter(lambda: file.readline(MOST + 1), ""), 1):
                 if len(line) > MOST:
-                    raise InputError(path, f"line {number}", f"line longer than {MOST:,} characters")
+                    raise InputError(
+                        path, f"line {number}", f"line longer than {MOST:,} characters"
+                    )
                 parser.line = line.rstrip("\r\n")
                 triples.clear()
                 try:
@@ -174,7 +201,8 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
         text = read_text(path, "Turtle, which is read as a whole,")
         try:
             graph = Graph().parse(data=text, format="turtle", publicID="file:///")
-        except Exception as error:  # truncated or deeply nested text raises errors of any type in the parser
+        # truncated or deeply nested text raises errors of any type in the parser
+        except Exception as error:
             place, problem = "", f"{type(error).__name__}: {error}"
             if isinstance(error, BadSyntax):
                 place, problem = f"line {error.lines + 1}", str(error._why)
@@ -183,14 +211,22 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
     elif suffix_of(path) in (".jsonld", ".json"):
         text = read_text(path, "JSON-LD, which is read as a whole,")
         if address := _remote_context(parse_json(Any, text, path)):
-            raise InputError(path, "@context", f"expected a context in the file: {short(address)} is not downloaded")
+            raise InputError(
+                path,
+                "@context",
+                f"expected a context in the file: {short(address)} is not downloaded",
+            )
         try:
             graph = Graph().parse(data=text, format="json-ld", publicID="file:///")
         except Exception as error:  # as above
-            raise InputError(path, "", f"expected JSON-LD ({type(error).__name__}: {cut(str(error), 120)})") from error
+            raise InputError(
+                path, "", f"expected JSON-LD ({type(error).__name__}: {cut(str(error), 120)})"
+            ) from error
         yield from (("", triple) for triple in sorted(graph))
     else:
-        raise InputError(path, "", "expected a file name that ends in .nt, .ttl or .jsonld (or these with .gz)")
+        raise InputError(
+            path, "", "expected a file name that ends in .nt, .ttl or .jsonld (or these with .gz)"
+        )
 
 
 def _remote_context(value: Any) -> str | None:
@@ -204,5 +240,7 @@ def _remote_context(value: Any) -> str | None:
             for address in (*contexts, part.get("@import")):
                 if isinstance(address, str):
                     return address
-        waiting += part.values() if isinstance(part, dict) else part if isinstance(part, list) else []
+        waiting += (
+            part.values() if isinstance(part, dict) else part if isinstance(part, list) else []
+        )
     return None

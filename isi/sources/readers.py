@@ -1,4 +1,6 @@
-"""Functions that read JSON (pydantic), tables and text for all sources; errors name file and place."""
+"""Functions that read JSON (pydantic), tables and text for all sources;
+errors name file and place.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +27,20 @@ from isi.names import clean, name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
-BLOCK, BATCH = 2**20, 65_536  #: Maximum number of bytes of a line of a table; number of rows in a batch.
-MOST, MOST_ROWS = 2**26, 1_000_000  #: Maximum size of a file that is read as a whole: characters, rows.
+#: Maximum number of bytes of a line of a table; number of rows in a batch.
+BLOCK, BATCH = 2**20, 65_536
+#: Maximum size of a file that is read as a whole: characters, rows.
+MOST, MOST_ROWS = 2**26, 1_000_000
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
 TAB = "\t"
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
-#: Words in headers of triples, in this and other projects: a line with one of them in each column is a header.
+#: Words in headers of triples, in this and other projects: a line with one of them in each column
+#: is a header.
 HEADER_WORDS = frozenset(
-    ("head", "relation", "tail", "subject", "predicate", "object", "source", "target", "from", "to", "rel", "entity",
-     "node", "start", "end", "edge", "type", "label", "property", "id", *"hrtspo012")
+    ("head", "relation", "tail", "subject", "predicate", "object", "source", "target", "from", "to",
+     "rel", "entity", "node", "start", "end", "edge", "type", "label", "property", "id",
+     *"hrtspo012")
 )  # fmt: skip
 HEADERLESS = "lines without a header, read as {}"  #: Description of a count.
 #: Errors that reading a broken file raises, beside those of pyarrow.
@@ -44,7 +50,9 @@ T = TypeVar("T")
 
 @contextmanager
 def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterator[None]:
-    """Turn errors of reading a file into an ``InputError`` with its path, the place, and the expected content."""
+    """Turn errors of reading a file into an ``InputError`` with its path, the place,
+    and the expected content.
+    """
     try:
         yield
     except Exception as error:
@@ -56,11 +64,15 @@ def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterato
 
 
 def packaged(package: str, path: str, content: str) -> Path:
-    """Path of a package's data, without importing the package; InputError if the package is not installed."""
+    """Path of a package's data, without importing the package;
+    InputError if the package is not installed.
+    """
     try:
         return Path(str(distribution(package).locate_file(path)))
     except PackageNotFoundError as error:
-        raise InputError(f"package {package}", "", f"not installed; it contains {content}") from error
+        raise InputError(
+            f"package {package}", "", f"not installed; it contains {content}"
+        ) from error
 
 
 def suffix_of(path: Path) -> str:
@@ -82,7 +94,9 @@ def open_text(path: Path) -> TextIO:
 
 
 def read_text(path: Path, content: str) -> str:
-    """The whole text of a file; InputError if it is missing, broken, not UTF-8, or longer than ``MOST`` characters."""
+    """The whole text of a file; InputError if it is missing, broken, not UTF-8,
+    or longer than ``MOST`` characters.
+    """
     with reading(path, f"{content} in UTF-8"), open_text(path) as file:
         text = file.read(MOST + 1)
     if len(text) > MOST:
@@ -95,18 +109,22 @@ def read_json(form: type[T], path: Path, content: str) -> T:
     return parse_json(form, read_text(path, content), path)
 
 
-def json_lines(path: Path, sha256: str | None, most: int, content: str) -> Iterator[tuple[int, bytes]]:
-    """Yield (number from 1, line) for each non-blank line of a plain or gzip file; InputError over ``most`` bytes.
+def json_lines(
+    path: Path, sha256: str | None, most: int, content: str
+) -> Iterator[tuple[int, bytes]]:
+    """Yield (number from 1, line) for each non-blank line of a plain or gzip file;
+    InputError over ``most`` bytes.
 
-    A file whose first line is not JSON by itself is yielded as one line: JSON over several lines. ``content``
-    describes the file in errors. ``sha256``: expected hash; None: no check.
+    A file whose first line is not JSON by itself is yielded as one line: JSON over several lines.
+    ``content`` describes the file in errors. ``sha256``: expected hash; None: no check.
     """
     check_sha256(path, sha256)
     number, is_first = 0, True
     with reading(path, content, lambda: f"line {number + 1}"), open_bytes(path) as file:
         while line := file.readline(most + 1):
             number += 1
-            if is_first and line.strip() and file.peek(1) and not _is_json(line):  # the next lines belong to it
+            # the next lines belong to it
+            if is_first and line.strip() and file.peek(1) and not _is_json(line):
                 line += file.read(most)
             is_first = is_first and not line.strip()
             if len(line) > most:
@@ -124,29 +142,41 @@ def _is_json(text: bytes) -> bool:
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
-    """Parse JSON as a value of type ``form``; InputError names ``path``, ``place`` and the wrong key."""
+    """Parse JSON as a value of type ``form``; InputError names ``path``,
+    ``place`` and the wrong key.
+    """
     with at(path, place):
         text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
         return config.adapter(form).validate_json(text, strict=True)
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
-    """InputError for the first ``wrong`` value of a column, with its line or row number, which is in the index."""
+    """InputError for the first ``wrong`` value of a column, with its line or row number,
+    which is in the index.
+    """
     if wrong.any():
         place, value = next(iter(column[wrong].items()))
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
 def check_settings(path: Path, content: str, named: Iterable[T], known: Iterable[T]) -> None:
-    """InputError if an item in ``named`` (by settings) is not ``known`` (in the file); ``content``: kind of item."""
+    """InputError if an item in ``named`` (by settings) is not ``known`` (in the file);
+    ``content``: kind of item.
+    """
     present = set(known)
     if unknown := [item for item in dict.fromkeys(named) if item not in present]:
         more = f" (and {len(unknown) - 1:,} more)" * (len(unknown) > 1)
-        raise InputError(path, f"{content} {short(unknown[0])}", f"a setting names it, but this file lacks it{more}")
+        raise InputError(
+            path,
+            f"{content} {short(unknown[0])}",
+            f"a setting names it, but this file lacks it{more}",
+        )
 
 
 def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
-    """InputError for the first invalid name, with line or row (``read_batches``); ``optional`` columns may be empty."""
+    """InputError for the first invalid name, with line or row (``read_batches``);
+    ``optional`` columns may be empty.
+    """
     for column, names in table.drop(columns=COUNT, errors="ignore").items():
         faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
         if column in optional:
@@ -164,12 +194,17 @@ def cleaned(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_table(
-    path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None,
+    path: Path,
+    columns: Sequence[str],
+    *keys: Sequence[str],
+    optional: Sequence[str] | None = None,
     aliases: Mapping[str, str] | None = None,
-) -> pd.DataFrame:  # fmt: skip
-    """Read a whole table of 1 to ``MOST_ROWS`` rows of valid names; its index holds line numbers (``read_batches``).
+) -> pd.DataFrame:
+    """Read a whole table of 1 to ``MOST_ROWS`` rows of valid names;
+    its index holds line numbers (``read_batches``).
 
-    Each key is a list of columns in which no two rows agree. None as ``optional`` ignores any other columns.
+    Each key is a list of columns in which no two rows agree. None as ``optional`` ignores any other
+    columns.
     """
     batches, rows = [], 0
     for batch in read_batches(path, columns, optional or (), optional is None, aliases):
@@ -182,25 +217,44 @@ def read_table(
         raise InputError(path, "", "expected rows, got none")
     table = pd.concat(batches)
     for key in map(list, keys):
-        refuse(path, table[key].agg(" ".join, axis=1), table.duplicated(key), f"expected each {' '.join(key)} once")
+        refuse(
+            path,
+            table[key].agg(" ".join, axis=1),
+            table.duplicated(key),
+            f"expected each {' '.join(key)} once",
+        )
     return table
 
 
 def read_batches(
-    path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False,
-    aliases: Mapping[str, str] | None = None, headerless: Counter[str] | None = None,
-) -> Iterator[pd.DataFrame]:  # fmt: skip
-    """Yield the rows of a file (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
+    path: Path,
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    others: bool = False,
+    aliases: Mapping[str, str] | None = None,
+    headerless: Counter[str] | None = None,
+) -> Iterator[pd.DataFrame]:
+    """Yield the rows of a file
+    (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
 
-    Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if ``others``, else
-    refused. ``aliases``: columns by other names. Values: text (None is empty); in ``COUNT``, integers of at least 1.
-    Index: numbers of lines, or of rows of Parquet from 1; its name is ``line`` or ``row``. ``headerless``: where the
-    lines of a text without a header, which then has the columns ``required``, are counted; None refuses such a text.
+    Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if
+    ``others``, else refused. ``aliases``: columns by other names. Values: text (None is empty); in
+    ``COUNT``, integers of at least 1. Index: numbers of lines, or of rows of Parquet from 1; its
+    name is ``line`` or ``row``. ``headerless``: where the lines of a text without a header, which
+    then has the columns ``required``, are counted; None refuses such a text.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
-        raise InputError(path, "", "expected a file name that ends in .csv, .tsv, .txt (or these with .gz) or .parquet")
-    rows, unit = (_parquet_rows(path), "row") if form == ".parquet" else (_text_rows(path, SEPARATORS[form]), "line")
+        raise InputError(
+            path,
+            "",
+            "expected a file name that ends in .csv, .tsv, .txt (or these with .gz) or .parquet",
+        )
+    rows, unit = (
+        (_parquet_rows(path), "row")
+        if form == ".parquet"
+        else (_text_rows(path, SEPARATORS[form]), "line")
+    )
     _, first = next(rows)
     known = {name: name for name in (*required, *optional)} | dict(aliases or {})
     header = [known.get(name, known.get(name.strip().lower(), name)) for name in first]
@@ -221,7 +275,9 @@ def read_batches(
         places, values = zip(*batch, strict=True)
         frame = pd.DataFrame(values, pd.Index(places, name=unit), list(header), dtype=str)[names]
         if COUNT in frame:
-            number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
+            number = (
+                frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
+            )
             expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
             refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
             frame[COUNT] = number
@@ -231,7 +287,9 @@ def read_batches(
 
 
 def _is_triple(values: Sequence[str]) -> bool:
-    """Whether the first line of a table has three columns, and not a word of ``HEADER_WORDS`` in each."""
+    """Whether the first line of a table has three columns,
+    and not a word of ``HEADER_WORDS`` in each.
+    """
     words = [set(re.findall("[a-z0-9]+", value.lower())) for value in values]
     return len(values) == 3 and any(HEADER_WORDS.isdisjoint(each) for each in words)
 
@@ -243,9 +301,16 @@ def _text_rows(path: Path, separator: str) -> Iterator[tuple[int, Sequence[str]]
         lines = map(_decoded, iter(lambda: file.readline(BLOCK + 1), b""))
         first = next(lines, "")
         # A text with tabs has no quoting, unless each field of its first line is quoted.
-        is_quoted = separator != TAB or all(re.fullmatch('"[^"]*"', field) for field in first.strip().split(TAB))
+        is_quoted = separator != TAB or all(
+            re.fullmatch('"[^"]*"', field) for field in first.strip().split(TAB)
+        )
         quoting = csv.QUOTE_MINIMAL if is_quoted else csv.QUOTE_NONE
-        form = {"delimiter": separator, "skipinitialspace": True, "strict": True, "quoting": quoting}
+        form = {
+            "delimiter": separator,
+            "skipinitialspace": True,
+            "strict": True,
+            "quoting": quoting,
+        }
         rows = csv.reader(chain([first], lines), **form)  # type: ignore[arg-type]
         width = None
         for row in rows:
@@ -266,9 +331,13 @@ def _decoded(line: bytes) -> str:
 
 
 def _unquoted(field: str) -> str:
-    """The text of a field that pandas has quoted, since it contains a quote; other quotes are part of the text."""
+    """The text of a field that pandas has quoted, since it contains a quote;
+    other quotes are part of the text.
+    """
     inner = field[1:-1]
-    is_quoted = field[:1] == field[-1:] == '"' and '"' in inner and '"' not in inner.replace('""', "")
+    is_quoted = (
+        field[:1] == field[-1:] == '"' and '"' in inner and '"' not in inner.replace('""', "")
+    )
     return inner.replace('""', '"') if is_quoted else field
 
 
@@ -282,5 +351,7 @@ def _parquet_rows(path: Path) -> Iterator[tuple[int, Sequence[str]]]:
         file, rows = pq.ParquetFile(path), count(1)
         yield 0, file.schema_arrow.names
         for batch in file.iter_batches(BATCH):
-            columns = [column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns]
+            columns = [
+                column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns
+            ]
             yield from ((next(rows), values) for values in zip(*columns, strict=True))

@@ -1,6 +1,7 @@
 """Record scenes of the live simulator (``make record``) for the readers of AI2-THOR and RoboTHOR.
 
-Scenes are appended to a recording one by one. Each line is a separate gzip member: a killed run loses one at most.
+Scenes are appended to a recording one by one. Each line is a separate gzip member: a killed run
+loses one at most.
 """
 
 import gzip
@@ -40,10 +41,14 @@ _NEEDS = "it needs a graphics device and, except with CloudRendering, a display"
 
 
 class Recording:
-    """A recording on disk: a header, then the scenes; the header is written with the first scene."""
+    """A recording on disk: a header, then the scenes;
+    the header is written with the first scene.
+    """
 
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
-        """Read the recorded layouts' names, truncate an incomplete last line; InputError if the header differs."""
+        """Read the recorded layouts' names, truncate an incomplete last line;
+        InputError if the header differs.
+        """
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
         self.names: set[str] = set()  #: names of the recorded layouts
         if not path.exists():
@@ -62,8 +67,12 @@ class Recording:
                 os.truncate(path, whole)
 
     def append(self, layout: Layout, objects: Iterable[Reported]) -> None:
-        """Append a scene, with ``recordings.FIELDS`` of each object; InputError if it cannot be written."""
-        fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
+        """Append a scene, with ``recordings.FIELDS`` of each object;
+        InputError if it cannot be written.
+        """
+        fields = [
+            {key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects
+        ]
         scene = _member(layout.model_dump() | {"objects": fields})
         if not self.path.exists():
             whole = _member(self._header) + scene
@@ -89,13 +98,20 @@ def _member(record: Mapping[str, Any]) -> bytes:
 
 
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield (end in the file, content) of each complete gzip member, in bytes; InputError above ``MOST_BYTES``."""
+    """Yield (end in the file, content) of each complete gzip member, in bytes;
+    InputError above ``MOST_BYTES``.
+    """
     unpack, content, end, rest = zlib.decompressobj(_GZIP), b"", 0, b""
-    with reading(path, "a recording, compressed by gzip", lambda: f"byte {end:,}"), path.open("rb") as file:
+    with (
+        reading(path, "a recording, compressed by gzip", lambda: f"byte {end:,}"),
+        path.open("rb") as file,
+    ):
         while chunk := rest or file.read(_CHUNK):
             content += unpack.decompress(chunk, MOST_BYTES + 1 - len(content))
             if len(content) > MOST_BYTES:
-                raise InputError(path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes")
+                raise InputError(
+                    path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes"
+                )
             rest = unpack.unused_data
             end += len(chunk) - len(rest)
             if unpack.eof:
@@ -104,7 +120,9 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def header(settings: Recorder) -> dict[str, Any]:
-    """Build and package version of the simulator; a local build is named by its file and 16 digits of its SHA-256."""
+    """Build and package version of the simulator;
+    a local build is named by its file and 16 digits of its SHA-256.
+    """
     if program := settings.executable:
         with at(program):
             build = f"{program.name} {hashlib.sha256(program.read_bytes()).hexdigest()[:16]}"
@@ -117,16 +135,30 @@ class Simulator:
     """The simulator: the first call of ``objects`` starts a player, ``close`` ends it."""
 
     def __init__(self, settings: Recorder) -> None:
-        """Check that it can start; InputError if the build does not exist, or its display or driver is missing."""
+        """Check that it can start; InputError if the build does not exist,
+        or its display or driver is missing.
+        """
         self._settings, self._started = settings, Event()
         self._player: Player | None = None
         program, chosen = settings.executable, STR_PLATFORM_MAP.get(settings.platform)
-        request = Request(platform.system(), settings.width, settings.width, os.environ.get("DISPLAY"), headless=False)
+        request = Request(
+            platform.system(),
+            settings.width,
+            settings.width,
+            os.environ.get("DISPLAY"),
+            headless=False,
+        )
         problem = ""
         if program and (not os.access(program, os.X_OK) or program.is_dir()):
-            problem = f"expected one of {', '.join(recordings.PLATFORMS)}, or a program, got {str(program)!r}"
+            problem = (
+                f"expected one of {', '.join(recordings.PLATFORMS)}, or a program, "
+                f"got {str(program)!r}"
+            )
         elif not program and (missing := chosen.validate(request)):
-            problem = f"{settings.platform}: {' '.join(missing)} {chosen.dependency_instructions(request) or ''}"
+            problem = (
+                f"{settings.platform}: {' '.join(missing)} "
+                f"{chosen.dependency_instructions(request) or ''}"
+            )
         if problem:
             raise InputError(paths.PARAMS, "recorder.platform", problem)
         self._folder = tempfile.TemporaryDirectory()
@@ -137,7 +169,9 @@ class Simulator:
         self._folder.cleanup()
 
     def objects(self, layout: Layout) -> list[Reported]:
-        """Objects of a scene as the simulator reports them; InputError if it fails, or dies ``retries`` + 1 times."""
+        """Objects of a scene as the simulator reports them;
+        InputError if it fails, or dies ``retries`` + 1 times.
+        """
         settings = self._settings
         for _ in range(settings.retries + 1):
             try:
@@ -146,9 +180,13 @@ class Simulator:
                 self._end()
                 causes = _chain(error)
                 if not any(isinstance(cause, _DIED) for cause in causes):
-                    raise InputError(settings.platform, layout.name, self._problem(causes)) from error
+                    raise InputError(
+                        settings.platform, layout.name, self._problem(causes)
+                    ) from error
         times = f"the player died {settings.retries + 1} times (recorder.retries)"
-        raise InputError(settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set()))
+        raise InputError(
+            settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set())
+        )
 
     def _observed(self, layout: Layout) -> list[Reported]:
         with warnings.catch_warnings():
@@ -158,7 +196,9 @@ class Simulator:
             if got != layout.scene:
                 raise RuntimeError(f"it loaded the scene {got}")
             if layout.spawn is not None and self._player:
-                event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)
+                event = self._player.step(
+                    "InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True
+                )
         objects: list[Reported] = event.metadata["objects"]
         if not isinstance(objects, list) or not all(isinstance(thing, dict) for thing in objects):
             raise RuntimeError("it has no list of objects")
@@ -174,10 +214,16 @@ class Simulator:
             build = {"platform": STR_PLATFORM_MAP[settings.platform]}
             build |= {"commit_id": settings.build} if settings.build else {}
         self._player = Player(
-            Path(self._folder.name) if program else None, self._started, scene=plan, width=settings.width,
-            height=settings.width, server_class=WsgiServer, server_timeout=settings.seconds,
-            server_start_timeout=settings.start_seconds, **build,
-        )  # fmt: skip
+            Path(self._folder.name) if program else None,
+            self._started,
+            scene=plan,
+            width=settings.width,
+            height=settings.width,
+            server_class=WsgiServer,
+            server_timeout=settings.seconds,
+            server_start_timeout=settings.start_seconds,
+            **build,
+        )
         return self._player.last_event
 
     def _end(self) -> None:
@@ -189,11 +235,16 @@ class Simulator:
         settings = self._settings
         if any(isinstance(cause, TimeoutError) for cause in causes):
             limit = f"{settings.seconds:g} s (recorder.seconds)"
-            return f"no answer within {limit}, or {settings.start_seconds:g} s at the start (recorder.start_seconds)"
+            return (
+                f"no answer within {limit}, or {settings.start_seconds:g} s at the "
+                "start (recorder.start_seconds)"
+            )
         lines = filter(None, map(str.strip, str(causes[-1]).splitlines()))
         message = next(lines, "an error without a message")[:_LONGEST]
         return (
-            f"the simulator answers: {message}" if self._started.is_set() else f"cannot be started: {message}: {_NEEDS}"
+            f"the simulator answers: {message}"
+            if self._started.is_set()
+            else f"cannot be started: {message}: {_NEEDS}"
         )
 
 
@@ -204,10 +255,14 @@ def _chain(error: BaseException) -> list[BaseException]:
 
 
 class Player(Controller):  # type: ignore[misc]
-    """A running player (simulator process). If its start fails, it is killed; the controller cannot restart it."""
+    """A running player (simulator process). If its start fails, it is killed;
+    the controller cannot restart it.
+    """
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start the player; its first message sets ``started``; ``local`` is the folder of a local build's logs."""
+        """Start the player; its first message sets ``started``;
+        ``local`` is the folder of a local build's logs.
+        """
         self._local, self._started = local, started
         self._served: Any = None
         try:

@@ -1,4 +1,6 @@
-"""Observations of a home's rooms and their objects, as robots log them: ``{"rooms": [{"name", "objects": [...]}]}``."""
+"""Observations of a home's rooms and their objects, as robots log them:
+``{"rooms": [{"name", "objects": [...]}]}``.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -19,14 +21,24 @@ def _of(kind: Any, *keys: str, default: Any = ...) -> Any:
 
 #: One name or a list of names; null is none.
 _Names = Annotated[
-    list[Name], BeforeValidator(lambda given: given if isinstance(given, list) else [given][: given is not None])
+    list[Name],
+    BeforeValidator(
+        lambda given: given if isinstance(given, list) else [given][: given is not None]
+    ),
 ]
 #: An object: its class goes before its name, which may be that of an instance, such as ``mug_3``.
 _Object: Any = create_model(
-    "Object", id=(Name | int | None, None), name=_of(Name, "class", "type", "label", "name"),
-    **{f"{key}s": _of(_Names, key, f"{key}s", default=[]) for key in ("receptacle", "material", "affordance")},
-)  # fmt: skip
-_Named = Annotated[_Object, BeforeValidator(lambda given: {"name": given} if isinstance(given, str) else given)]
+    "Object",
+    id=(Name | int | None, None),
+    name=_of(Name, "class", "type", "label", "name"),
+    **{
+        f"{key}s": _of(_Names, key, f"{key}s", default=[])
+        for key in ("receptacle", "material", "affordance")
+    },
+)
+_Named = Annotated[
+    _Object, BeforeValidator(lambda given: {"name": given} if isinstance(given, str) else given)
+]
 _Room: Any = create_model("Room", name=_of(Name, "name", "type", "id"), objects=(list[_Named], ...))
 _Home: Any = create_model("Home", rooms=(list[_Room], ...))
 
@@ -37,23 +49,39 @@ def _is_home(value: Any) -> bool:
 
 @reader("rooms", Naming(household=True), path="path", reads_json=_is_home)
 def rooms(mining: Mining, path: str) -> Iterator[Observation]:
-    """Observations of the rooms of a home (JSON), or of each line (JSON Lines): its state at a time.
+    """Observations of the rooms of a home (JSON), or of each line (JSON Lines):
+    its state at a time.
 
-    An object is a name, or a mapping with ``class`` or ``name`` and perhaps ``id``, ``receptacle`` (a name, or the id
-    of an object), ``material`` and ``affordance`` (each a name or a list). What several states have counts once.
+    An object is a name, or a mapping with ``class`` or ``name`` and perhaps ``id``, ``receptacle``
+    (a name, or the id of an object), ``material`` and ``affordance`` (each a name or a list). What
+    several states have counts once.
     """
     lines = json_lines(Path(path), None, MOST, "a home's rooms")
-    homes = (parse_json(_Home, content, path, f"line {number}" * (number > 1)) for number, content in lines)
+    homes = (
+        parse_json(_Home, content, path, f"line {number}" * (number > 1))
+        for number, content in lines
+    )
     return once((_observations(Path(path).stem, home) for home in homes), mining.counts)
 
 
 def _observations(scene: str, home: Any) -> Iterator[Observation]:
-    name_of = {str(thing.id): thing.name for room in home.rooms for thing in room.objects if thing.id is not None}
+    name_of = {
+        str(thing.id): thing.name
+        for room in home.rooms
+        for thing in room.objects
+        if thing.id is not None
+    }
     for room in home.rooms:
         numbers = Counter[str]()
         for thing in room.objects:
             numbers[thing.name] += 1
-            instance = f"{room.name}, {thing.name} {numbers[thing.name]}" if thing.id is None else str(thing.id)
+            instance = (
+                f"{room.name}, {thing.name} {numbers[thing.name]}"
+                if thing.id is None
+                else str(thing.id)
+            )
             receptacles = [words(name_of.get(name, name)) for name in thing.receptacles]
             others = [*map(words, thing.materials)], [*map(words, thing.affordances)]
-            yield from observed(scene, words(room.name), instance, words(thing.name), receptacles, *others)
+            yield from observed(
+                scene, words(room.name), instance, words(thing.name), receptacles, *others
+            )

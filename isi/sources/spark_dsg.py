@@ -1,4 +1,6 @@
-"""Observations of scene graphs in Spark-DSG's JSON, such as Hydra's: the labelled rooms and places of objects."""
+"""Observations of scene graphs in Spark-DSG's JSON, such as Hydra's:
+the labelled rooms and places of objects.
+"""
 
 import re
 from collections.abc import Iterator
@@ -13,44 +15,64 @@ from isi.sources import Mining, Observation, observed, reader
 from isi.sources.names import Name, household, phrase
 from isi.sources.readers import check_settings, read_json
 
-#: Names of nodes that are no labels: those that Hydra gives, such as ``O(12)``. ``UNKNOWN`` is no label anywhere.
+#: Names of nodes that are no labels: those that Hydra gives, such as ``O(12)``. ``UNKNOWN`` is no
+#: label anywhere.
 NO_LABEL = re.compile(r"[A-Za-z]\(?[0-9]+\)?")
 UNKNOWN = re.compile(r"unknown|\s*", re.IGNORECASE)
 UNLABELLED, ROOMLESS = "objects dropped without a label", "objects without a labelled room"
-LAYERS = {"OBJECTS": "_l2p0", "ROOMS": "_l4p0"}  #: Layer and partition by name, in files that do not list them.
+#: Layer and partition by name, in files that do not list them.
+LAYERS = {"OBJECTS": "_l2p0", "ROOMS": "_l4p0"}
 
 
 def _layer(value: Any) -> str:
-    """The key of a layer in ``labelspaces``, from its number (in old files) or its number and partition."""
+    """The key of a layer in ``labelspaces``, from its number (in old files) or
+    its number and partition.
+    """
     parts = value if isinstance(value, dict) else {"layer": value}
     return f"_l{parts.get('layer')}p{parts.get('partition', 0)}"
 
 
-_Attributes: Any = create_model("Attributes", type=(str, ""), name=(str, ""), semantic_label=(int, -1))
-_Node: Any = create_model("Node", id=(int, ...), layer=(int, ...), partition=(int, 0), attributes=(_Attributes, ...))
+_Attributes: Any = create_model(
+    "Attributes", type=(str, ""), name=(str, ""), semantic_label=(int, -1)
+)
+_Node: Any = create_model(
+    "Node", id=(int, ...), layer=(int, ...), partition=(int, 0), attributes=(_Attributes, ...)
+)
 _Edge: Any = create_model("Edge", source=(int, ...), target=(int, ...))
 _Metadata: Any = create_model("Metadata", labelspaces=(dict[str, list[tuple[int, str]]], {}))
 _SceneGraph: Any = create_model(
-    "SceneGraph", nodes=(list[_Node], ...), edges=(list[_Edge], ...), metadata=(_Metadata | None, None),
+    "SceneGraph",
+    nodes=(list[_Node], ...),
+    edges=(list[_Edge], ...),
+    metadata=(_Metadata | None, None),
     layer_names=(dict[str, Annotated[str, BeforeValidator(_layer)]], {}),
-)  # fmt: skip
+)
 
 
 def _is_scene_graph(value: Any) -> bool:
     """Whether JSON has nodes with layers, unlike networkx's and VirtualHome's graphs."""
     nodes = value.get("nodes") if isinstance(value, dict) else None
-    return isinstance(nodes, list) and bool(nodes) and isinstance(nodes[0], dict) and "layer" in nodes[0]
+    return (
+        isinstance(nodes, list)
+        and bool(nodes)
+        and isinstance(nodes[0], dict)
+        and "layer" in nodes[0]
+    )
 
 
 @reader("spark_dsg", household, path="path", reads_json=_is_scene_graph)
 def spark_dsg(
-    mining: Mining, path: str, labels: dict[int, Name] | None = None, rooms: dict[str, Name] | None = None,
+    mining: Mining,
+    path: str,
+    labels: dict[int, Name] | None = None,
+    rooms: dict[str, Name] | None = None,
     room: Name | None = None,
-) -> Iterator[Observation]:  # fmt: skip
+) -> Iterator[Observation]:
     """Observations of a scene graph: each object is in the labelled room and places above it.
 
-    A label is that of the file's labelspace, else the node's name unless it is like ``O(12)``. ``labels``: labels of
-    objects by number; ``rooms``: labels of rooms by name of the node; ``room``: the room of objects without another.
+    A label is that of the file's labelspace, else the node's name unless it is like ``O(12)``.
+    ``labels``: labels of objects by number; ``rooms``: labels of rooms by name of the node;
+    ``room``: the room of objects without another.
     """
     import networkx as nx  # imported here: few calls need it
 
@@ -62,7 +84,9 @@ def spark_dsg(
     above.add_nodes_from(nodes)
     for number, edge in enumerate(graph.edges):
         if not {edge.source, edge.target} <= nodes.keys():
-            raise InputError(path, f"edges.{number}", "expected the ids of two nodes as source and target")
+            raise InputError(
+                path, f"edges.{number}", "expected the ids of two nodes as source and target"
+            )
         low, high = sorted((edge.source, edge.target), key=lambda end: nodes[end].layer)
         if nodes[low].layer < nodes[high].layer:
             above.add_edge(low, high)
@@ -93,4 +117,8 @@ def spark_dsg(
             located += 1
             yield from observed(Path(path).stem, place, str(node.id), head, places)
     if not located:
-        raise InputError(path, "", "expected objects with a label in rooms with one; settings: labels, rooms, room")
+        raise InputError(
+            path,
+            "",
+            "expected objects with a label in rooms with one; settings: labels, rooms, room",
+        )

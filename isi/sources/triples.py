@@ -1,4 +1,6 @@
-"""Observations from triples: a user's tables, OpenKE's files of ids, and the three shipped graphs."""
+"""Observations from triples: a user's tables, OpenKE's files of ids,
+and the three shipped graphs.
+"""
 
 import re
 from collections import Counter
@@ -13,38 +15,67 @@ from isi.config import EachOnce
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import ENTITY, KindsByRelation, Naming
-from isi.sources.readers import COUNT, SEPARATORS, check_names, read_batches, read_table, read_text, refuse
+from isi.sources.readers import (
+    COUNT,
+    SEPARATORS,
+    check_names,
+    read_batches,
+    read_table,
+    read_text,
+    refuse,
+)
 from isi.tables import paths
 
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
-TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"  #: Files of a folder of triples (``isi graph --out``).
+#: Files of a folder of triples (``isi graph --out``).
+TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"
 EDGES_FILE, NODES_FILE = "edges.csv", "nodes.csv"  #: Files of a folder for Neo4j (``isi export``).
 FOLDERS = ((TRIPLES_FILE, ENTITIES_FILE), (EDGES_FILE, NODES_FILE))
 #: Columns by their header in files of Neo4j's importer.
 OF_NEO4J = {
-    ":ID": "entity", "phrase": "phrase", ":LABEL": "kind", ":START_ID": "head", ":END_ID": "tail", ":TYPE": "relation",
-    "count:int": "count", "score:float": "score", "rank:int": "rank",
-}  # fmt: skip
+    ":ID": "entity",
+    "phrase": "phrase",
+    ":LABEL": "kind",
+    ":START_ID": "head",
+    ":END_ID": "tail",
+    ":TYPE": "relation",
+    "count:int": "count",
+    "score:float": "score",
+    "rank:int": "rank",
+}
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: The kind of an entity by the suffix of its name, after the last dot.
-KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
+KINDS_BY_SUFFIX = {
+    "o": "object",
+    "l": "location",
+    "r": "room",
+    "a": "action",
+    "s": "state",
+    "m": "material",
+}
 SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
 
 
-@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE, EDGES_FILE))
+@reader(
+    "table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE, EDGES_FILE)
+)
 def table(
-    mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
+    mining: Mining,
+    path: str,
+    entities: str | None = None,
+    kinds: KindsByRelation | None = None,
     household: bool = False,
-) -> Iterator[Observation]:  # fmt: skip
+) -> Iterator[Observation]:
     """Observations of a table (``.csv``, ``.tsv``, ``.txt``, ``.parquet``).
 
-    Its columns are ``TRIPLE``, and optionally ``count`` and ``PLACES``; three columns without a header are ``TRIPLE``.
-    ``path`` may be a folder with such a table, ``triples.csv``, and perhaps ``entities.csv``, the table ``entities``,
-    or with Neo4j's ``edges.csv`` and ``nodes.csv``.
-    ``entities``: path of a table with the column ``entity`` and optionally ``kind`` and ``phrase``. ``kinds``: kinds of
-    each relation's heads and tails, for entities without a kind in that table. ``household``: relations and kinds are
-    ``HOUSEHOLD``; the names in the column ``room`` are rooms.
+    Its columns are ``TRIPLE``, and optionally ``count`` and ``PLACES``; three columns without a
+    header are ``TRIPLE``. ``path`` may be a folder with such a table, ``triples.csv``, and perhaps
+    ``entities.csv``, the table ``entities``, or with Neo4j's ``edges.csv`` and ``nodes.csv``.
+    ``entities``: path of a table with the column ``entity`` and optionally ``kind`` and ``phrase``.
+    ``kinds``: kinds of each relation's heads and tails, for entities without a kind in that table.
+    ``household``: relations and kinds are ``HOUSEHOLD``; the names in the column ``room`` are
+    rooms.
     """
     file = Path(path)
     if file.is_dir():
@@ -55,7 +86,9 @@ def table(
         file, listed = (file / name for name in (present or FOLDERS)[0])
         entities = entities or (str(listed) if listed.exists() else None)
     mining.name_entities = naming(entities, kinds, household, mining.counts)
-    for batch in read_batches(file, TRIPLE, [COUNT, *PLACES], aliases=OF_NEO4J, headerless=mining.counts):
+    for batch in read_batches(
+        file, TRIPLE, [COUNT, *PLACES], aliases=OF_NEO4J, headerless=mining.counts
+    ):
         rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
         check_names(rows[[*TRIPLE, *PLACES]], file, PLACES)
         places = ([place or None for place in rows[name]] for name in PLACES)
@@ -63,18 +96,26 @@ def table(
 
 
 def naming(
-    entities: str | None, kinds: KindsByRelation | None, household: bool, counts: Counter[str] | None = None
+    entities: str | None,
+    kinds: KindsByRelation | None,
+    household: bool,
+    counts: Counter[str] | None = None,
 ) -> Naming:
-    """``Naming`` by a table of entities (path), by relations, or both; InputError for ``kinds`` with ``household``.
+    """``Naming`` by a table of entities (path), by relations, or both;
+    InputError for ``kinds`` with ``household``.
 
     ``counts``: where entities of the table that no triple has are counted.
     """
     if kinds and household:
-        raise InputError("kinds", "", "expected no kinds together with household, which has its own")
+        raise InputError(
+            "kinds", "", "expected no kinds together with household, which has its own"
+        )
     named = Naming(kinds, household, strict=bool(kinds) or household)
     if entities:
         columns, optional = ["entity"], ["kind", "phrase"]
-        listed = read_table(Path(entities), columns, columns, optional=optional, aliases=OF_NEO4J).set_index("entity")
+        listed = read_table(
+            Path(entities), columns, columns, optional=optional, aliases=OF_NEO4J
+        ).set_index("entity")
         for column, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if column in listed:
                 given.update(listed.loc[listed[column] != "", column])
@@ -86,21 +127,34 @@ def naming(
 
 @reader("published", Naming())
 def published(mining: Mining) -> Iterator[Observation]:
-    """Observations of the paper's graph, one row per triple; a shipped table has kinds and phrases of entities."""
+    """Observations of the paper's graph, one row per triple;
+    a shipped table has kinds and phrases of entities.
+    """
     described = published_phrases().set_index("synset")
     of_entity = described.set_index("entity")
-    mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
+    mining.name_entities = Naming(
+        kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"])
+    )
     path = paths.PUBLISHED_TRIPLES
     listed = read_table(path, [*TRIPLE, COUNT], TRIPLE)
     for slot in ("head", "tail"):
-        refuse(path, listed[slot], ~listed[slot].isin(described.index), "expected a synset with an entity")
+        refuse(
+            path,
+            listed[slot],
+            ~listed[slot].isin(described.index),
+            "expected a synset with an entity",
+        )
         listed[slot] = listed[slot].map(described["entity"])
     yield from ((None, None, None, *row) for row in listed.itertuples(index=False, name=None))
 
 
 def published_phrases() -> pd.DataFrame:
-    """Name, phrase and kind of each synset of the paper's graph: columns synset, entity, phrase, kind."""
-    return read_table(paths.PUBLISHED_PHRASES, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"])
+    """Name, phrase and kind of each synset of the paper's graph:
+    columns synset, entity, phrase, kind.
+    """
+    return read_table(
+        paths.PUBLISHED_PHRASES, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"]
+    )
 
 
 @reader("triples_with_ids", Naming(), path="from_", suffixes=(ENTITIES,))
@@ -109,64 +163,101 @@ def triples_with_ids(
 ) -> Iterator[Observation]:
     """Observations from OpenKE's files of ids; the count of a triple is its number of lines.
 
-    ``from_`` is a shipped graph (``virtualhome``, ``thor_u``) or a folder with the files ``entity2id.txt`` and
-    ``relation2id.txt``; ``triples`` names the files of triples in the folder (None: ``gt2id.txt``). A suffix in
-    ``KINDS_BY_SUFFIX`` gives an entity's kind; the rest of the name is its phrase, unless a shipped list has another.
+    ``from_`` is a shipped graph (``virtualhome``, ``thor_u``) or a folder with the files
+    ``entity2id.txt`` and ``relation2id.txt``; ``triples`` names the files of triples in the folder
+    (None: ``gt2id.txt``). A suffix in ``KINDS_BY_SUFFIX`` gives an entity's kind; the rest of the
+    name is its phrase, unless a shipped list has another.
     """
     if from_ in SHIPPED:
         shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, COUNT], TRIPLE)
-        counts = {(head, rel, tail): count for head, rel, tail, count in shipped.itertuples(index=False, name=None)}
-        listed = list(shipped_names()[["name", "entity", "phrase"]].itertuples(index=False, name=None))
+        counts = {
+            (head, rel, tail): count
+            for head, rel, tail, count in shipped.itertuples(index=False, name=None)
+        }
+        listed = list(
+            shipped_names()[["name", "entity", "phrase"]].itertuples(index=False, name=None)
+        )
     else:
         counts, listed = read_ids(Path(from_), triples or [ALL]), []
     entity_of = {name: entity for name, entity, _ in listed}
     mining.name_entities = named = Naming()
-    unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))  # their suffixes stay
+    # their suffixes stay
+    unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))
     for name, entity, phrase in (*listed, *unlisted):
         stem, _, suffix = name.rpartition(".")
         kind = KINDS_BY_SUFFIX.get(suffix) if stem else None
         named.kind_of.setdefault(entity, kind or ENTITY)
         named.phrase_of.setdefault(entity, phrase or (stem if kind else name).replace("_", " "))
     for (head, relation, tail), count in sorted(counts.items()):
-        yield None, None, None, entity_of.get(head, head), relation, entity_of.get(tail, tail), count
+        yield (
+            None,
+            None,
+            None,
+            entity_of.get(head, head),
+            relation,
+            entity_of.get(tail, tail),
+            count,
+        )
 
 
 @cache
 def shipped_names() -> pd.DataFrame:
-    """Entities of the shipped graphs ``SHIPPED``: columns name (in ``triples.csv``), entity and phrase."""
-    listed = [read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"]) for name in SHIPPED]
+    """Entities of the shipped graphs ``SHIPPED``:
+    columns name (in ``triples.csv``), entity and phrase.
+    """
+    listed = [
+        read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"])
+        for name in SHIPPED
+    ]
     return pd.concat(listed).drop_duplicates()
 
 
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
-    """Number of lines of each triple (by names) in files of ids, whose columns are head, tail, relation."""
+    """Number of lines of each triple (by names) in files of ids, whose columns are head,
+    tail, relation.
+    """
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     most = {"head": len(names), "tail": len(names), "relation": len(relations)}
     counts: Counter[Triple] = Counter()
     for path in (folder / file for file in files):
-        lines, table = _read_lines(path, r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", most, "three ids")
+        lines, table = _read_lines(
+            path, r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", most, "three ids"
+        )
         ids = table.astype(int)
         expected = f"expected ids of {len(names)} entities and {len(relations)} relations"
         refuse(path, lines, (ids >= pd.Series(most)).any(axis=1), expected)
-        counts.update((names[head], relations[relation], names[tail]) for _, head, tail, relation in ids.itertuples())
+        counts.update(
+            (names[head], relations[relation], names[tail])
+            for _, head, tail, relation in ids.itertuples()
+        )
     if not counts:
         raise InputError(folder, ", ".join(files), "expected triples, got none")
     return counts
 
 
 def read_id_names(path: Path) -> list[str]:
-    """Names in order of id, from lines of name, tab and id; InputError unless the ids are 0, 1, ..., each once."""
-    lines, table = _read_lines(path, r"(.+)\t([0-9]{1,9})\s*", ["name", "id"], "a name, a tab and an id")
+    """Names in order of id, from lines of name, tab and id;
+    InputError unless the ids are 0, 1, ..., each once.
+    """
+    lines, table = _read_lines(
+        path, r"(.+)\t([0-9]{1,9})\s*", ["name", "id"], "a name, a tab and an id"
+    )
     names, ids = table["name"], table["id"].astype(int)
     check_names(table[["name"]], path)
-    refuse(path, lines, names.duplicated() | ids.duplicated(), "expected each name and each id once")
+    refuse(
+        path, lines, names.duplicated() | ids.duplicated(), "expected each name and each id once"
+    )
     if set(ids) != set(range(len(ids))):
         raise InputError(path, "", f"expected each id from 0 to {len(ids) - 1}")
     return names.loc[ids.sort_values().index].tolist()
 
 
-def _read_lines(path: Path, pattern: str, columns: Iterable[str], content: str) -> tuple[pd.Series, pd.DataFrame]:
-    """Lines after the first, which must be their number, and a table of the groups that a pattern matches in them."""
+def _read_lines(
+    path: Path, pattern: str, columns: Iterable[str], content: str
+) -> tuple[pd.Series, pd.DataFrame]:
+    """Lines after the first, which must be their number,
+    and a table of the groups that a pattern matches in them.
+    """
     first, *rest = read_text(path, "a text file of ids").split("\n")
     filled = {number: line for number, line in enumerate(rest, 2) if line.strip()}
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):

@@ -1,4 +1,6 @@
-"""Observations of VirtualHome's environment graphs: where objects are, and what their properties afford."""
+"""Observations of VirtualHome's environment graphs:
+where objects are, and what their properties afford.
+"""
 
 from __future__ import annotations
 
@@ -74,15 +76,21 @@ class EnvironmentGraph(BaseModel):
 
 def _is_environment(value: Any) -> bool:
     nodes = value.get("nodes") if isinstance(value, dict) else None
-    return isinstance(nodes, list) and bool(nodes) and isinstance(nodes[0], dict) and "class_name" in nodes[0]
+    return (
+        isinstance(nodes, list)
+        and bool(nodes)
+        and isinstance(nodes[0], dict)
+        and "class_name" in nodes[0]
+    )
 
 
 @reader("virtualhome_graph", household, path="path", reads_json=_is_environment)
 def virtualhome_graph(mining: Mining, path: str) -> Iterator[Observation]:
-    """Observations of an environment graph (JSON), or of each line (JSON Lines): the home's state at a time.
+    """Observations of an environment graph (JSON), or of each line (JSON Lines):
+    the home's state at a time.
 
-    An object is at the nodes that it is ``INSIDE`` or ``ON``, and in the room in which these are, directly or through
-    others. What several states have counts once.
+    An object is at the nodes that it is ``INSIDE`` or ``ON``, and in the room in which these are,
+    directly or through others. What several states have counts once.
     """
     file = Path(path)
     events = (
@@ -92,7 +100,9 @@ def virtualhome_graph(mining: Mining, path: str) -> Iterator[Observation]:
     return once(events, mining.counts)
 
 
-def _observations(counts: Counter[str], path: Path, place: str, content: bytes) -> Iterator[Observation]:
+def _observations(
+    counts: Counter[str], path: Path, place: str, content: bytes
+) -> Iterator[Observation]:
     graph = parse_json(EnvironmentGraph, content, path, place)
     nodes: dict[int, Node] = {}
     for number, node in enumerate(graph.nodes):
@@ -106,7 +116,9 @@ def _observations(counts: Counter[str], path: Path, place: str, content: bytes) 
             continue
         if not {edge.from_id, edge.to_id} <= nodes.keys():
             with at(path, place):
-                raise InputError("", f"edges.{number}", "expected the ids of two nodes as from_id and to_id")
+                raise InputError(
+                    "", f"edges.{number}", "expected the ids of two nodes as from_id and to_id"
+                )
         places.setdefault(edge.from_id, []).append(edge.to_id)
     for node in graph.nodes:
         if node.category == "Rooms":
@@ -115,19 +127,27 @@ def _observations(counts: Counter[str], path: Path, place: str, content: bytes) 
             counts[CHARACTERS if node.category == "Characters" else PARTS] += 1
             continue
         room = _room_of(node.id, nodes, places)
-        receptacles = {phrase(nodes[end].class_name) for end in places.get(node.id, ()) if _is_receptacle(nodes[end])}
+        receptacles = {
+            phrase(nodes[end].class_name)
+            for end in places.get(node.id, ())
+            if _is_receptacle(nodes[end])
+        }
         actions = [action for name in node.properties for action in AFFORDANCES.get(name, ())]
         counts.update(UNUSED for name in node.properties if name not in AFFORDANCES)
         counts.update([ROOMLESS] * (room is None))
         head = phrase(node.class_name)
-        yield from observed(path.stem, room, str(node.id), head, sorted(receptacles), affordances=actions)
+        yield from observed(
+            path.stem, room, str(node.id), head, sorted(receptacles), affordances=actions
+        )
 
 
 def _is_receptacle(node: Node) -> bool:
     return node.category not in ("Rooms", "Characters") and node.class_name not in STRUCTURE
 
 
-def _room_of(node: int, nodes: Mapping[int, Node], places: Mapping[int, Sequence[int]]) -> str | None:
+def _room_of(
+    node: int, nodes: Mapping[int, Node], places: Mapping[int, Sequence[int]]
+) -> str | None:
     """The nearest room that a node is in, through what it is inside or on; None without one."""
     seen, waiting = {node}, [node]
     while waiting:

@@ -1,1 +1,3 @@
-"""The tables and tensors of the pipeline: paths, columns, rules, checked reads and atomic writes."""
+"""The tables and tensors of the pipeline: paths, columns, rules,
+checked reads and atomic writes.
+"""

@@ -1,4 +1,6 @@
-"""Safetensors files of the pipeline, each checked when read; files of any form are written completely or not at all."""
+"""Safetensors files of the pipeline, each checked when read;
+files of any form are written completely or not at all.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,13 @@ def opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
 
 
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
-    """Read named tensors (None: all) of a safetensors file; ``InputError`` where one is missing or not finite."""
+    """Read named tensors (None: all) of a safetensors file;
+    ``InputError`` where one is missing or not finite.
+    """
     with _opened(path) as file:
-        tensors = {name: file.get_tensor(_tensor_of(path, file, name)) for name in names or file.keys()}
+        tensors = {
+            name: file.get_tensor(_tensor_of(path, file, name)) for name in names or file.keys()
+        }
     _check_finite(path, tensors)
     return tensors
 
@@ -56,11 +62,15 @@ def shape_of(path: Path, name: str) -> tuple[int, ...]:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None:
-    """Write a safetensors file, atomically; metadata: ``stage``. InputError for NaN, infinity or a failed write."""
+    """Write a safetensors file, atomically; metadata: ``stage``.
+    InputError for NaN, infinity or a failed write.
+    """
     from safetensors.torch import save
 
     _check_finite(path, tensors)
-    content = save({name: tensor.contiguous() for name, tensor in tensors.items()}, metadata={STAGE: stage})
+    content = save(
+        {name: tensor.contiguous() for name, tensor in tensors.items()}, metadata={STAGE: stage}
+    )
     atomically(path, lambda temporary: temporary.write_bytes(content))
 
 
@@ -68,7 +78,10 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None
 def _opened(path: Path) -> Iterator[Any]:
     from safetensors import SafetensorError, safe_open  # imported here: it loads torch
 
-    with opening(path, "a safetensors file", SafetensorError), safe_open(path, framework="pt") as file:
+    with (
+        opening(path, "a safetensors file", SafetensorError),
+        safe_open(path, framework="pt") as file,
+    ):
         yield file
 
 
@@ -83,14 +96,18 @@ def _check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
         try:
             finite = np.isfinite(tensor.numpy())
         except TypeError as error:
-            raise InputError(path, f"tensor {name!r}", f"expected a type that NumPy has, got {tensor.dtype}") from error
+            raise InputError(
+                path, f"tensor {name!r}", f"expected a type that NumPy has, got {tensor.dtype}"
+            ) from error
         if not finite.all():
             place = np.argwhere(~finite)[0].tolist()
             raise InputError(path, f"tensor {name!r}, {place}", "expected finite numbers")
 
 
 def check_sha256(path: Path, expected: str | None) -> None:
-    """InputError unless the SHA-256 of a file is ``expected`` (64 hexadecimal digits; None: no check)."""
+    """InputError unless the SHA-256 of a file is ``expected``
+    (64 hexadecimal digits; None: no check).
+    """
     if expected is not None:
         with at(path), path.open("rb") as file:
             got = hashlib.file_digest(file, "sha256").hexdigest()
@@ -99,19 +116,24 @@ def check_sha256(path: Path, expected: str | None) -> None:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Call ``write_to`` with a temporary path, then rename that file to ``path``; InputError if writing fails."""
+    """Call ``write_to`` with a temporary path, then rename that file to ``path``;
+    InputError if writing fails.
+    """
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        for stale in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):  # of a stage that was killed
+        # of a stage that was killed
+        for stale in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
             if not is_running(stale.name.split(".")[-2]):
                 stale.unlink()
         write_to(temporary)
         temporary.replace(path)
     except OSError as error:
-        if error.errno is None or (error.filename and Path(error.filename).name not in {temporary.name, *path.parts}):
+        if error.errno is None or (
+            error.filename and Path(error.filename).name not in {temporary.name, *path.parts}
+        ):
             raise  # raised by reading a source of the content
         raise unwritable(path, error) from error
     finally:

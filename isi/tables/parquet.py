@@ -1,4 +1,6 @@
-"""Parquet files of the pipeline: each is checked when read, and written completely or not at all."""
+"""Parquet files of the pipeline: each is checked when read,
+and written completely or not at all.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def table_of(frame: pd.DataFrame, schema: pa.Schema) -> pa.Table:
 
 
 def read(path: Path, schema: pa.Schema) -> pa.Table:
-    """Read the columns of a schema, dictionary-encoded or not; ``InputError`` if one is missing or of another type."""
+    """Read the columns of a schema, dictionary-encoded or not;
+    ``InputError`` if one is missing or of another type.
+    """
     with opening(path, "a Parquet table", pa.ArrowException):
         table = pq.ParquetFile(path).read()
     for expected in schema:
@@ -42,7 +46,9 @@ def read(path: Path, schema: pa.Schema) -> pa.Table:
             raise InputError(path, f"column {expected.name!r}", "missing")
         got = table.schema.field(place).type
         if _plain(got) != _plain(expected.type):
-            raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
+            raise InputError(
+                path, f"column {expected.name!r}", f"expected {expected.type}, got {got}"
+            )
     return table.select(schema.names)
 
 
@@ -53,12 +59,18 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 
 
 def write(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stage: str) -> None:
-    """Write each part as a row group, atomically; metadata: ``stage``. Equal arguments give equal bytes."""
+    """Write each part as a row group, atomically; metadata: ``stage``.
+    Equal arguments give equal bytes.
+    """
 
     def write_parts(temporary: Path) -> None:
-        with pq.ParquetWriter(temporary, schema.with_metadata({STAGE: stage}), compression="zstd") as writer:
+        with pq.ParquetWriter(
+            temporary, schema.with_metadata({STAGE: stage}), compression="zstd"
+        ) as writer:
             for part in parts:
-                columns = [_in_order_of_rows(part.column(field.name), field.type) for field in schema]
+                columns = [
+                    _in_order_of_rows(part.column(field.name), field.type) for field in schema
+                ]
                 writer.write_table(pa.Table.from_arrays(columns, schema=schema))
 
     atomically(path, write_parts)

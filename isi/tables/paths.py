@@ -1,4 +1,6 @@
-"""Paths of params, pipelines and shipped data, relative to the folder of ``dvc.yaml``; tables declare their own."""
+"""Paths of params, pipelines and shipped data, relative to the folder of ``dvc.yaml``;
+tables declare their own.
+"""
 
 from pathlib import Path
 
@@ -26,5 +28,7 @@ def shipped_vectors(text: str) -> Path:
 
 
 def final_model(experiment: str) -> Path:
-    """The folder of an experiment's final model, which is trained on its whole graph; ``isi insert`` opens it."""
+    """The folder of an experiment's final model, which is trained on its whole graph;
+    ``isi insert`` opens it.
+    """
     return FINAL_MODELS / experiment

@@ -1,4 +1,6 @@
-"""Tables and tensor files of the pipeline: each is declared once, in the module of the feature that writes it."""
+"""Tables and tensor files of the pipeline:
+each is declared once, in the module of the feature that writes it.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def declared() -> list[DataFile]:
 
 @dataclass(frozen=True, eq=False)
 class DataFile:
-    """Files with one template of their path, such as ``data/runs/{experiment}/{model}.parquet``; names complete it."""
+    """Files with one template of their path, such as ``data/runs/{experiment}/{model}.parquet``;
+    names complete it.
+    """
 
     template: str
 
@@ -56,13 +60,15 @@ class Table(DataFile):
     """A Parquet table: its path, its columns in order, and the rules for its rows."""
 
     columns: Mapping[str, ColumnType]
-    key: Sequence[str] = ()  #: no two rows agree in these columns; rows ascend in them if ``ordered``
+    #: no two rows agree in these columns; rows ascend in them if ``ordered``
+    key: Sequence[str] = ()
     ordered: bool = False
     checks: Sequence[Rule] = ()  #: in addition to the rules of columns and key
 
     @cached_property
     def schema(self) -> pa.Schema:
-        from isi.tables.parquet import schema_of  # here, since it loads pyarrow, which few commands need
+        # here, since it loads pyarrow, which few commands need
+        from isi.tables.parquet import schema_of
 
         return schema_of(self.columns)
 
@@ -72,14 +78,18 @@ class Table(DataFile):
         return [name for name, column in self.columns.items() if column.is_entity]
 
     def check(self, frame: pd.DataFrame, path: Path) -> None:
-        """Check all rules; InputError names the first row (from 0) that breaks one, and the rule."""
+        """Check all rules; InputError names the first row (from 0) that breaks one,
+        and the rule.
+        """
         of_columns = [rule for name, column in self.columns.items() for rule in column.rules(name)]
         of_key = [(ascending if self.ordered else unique)(*self.key)] if self.key else []
         for rule in (*of_columns, *self.checks, *of_key):
             refuse(path, frame, rule.broken(frame), rule.columns, rule.expected)
 
     def read(self, **names: str | int) -> pd.DataFrame:
-        """Read the table at ``path(**names)``, dictionary-encoded text as categories; InputError for a broken rule."""
+        """Read the table at ``path(**names)``, dictionary-encoded text as categories;
+        InputError for a broken rule.
+        """
         return self.read_file(self.path(**names))
 
     def read_text(self, **names: str | int) -> pd.DataFrame:
@@ -94,7 +104,9 @@ class Table(DataFile):
         return frame
 
     def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
-        """Check and write the table's columns of a frame, sorted by key if ``ordered``; metadata: ``stage``."""
+        """Check and write the table's columns of a frame, sorted by key if ``ordered``;
+        metadata: ``stage``.
+        """
         self.write_file(self.path(**names), frame, stage)
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
@@ -103,7 +115,9 @@ class Table(DataFile):
         self.write_parts(path, [frame], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pd.DataFrame], stage: str) -> int:
-        """Check each part by itself, and write it as a row group; return the number of rows of all parts."""
+        """Check each part by itself, and write it as a row group;
+        return the number of rows of all parts.
+        """
         from isi.tables import parquet
 
         rows = 0
@@ -136,7 +150,9 @@ class TensorFile(DataFile):
         return io.read_tensors(path)
 
     def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
-        """Write the file whose path ``names`` complete, atomically; ``InputError`` where a number is not finite."""
+        """Write the file whose path ``names`` complete, atomically;
+        ``InputError`` where a number is not finite.
+        """
         io.write_tensors(self.path(**names), tensors, stage)
 
 
@@ -146,9 +162,15 @@ def as_text(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def concat(parts: Iterable[pd.DataFrame], *tables: Table) -> pd.DataFrame:
-    """Concatenate ``parts``; without parts, return an empty frame with the columns of ``tables``."""
+    """Concatenate ``parts``; without parts, return an empty frame with
+    the columns of ``tables``.
+    """
     import pandas as pd
 
     frames = list(parts)
     names = dict.fromkeys(name for table in tables for name in table.columns)
-    return pd.concat(frames) if frames else pd.DataFrame({name: pd.Series(dtype=object) for name in names})
+    return (
+        pd.concat(frames)
+        if frames
+        else pd.DataFrame({name: pd.Series(dtype=object) for name in names})
+    )

@@ -1,7 +1,8 @@
 """Training data of a stack of embeddings: batches of observations, and their negatives.
 
-On a small graph a batch is two dense tables of counts over all triples, of positives and of negatives, and its gradient
-takes a few matrix products. On a large graph a batch is a list of triples, and its cost grows with its length.
+On a small graph a batch is two dense tables of counts over all triples, of positives and of
+negatives, and its gradient takes a few matrix products. On a large graph a batch is a list of
+triples, and its cost grows with its length.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from isi.graph.sessions import TRAIN, Session, membership
 from isi.models.scoring import TripleList
 from isi.random import stream
 
-#: Batches are dense up to this number of possible triples, R · E²: about there both forms are equally fast for one
-#: embedding. The tables of a stack then take at most a gigabyte.
+#: Batches are dense up to this number of possible triples, R · E²: about there both forms are
+#: equally fast for one embedding. The tables of a stack then take at most a gigabyte.
 DENSE_LIMIT = 2**23
 
 
@@ -38,13 +39,17 @@ class TrainingData:
     """The training observations of a stack of sessions, and the pools of negatives."""
 
     session: Session
-    counts: Tensor  #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T), int64
+    #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T),
+    #: int64
+    counts: Tensor
     tail_pool: Tensor  #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
-    head_pool: Tensor  #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
+    #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
+    head_pool: Tensor
     head_ids: Tensor  #: all entity ids, those of ``head_pool`` first; shape: (M, R, E), int64
     new: Tensor  #: entities that the previous session lacks; shape: (M, E), bool
     purpose: str  #: prefix of the purposes of its random streams
-    keys: Tensor  #: keys of each embedding's random streams, between purpose and epoch; shape: (M, K)
+    #: keys of each embedding's random streams, between purpose and epoch; shape: (M, K)
+    keys: Tensor
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,9 @@ class DenseBatch:
 
 @dataclass(frozen=True)
 class ListBatch:
-    """Batches of a stack's embeddings, joined to one list of N triples; in each batch, positives before negatives."""
+    """Batches of a stack's embeddings, joined to one list of N triples;
+    in each batch, positives before negatives.
+    """
 
     triples: TripleList
     positive: Tensor  #: 1 for positives, 0 for negatives; shape: (N,), float32
@@ -65,7 +72,9 @@ class ListBatch:
 
 @dataclass(frozen=True)
 class Corrupted:
-    """Observations of an embedding, and the replacements of their tails, heads and, if R > 1, relations."""
+    """Observations of an embedding, and the replacements of their tails, heads and,
+    if R > 1, relations.
+    """
 
     triples: Tensor  #: shape: (N, 3)
     replacements: list[Tensor]  #: ids; shapes: (N, ratio)
@@ -76,7 +85,9 @@ class Corrupted:
         return Corrupted(self.triples[row], [ids[row] for ids in self.replacements])
 
     def negatives(self) -> Tensor:
-        """Corrupted triples, by tail, then by head, then (if R > 1) by relation; shape (2 or 3 times N · ratio, 3)."""
+        """Corrupted triples, by tail, then by head, then (if R > 1) by relation;
+        shape (2 or 3 times N · ratio, 3).
+        """
         parts = []
         for slot, ids in zip((TAIL, HEAD, RELATION), self.replacements, strict=False):
             part = self.triples.repeat_interleave(ids.shape[1], 0)
@@ -88,12 +99,17 @@ class Corrupted:
 def training_data(
     session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
 ) -> TrainingData:
-    """The training data of a stack; ``novel``: ids, (M, n), of entities that the previous session lacks; None: all.
+    """The training data of a stack; ``novel``: ids, (M, n),
+    of entities that the previous session lacks; None: all.
 
-    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. See ``TrainingData``.
+    ``head_pool``: ``all`` entities, or those ``unseen`` as head of a relation in train, if any. See
+    ``TrainingData``.
     """
     graph, train = session.graph, session.members(TRAIN)
-    heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
+    heads = (
+        torch.zeros(len(keys), len(graph.relations), len(graph.entities))
+        + session.entities[:, None]
+    )
     if head_pool == "unseen":
         seen = torch.zeros_like(heads, dtype=torch.bool)
         models, triples = train.nonzero(as_tuple=True)
@@ -102,13 +118,18 @@ def training_data(
         heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
     head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
     new = session.entities if novel is None else membership(novel, len(graph.entities))
-    return TrainingData(session, train * graph.counts, session.entities.float(), heads, head_ids, new, purpose, keys)
+    return TrainingData(
+        session, train * graph.counts, session.entities.float(), heads, head_ids, new, purpose, keys
+    )
 
 
-def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
+def shuffle_into_batches(
+    data: TrainingData, root: int, epoch: int, size: int
+) -> list[list[np.ndarray]]:
     """Triple ids of an epoch's shuffled observations, (N,), by batch, then model; N ≤ ``size``.
 
-    The N of one model differ by at most 1. Embeddings with fewer batches than others have empty ones at the end.
+    The N of one model differ by at most 1. Embeddings with fewer batches than others have empty
+    ones at the end.
     """
     by_model = []
     for counts, key in zip(data.counts.cpu().numpy(), data.keys.tolist(), strict=True):
@@ -116,14 +137,21 @@ def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -
         stream(root, f"{data.purpose} batches", *key, epoch).shuffle(observations)
         by_model.append(np.array_split(observations, max(1, -(-len(observations) // size))))
     longest, empty = max(map(len, by_model)), np.empty(0, dtype=np.int32)
-    return [[parts[number] if number < len(parts) else empty for parts in by_model] for number in range(longest)]
+    return [
+        [parts[number] if number < len(parts) else empty for parts in by_model]
+        for number in range(longest)
+    ]
 
 
 def batches(
     data: TrainingData, negatives: Negatives, batch_size: int, root: int, epoch: int
 ) -> Iterator[tuple[DenseBatch | ListBatch, Tensor]]:
     """The batches of an epoch, dense or as lists, with their numbers of positives, (M,)."""
-    graph, ratio, sampled = data.session.graph, negatives.ratio, is_sampled(negatives, data.session.graph)
+    graph, ratio, sampled = (
+        data.session.graph,
+        negatives.ratio,
+        is_sampled(negatives, data.session.graph),
+    )
     singles = sample_epoch(data, ratio, root, epoch) if sampled and batch_size == 1 else None
     for number, observed in enumerate(shuffle_into_batches(data, root, epoch, batch_size)):
         positives = torch.tensor([len(triples) for triples in observed])
@@ -136,11 +164,18 @@ def batches(
         else:
             corrupted = [part.at(number) for part in singles]
         batch, dense = list_batch(data, corrupted), is_dense(graph)
-        yield DenseBatch(count_positives(data, observed), count_negatives(data, batch)) if dense else batch, positives
+        yield (
+            DenseBatch(count_positives(data, observed), count_negatives(data, batch))
+            if dense
+            else batch,
+            positives,
+        )
 
 
 def is_sampled(negatives: Negatives, graph: Graph) -> bool:
-    """Whether negatives are sampled: if params say so, or if the graph is too large for dense batches."""
+    """Whether negatives are sampled: if params say so,
+    or if the graph is too large for dense batches.
+    """
     return negatives.mode == "sampled" or not is_dense(graph)
 
 
@@ -150,21 +185,25 @@ def is_dense(graph: Graph) -> bool:
 
 
 def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
-    """Count the observations of each embedding, triple ids (N,), in a table; shape (M, R, E, E), float32."""
+    """Count the observations of each embedding, triple ids (N,), in a table;
+    shape (M, R, E, E), float32.
+    """
     graph = data.session.graph
     relations, entities = len(graph.relations), len(graph.entities)
     counts = [np.bincount(triples, minlength=len(graph.triples)) for triples in observed]
     head, relation, tail = graph.triples.T
     table = torch.zeros(len(observed), relations * entities * entities)
-    table[:, (relation * entities + head) * entities + tail] = torch.as_tensor(np.stack(counts), dtype=torch.float32)
+    table[:, (relation * entities + head) * entities + tail] = torch.as_tensor(
+        np.stack(counts), dtype=torch.float32
+    )
     return table.view(-1, relations, entities, entities)
 
 
 def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Tensor:
     """Expected count of each triple among the corrupted triples of a batch; shape (M, R, E, E).
 
-    Each slot of a positive is corrupted ``ratio`` times, uniformly: tails by the session's entities, heads by the
-    relation's pool, relations by those other than the true one.
+    Each slot of a positive is corrupted ``ratio`` times, uniformly: tails by the session's
+    entities, heads by the relation's pool, relations by those other than the true one.
     """
     by_head, by_tail = positives.sum(-1), positives.sum(-2)  # (M, R, E)
     relations = positives.shape[1]
@@ -179,30 +218,43 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
 
 
 def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
-    """Corrupt an epoch for batches of size 1: one stream per embedding, since a new one costs more than an update."""
+    """Corrupt an epoch for batches of size 1: one stream per embedding,
+    since a new one costs more than an update.
+    """
     (observed,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
     return corrupt(data, observed, ratio, root, "negatives in turn", epoch)
 
 
 def corrupt(
-    data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
+    data: TrainingData,
+    observed: list[np.ndarray],
+    ratio: int,
+    root: int,
+    purpose: str,
+    *number: int,
 ) -> list[Corrupted]:
-    """Corrupt observations of each embedding at random; the expected counts are ``expected_negatives``.
+    """Corrupt observations of each embedding at random;
+    the expected counts are ``expected_negatives``.
 
-    Random streams are keyed by the purpose, the embedding's keys and ``number``: the epoch, and perhaps the batch.
+    Random streams are keyed by the purpose, the embedding's keys and ``number``: the epoch, and
+    perhaps the batch.
     """
     corrupted = []
     for model, (ids, key) in enumerate(zip(observed, data.keys.tolist(), strict=True)):
         rng = stream(root, f"{data.purpose} {purpose}", *key, *number)
         triples = data.session.graph.triples[torch.as_tensor(ids, dtype=torch.int64)]
-        corrupted.append(Corrupted(triples, _replacements(rng, data, model, triples[:, RELATION], ratio)))
+        corrupted.append(
+            Corrupted(triples, _replacements(rng, data, model, triples[:, RELATION], ratio))
+        )
     return corrupted
 
 
 def _replacements(
     rng: np.random.Generator, data: TrainingData, model: int, relation: Tensor, ratio: int
 ) -> list[Tensor]:
-    """``ratio`` random tails, heads and other relations for triples with the relations (N,); shapes (N, ratio)."""
+    """``ratio`` random tails, heads and other relations for triples with the relations (N,);
+    shapes (N, ratio).
+    """
     relations = data.head_pool.shape[1]
     relation = relation[:, None].expand(-1, ratio)
 
@@ -225,13 +277,19 @@ def list_batch(data: TrainingData, corrupted: list[Corrupted]) -> ListBatch:
     positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for p, n in parts])
     head, relation, tail = torch.cat([torch.cat(pair) for pair in parts]).T
     _, relations, entities = data.head_pool.shape
-    return ListBatch(TripleList((len(corrupted), relations, entities), models, head, relation, tail), positive)
+    return ListBatch(
+        TripleList((len(corrupted), relations, entities), models, head, relation, tail), positive
+    )
 
 
 def count_negatives(data: TrainingData, batch: ListBatch) -> Tensor:
     """The corrupted triples of a batch as a table of counts; shape (M, R, E, E), int64."""
     models, relations, entities = data.head_pool.shape
     triples = batch.triples
-    place = ((triples.model * relations + triples.relation) * entities + triples.head) * entities + triples.tail
-    table = torch.bincount(place[batch.positive == 0], minlength=models * relations * entities * entities)
+    place = (
+        (triples.model * relations + triples.relation) * entities + triples.head
+    ) * entities + triples.tail
+    table = torch.bincount(
+        place[batch.positive == 0], minlength=models * relations * entities * entities
+    )
     return table.view(models, relations, entities, entities)

@@ -1,4 +1,6 @@
-"""Training a stack of embeddings: the loss and its gradient, Adagrad, the loop over epochs, and when it stops."""
+"""Training a stack of embeddings: the loss and its gradient, Adagrad, the loop over epochs,
+and when it stops.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -52,8 +54,9 @@ class State:
     squares: Embedding
 
 
-#: Called before the first epoch (as epoch 0) and after each epoch, with the A embeddings still in training and their
-#: places in the stack, (A,); returns a mask of the embeddings that continue, (A,), bool.
+#: Called before the first epoch (as epoch 0) and after each epoch, with the A embeddings still in
+#: training and their places in the stack, (A,); returns a mask of the embeddings that continue,
+#: (A,), bool.
 Watch = Callable[[int, Embedding, Tensor], Tensor]
 
 
@@ -63,13 +66,17 @@ def never_stop(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # n
 
 
 def train(
-    embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int,
+    embedding: Embedding,
+    data: TrainingData,
+    negatives: Negatives,
+    settings: Optimizer,
+    root: int,
     watch: Watch = never_stop,
-) -> Embedding:  # fmt: skip
+) -> Embedding:
     """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
 
-    An embedding that stops leaves the stack, without effect on the others. ``NotFinite`` if an embedding diverges:
-    it has NaN, a coordinate above ``LARGEST``, or infinity in Adagrad's sums.
+    An embedding that stops leaves the stack, without effect on the others. ``NotFinite`` if an
+    embedding diverges: it has NaN, a coordinate above ``LARGEST``, or infinity in Adagrad's sums.
     """
     state, result = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
@@ -82,13 +89,20 @@ def train(
             _copy_rows(state.embedding, ~going_on, result, models)
             if not going_on.any():
                 break
-            state, data, models = mapped(select(state, going_on), spaced), select(data, going_on), models[going_on]
+            state, data, models = (
+                mapped(select(state, going_on), spaced),
+                select(data, going_on),
+                models[going_on],
+            )
     return result
 
 
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
-    return mapped(State(embedding, mapped(embedding, lambda table: torch.full_like(table, ACCUMULATOR))), spaced)
+    return mapped(
+        State(embedding, mapped(embedding, lambda table: torch.full_like(table, ACCUMULATOR))),
+        spaced,
+    )
 
 
 def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:
@@ -100,7 +114,11 @@ def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Ten
 def _check_state(state: State, models: Tensor, epoch: int, rate: float) -> None:
     try:
         check_finite((state.embedding.entity, state.embedding.relation), "vectors or scores")
-        check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
+        check_finite(
+            (state.squares.entity, state.squares.relation),
+            "Adagrad's sums",
+            torch.finfo(torch.float32).max,
+        )
     except NotFinite as error:
         advice = f"turn down the learning rate ({rate:g})" if epoch else "check the initial vectors"
         problem = f"diverged in epoch {epoch} ({error.message}): {advice}"
@@ -108,20 +126,34 @@ def _check_state(state: State, models: Tensor, epoch: int, rate: float) -> None:
 
 
 def run_epoch(
-    state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
+    state: State,
+    data: TrainingData,
+    negatives: Negatives,
+    settings: Optimizer,
+    root: int,
+    epoch: int,
 ) -> None:
     """One pass over all observations of each embedding, in place."""
-    trained_rows, on_cpu = data.new if epoch <= settings.new_rows_first else None, state.embedding.entity.is_cpu
-    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(negatives, data.session.graph)
+    trained_rows, on_cpu = (
+        data.new if epoch <= settings.new_rows_first else None,
+        state.embedding.entity.is_cpu,
+    )
+    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(
+        negatives, data.session.graph
+    )
     if compiled and trained_rows is None and on_cpu:
         from isi.training.compiled import run_compiled_epoch
 
         rates = settings.learning_rate, settings.weight_decay
-        run_compiled_epoch(state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch)
+        run_compiled_epoch(
+            state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch
+        )
         return
     frozen = ~data.session.entities
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
-        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings, trained_rows)
+        adagrad(
+            state, loss_gradient(state.embedding, batch), positives, frozen, settings, trained_rows
+        )
 
 
 def is_compiled(model: Model, batch_size: int) -> bool:
@@ -130,16 +162,22 @@ def is_compiled(model: Model, batch_size: int) -> bool:
 
 
 def compile_ahead(model: Model, batch_size: int) -> None:
-    """Compile ``isi.training.compiled``, or load its cache, before workers are forked, which then share the code."""
+    """Compile ``isi.training.compiled``, or load its cache, before workers are forked,
+    which then share the code.
+    """
     if is_compiled(model, batch_size):
         import isi.training.compiled  # noqa: F401
 
 
 def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedding:
-    """Gradient of the loss Σ -log σ(y · f) over a batch, y = 1 for positives, -1 for negatives (section 3)."""
+    """Gradient of the loss Σ -log σ(y · f) over a batch, y = 1 for positives,
+    -1 for negatives (section 3).
+    """
     entity, relation = embedding.entity, embedding.relation
     if isinstance(batch, DenseBatch):
-        scores, backward = embedding.model.scores(entity, relation, DenseTriples.of(entity, relation))
+        scores, backward = embedding.model.scores(
+            entity, relation, DenseTriples.of(entity, relation)
+        )
         slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
     else:
         scores, backward = embedding.model.scores(entity, relation, batch.triples)
@@ -149,13 +187,19 @@ def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedd
 
 
 def adagrad(
-    state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer,
+    state: State,
+    gradient: Embedding,
+    positives: Tensor,
+    frozen: Tensor,
+    settings: Optimizer,
     trained_rows: Tensor | None = None,
-) -> None:  # fmt: skip
-    """Update a stack in place from a batch's gradient: Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ.
+) -> None:
+    """Update a stack in place from a batch's gradient:
+    Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ.
 
-    ``gradient`` is summed over the batch, ``positives``, (M,), is its number of positives; an embedding with 0 stays
-    as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``, (M, E): only these change; None: all.
+    ``gradient`` is summed over the batch, ``positives``, (M,), is its number of positives; an
+    embedding with 0 stays as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``,
+    (M, E): only these change; None: all.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
@@ -170,9 +214,11 @@ def adagrad(
 
 
 class EarlyStopping:
-    """Stores each model's best embedding by validation MRR*; stops after ``patience`` evaluations without gain.
+    """Stores each model's best embedding by validation MRR*;
+    stops after ``patience`` evaluations without gain.
 
-    ``looks`` has, for each evaluation, measures (``measure_rows``) and ``kept``: whether MRR* is the best so far.
+    ``looks`` has, for each evaluation, measures (``measure_rows``) and ``kept``: whether MRR* is
+    the best so far.
     """
 
     def __init__(self, embedding: Embedding, queries: Queries, settings: Training) -> None:
@@ -200,20 +246,25 @@ class EarlyStopping:
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
 ) -> tuple[Embedding, list[pd.DataFrame]]:
-    """Train each embedding until validation MRR* stops improving; returns the best embeddings and all measures."""
+    """Train each embedding until validation MRR* stops improving;
+    returns the best embeddings and all measures.
+    """
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
     return watch.best, watch.looks
 
 
 class ConvergenceWatch:
-    """Measures each embedding at every epoch; stops it once it has reached its target in each query set with a target.
+    """Measures each embedding at every epoch; stops it once it has reached its target in
+    each query set with a target.
 
     A target, (M,), is the MRR* at which an embedding counts as converged; NaN for no target. With
     ``full_curves`` every embedding trains to the last epoch.
     """
 
-    def __init__(self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
+    def __init__(
+        self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool
+    ) -> None:
         self.looks = list[pd.DataFrame]()
         self.query_sets, self.targets, self.full_curves = query_sets, targets, full_curves
         self.reached = {name: torch.isnan(target) for name, target in targets.items()}
@@ -227,6 +278,9 @@ class ConvergenceWatch:
             return never_stop(epoch, embedding, models)
         going_on = ~torch.stack(list(self.reached.values())).all(0)
         if not going_on.all():
-            self.query_sets, self.targets = select(self.query_sets, going_on), select(self.targets, going_on)
+            self.query_sets, self.targets = (
+                select(self.query_sets, going_on),
+                select(self.targets, going_on),
+            )
             self.reached = select(self.reached, going_on)
         return going_on

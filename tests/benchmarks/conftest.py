@@ -1,4 +1,6 @@
-"""The graph of the main experiment, built as its stages build it, and settings of all benchmarks."""
+"""The graph of the main experiment, built as its stages build it,
+and settings of all benchmarks.
+"""
 
 import os
 from importlib.metadata import version
@@ -20,7 +22,9 @@ from isi.tables import paths
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
     """Add the number of cores and the versions of packages to the description of the machine."""
     machine_info["cores"] = os.cpu_count()
-    machine_info["versions"] = {name: version(name).partition("+")[0] for name in ("torch", "torchkge", "pykeen")}
+    machine_info["versions"] = {
+        name: version(name).partition("+")[0] for name in ("torch", "torchkge", "pykeen")
+    }
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -46,4 +50,7 @@ def home() -> Graph:
 def split_session(home: Graph, params: Params, models: int) -> Session:
     """A session of ``models`` models, each with the splits of its seed."""
     shares = params.sessions.valid, params.sessions.test
-    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))
+    return session_of(
+        home,
+        torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])),
+    )

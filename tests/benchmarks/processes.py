@@ -1,8 +1,11 @@
-"""The work of benchmarks: each runs in its own process, and reports seconds and peak memory as JSON.
+"""The work of benchmarks: each runs in its own process,
+and reports seconds and peak memory as JSON.
 
-python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 100000, "form": "lists"}'
+python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 100000, "form":
+"lists"}'
 
-Each function imports its own modules, so that its memory does not include modules of other functions.
+Each function imports its own modules, so that its memory does not include modules of other
+functions.
 """
 
 import json
@@ -18,7 +21,8 @@ from typing import Any
 
 RELATIONS = 3
 FACTS, DIMENSION = 10, 200  #: Of ``insert``: triples of a new entity; numbers in a vector.
-#: Entity number i is a head (or a tail) with a probability proportional to i to the power of minus ``POWER``.
+#: Entity number i is a head (or a tail) with a probability proportional to i to the power of minus
+#: ``POWER``.
 POWER = 0.75
 TEST_TRIPLES = 200
 #: Values of ``batches.DENSE_LIMIT`` with which batches of every graph take the form.
@@ -32,7 +36,9 @@ def peak_mib() -> int:
 
 
 def mine_houses(houses: int, table: str) -> dict[str, Any]:
-    """Mine ``houses`` scenes: the recorded ones repeatedly, each time with new names of the scene and its objects."""
+    """Mine ``houses`` scenes: the recorded ones repeatedly,
+    each time with new names of the scene and its objects.
+    """
     from isi.config import read
     from isi.sources import OBSERVATIONS, settings_of
     from isi.sources.ai2thor import materials_of, mine
@@ -41,18 +47,28 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     from tests.observing import source_of
 
     def renamed(thing: SceneObject, house: int) -> SceneObject:
-        receptacles, contents = ([f"{name}|{house}" for name in names] for names in (thing.receptacles, thing.contents))
+        receptacles, contents = (
+            [f"{name}|{house}" for name in names] for names in (thing.receptacles, thing.contents)
+        )
         return thing._replace(id=f"{thing.id}|{house}", receptacles=receptacles, contents=contents)
 
     start = time.perf_counter()
     _, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
     recording = locate(settings["from_"])
     scenes = cycle(list(read_recording(recording, settings["sha256"])))
-    made = (Scene(f"House{house}", house, scene.room, [renamed(thing, house) for thing in scene.objects])
-            for house, scene in zip(range(houses), scenes, strict=False))  # fmt: skip
+    made = (
+        Scene(
+            f"House{house}", house, scene.room, [renamed(thing, house) for thing in scene.objects]
+        )
+        for house, scene in zip(range(houses), scenes, strict=False)
+    )
     source = source_of(mine(made, materials_of("suncg", 0), recording, Counter()))
     rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "houses")
-    return {"observations": rows, "seconds": round(time.perf_counter() - start, 1), "peak_mib": peak_mib()}
+    return {
+        "observations": rows,
+        "seconds": round(time.perf_counter() - start, 1),
+        "peak_mib": peak_mib(),
+    }
 
 
 def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
@@ -63,14 +79,22 @@ def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
     source = Source(settings, "sources.mined", 0)
     rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "mined")
     seconds = round(time.perf_counter() - start, 1)
-    return {"observations": rows, "counts": source.counts, "seconds": seconds, "peak_mib": peak_mib()}
+    return {
+        "observations": rows,
+        "counts": source.counts,
+        "seconds": seconds,
+        "peak_mib": peak_mib(),
+    }
 
 
-def insert(entities: int, relations: int, triples: int, new: int, what: str, rounds: int) -> dict[str, Any]:
-    """Insert ``new`` entities with ten insert triples each into a random ComplEx; median seconds of a core.
+def insert(
+    entities: int, relations: int, triples: int, new: int, what: str, rounds: int
+) -> dict[str, Any]:
+    """Insert ``new`` entities with ten insert triples each into a random ComplEx;
+    median seconds of a core.
 
-    ``triples``: number of known triples; ``what``: ``fit_new`` (100 epochs), or an initializer, of a table in memory or
-    in a ``file``. Peak memory includes tables, triples and pages of the file.
+    ``triples``: number of known triples; ``what``: ``fit_new`` (100 epochs), or an initializer, of
+    a table in memory or in a ``file``. Peak memory includes tables, triples and pages of the file.
     """
     import tempfile
 
@@ -83,22 +107,35 @@ def insert(entities: int, relations: int, triples: int, new: int, what: str, rou
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     rng, number = np.random.default_rng(0), FACTS * new
-    tables = [np.float32(0.3) * rng.standard_normal((rows, DIMENSION), np.float32) for rows in (entities, relations)]
-    known = np.stack([rng.integers(0, most, triples) for most in (entities, relations, entities)], 1)
+    tables = [
+        np.float32(0.3) * rng.standard_normal((rows, DIMENSION), np.float32)
+        for rows in (entities, relations)
+    ]
+    known = np.stack(
+        [rng.integers(0, most, triples) for most in (entities, relations, entities)], 1
+    )
     ends = rng.integers(relations, size=number), rng.integers(entities, size=number)
     insert_triples = np.stack([entities + np.arange(new).repeat(FACTS), *ends], 1)
     name, _, place = what.partition(", ")
     if place == "file":
         file = tempfile.TemporaryFile()  # noqa: SIM115
         np.save(file, tables[0])
-        tables[0] = np.memmap(file, np.float32, "r", file.tell() - tables[0].nbytes, tables[0].shape)
+        tables[0] = np.memmap(
+            file, np.float32, "r", file.tell() - tables[0].nbytes, tables[0].shape
+        )
     seconds = []
     for _ in range(rounds + 1):  # the first one also imports modules
         start = time.process_time()
         given: dict[str, Any] = {"new": new, "model": "complex", "known_triples": known}
         if name == "fit_new":
-            isi.fit_new(np.concatenate([tables[0], np.zeros((new, DIMENSION), np.float32)]), tables[1], insert_triples,
-                        new=new, model="complex", epochs=100)  # fmt: skip
+            isi.fit_new(
+                np.concatenate([tables[0], np.zeros((new, DIMENSION), np.float32)]),
+                tables[1],
+                insert_triples,
+                new=new,
+                model="complex",
+                epochs=100,
+            )
         elif place:
             insert_rows(*tables, insert_triples, **given, initializer=name)
         else:
@@ -133,9 +170,16 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
         drawn = (rng.integers(RELATIONS, size=triples) * entities + head) * entities + as_tail[tail]
         code = np.unique(np.append(code, drawn))
     code = rng.permutation(code)[:triples]
-    ids = torch.from_numpy(np.stack([code // entities % entities, code // entities**2, code % entities], 1))
+    ids = torch.from_numpy(
+        np.stack([code // entities % entities, code // entities**2, code % entities], 1)
+    )
     names = [[f"{number}" for number in range(count)] for count in (entities, RELATIONS)]
-    graph = Graph(*names, ids, torch.ones(triples, dtype=torch.int64), torch.zeros(entities, dtype=torch.int64))
+    graph = Graph(
+        *names,
+        ids,
+        torch.ones(triples, dtype=torch.int64),
+        torch.zeros(entities, dtype=torch.int64),
+    )
 
     raw = config.read(paths.PARAMS)  # by section, since ``params.load`` also loads sources
     settings = config.check(raw["embedding"], EmbeddingParams, "embedding")
@@ -144,26 +188,39 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     shares = config.check(raw["sessions"], Shares, "sessions")
     model = make_model(settings.model, raw["models"][settings.model], f"models.{settings.model}")
     keys, root = torch.zeros(1, 2, dtype=torch.int64), 0
-    session = session_of(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
+    session = session_of(
+        graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None]
+    )
     data = batches.training_data(session, "training", keys, negatives.head_pool)
-    start = uniform(session.entities, RELATIONS, model, settings.dimension, settings.init_range, root, keys)
+    start = uniform(
+        session.entities, RELATIONS, model, settings.dimension, settings.init_range, root, keys
+    )
     state = trainer.start(start)
     queried = session.members(TEST)
     queried &= queried.cumsum(1) <= TEST_TRIPLES
 
     def rank() -> None:
-        queries = make_queries(session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities)
+        queries = make_queries(
+            session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities
+        )
         evaluate(state.embedding, {"test": queries})
 
     before = peak_mib()
     epoch_seconds = seconds_of(lambda: trainer.run_epoch(state, data, negatives, training, root, 1))
     training_mib = peak_mib()
     return {
-        "entities": entities, "triples": triples, "form": form, "relations": RELATIONS,
-        "observations": int(data.counts.sum()), "epoch_seconds": epoch_seconds, "ranked": int(queried.sum()),
-        "ranking_seconds": seconds_of(rank), "before_mib": before, "training_mib": training_mib,
+        "entities": entities,
+        "triples": triples,
+        "form": form,
+        "relations": RELATIONS,
+        "observations": int(data.counts.sum()),
+        "epoch_seconds": epoch_seconds,
+        "ranked": int(queried.sum()),
+        "ranking_seconds": seconds_of(rank),
+        "before_mib": before,
+        "training_mib": training_mib,
         "peak_mib": peak_mib(),
-    }  # fmt: skip
+    }
 
 
 def seconds_of(work: Callable[[], object]) -> float:

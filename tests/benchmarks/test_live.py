@@ -1,6 +1,8 @@
-"""A live embedding of the size of AI2-THOR's: changes and queries in process and by the pipe of ``isi live``.
+"""A live embedding of the size of AI2-THOR's:
+changes and queries in process and by the pipe of ``isi live``.
 
-The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the vector itself.
+The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the
+vector itself.
 """
 
 import json
@@ -23,16 +25,27 @@ ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]
 MANY = 10_000  #: Facts between known entities, in a long life.
 WAYS = [
-    "isi.insert", "insert", "observe", "observe, 10,000 facts", "observe and ask, 10,000 facts", "ask", "observe, pipe",
+    "isi.insert",
+    "insert",
+    "observe",
+    "observe, 10,000 facts",
+    "observe and ask, 10,000 facts",
+    "ask",
+    "observe, pipe",
     "ask, pipe",
-]  # fmt: skip
+]
 
 
 @pytest.fixture
 def bundle() -> Bundle:
     rng = np.random.default_rng(0)
-    entities, relations = (rng.standard_normal((rows, DIMENSION), np.float32) * 0.3 for rows in (ENTITIES, 3))
-    triples = np.unique(np.stack([rng.integers(0, most, 2 * TRIPLES) for most in (ENTITIES, 3, ENTITIES)], 1), axis=0)
+    entities, relations = (
+        rng.standard_normal((rows, DIMENSION), np.float32) * 0.3 for rows in (ENTITIES, 3)
+    )
+    triples = np.unique(
+        np.stack([rng.integers(0, most, 2 * TRIPLES) for most in (ENTITIES, 3, ENTITIES)], 1),
+        axis=0,
+    )
     names = [f"e{number}" for number in range(ENTITIES)]
     manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
     known = rng.permutation(triples)[:TRIPLES]
@@ -61,11 +74,20 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
         live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
         ids = [[ENTITIES, 0, 144], [ENTITIES, 1, 5]]
-        return lambda: isi.insert(bundle.entities, bundle.relations, ids, new=1, model="analogy",
-                                  known_triples=bundle.triples, initializer="map")  # fmt: skip
+        return lambda: isi.insert(
+            bundle.entities,
+            bundle.relations,
+            ids,
+            new=1,
+            model="analogy",
+            known_triples=bundle.triples,
+            initializer="map",
+        )
     if way == "insert":
         names = (f"new {number}" for number in count())
-        return lambda: live.insert(name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map")
+        return lambda: live.insert(
+            name := next(names), [(name, "at", "e144"), (name, "of", "e5")], initializer="map"
+        )
 
     def observe() -> object:
         return live.observe([fact(next(numbers))])
@@ -116,6 +138,9 @@ def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
     benchmark.extra_info.update(what=way)
     ask = way.startswith("ask")
     benchmark.pedantic(
-        lambda: pipe({"ask": ["object 0", "at", None]} if ask else {"observe": [fact(next(numbers))]}),
-        rounds=200, warmup_rounds=40,
-    )  # fmt: skip
+        lambda: pipe(
+            {"ask": ["object 0", "at", None]} if ask else {"observe": [fact(next(numbers))]}
+        ),
+        rounds=200,
+        warmup_rounds=40,
+    )

@@ -1,4 +1,6 @@
-"""Time and memory of mining, of growing graphs and of ``isi.insert``, each in its own process on one thread."""
+"""Time and memory of mining, of growing graphs and of ``isi.insert``,
+each in its own process on one thread.
+"""
 
 import json
 import subprocess
@@ -20,7 +22,9 @@ LARGE = [10_000, 100_000]
 def report(work: str, settings: dict[str, Any]) -> dict[str, Any]:
     """Run a function of ``processes`` in a new process, and return its report."""
     command = [sys.executable, "-m", "tests.benchmarks.processes", work, json.dumps(settings)]
-    reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    reported: dict[str, Any] = json.loads(
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    )
     return reported
 
 
@@ -50,13 +54,22 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("materials", ["suncg", "simulator"])
-def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: Path, materials: str) -> None:
+def test_ten_thousand_houses_of_procthor(
+    benchmark: Any, file: Path, tmp_path: Path, materials: str
+) -> None:
     """Nearly all objects must be assigned to a room."""
-    settings = {"reader": "procthor_houses", "path": str(file), "sha256": None, "materials": materials}
+    settings = {
+        "reader": "procthor_houses",
+        "path": str(file),
+        "sha256": None,
+        "materials": materials,
+    }
     table = str(tmp_path / "houses.parquet")
     reported = measured(benchmark, "houses", 60, GIB, "mine_source", settings=settings, table=table)
     counts = reported.pop("counts")
-    benchmark.extra_info.update(materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported)
+    benchmark.extra_info.update(
+        materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported
+    )
     assert counts[OUTSIDE] <= 0.01 * counts[INSTANCES]
 
 
@@ -76,13 +89,24 @@ MILLION = {"entities": 1_000_000, "relations": 1_000, "triples": 10_000_000}
 
 @pytest.mark.parametrize(
     ("graph", "what", "new", "rounds", "most_seconds", "most_mib"),
-    [(FB15K_237, "map", 1, 15, 0.1, 1.5 * GIB), (FB15K_237, "map", 1000, 1, 60, 1.5 * GIB),
-     (FB15K_237, "soft_rs", 1, 15, 0.1, 1.5 * GIB), (FB15K_237, "fit_new", 1, 1, 60, 1.5 * GIB),
-     (MILLION, "map", 1, 2, 3, 5 * GIB), (MILLION | {"triples": 0}, "map", 1, 2, 3, 4 * GIB),
-     (MILLION, "map, file", 1, 2, 3, 5 * GIB)],
-)  # fmt: skip
+    [
+        (FB15K_237, "map", 1, 15, 0.1, 1.5 * GIB),
+        (FB15K_237, "map", 1000, 1, 60, 1.5 * GIB),
+        (FB15K_237, "soft_rs", 1, 15, 0.1, 1.5 * GIB),
+        (FB15K_237, "fit_new", 1, 1, 60, 1.5 * GIB),
+        (MILLION, "map", 1, 2, 3, 5 * GIB),
+        (MILLION | {"triples": 0}, "map", 1, 2, 3, 4 * GIB),
+        (MILLION, "map, file", 1, 2, 3, 5 * GIB),
+    ],
+)
 def test_insert(
-    benchmark: Any, graph: dict[str, int], what: str, new: int, rounds: int, most_seconds: float, most_mib: float
+    benchmark: Any,
+    graph: dict[str, int],
+    what: str,
+    new: int,
+    rounds: int,
+    most_seconds: float,
+    most_mib: float,
 ) -> None:
     settings = {**graph, "what": what, "new": new, "rounds": rounds}
     reported = measured(benchmark, "insert", most_seconds, most_mib, "insert", **settings)

@@ -68,19 +68,31 @@ def ask(session: Session) -> Queries:
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
-    """Mean reciprocal rank of the head and tail query of each test triple; model i of the stack queries triple i."""
+    """Mean reciprocal rank of the head and tail query of each test triple;
+    model i of the stack queries triple i.
+    """
     triples = session.members(TEST)[0].nonzero()
     number = len(triples)
-    queried = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
-    everyone, known = (part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST)))
+    queried = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(
+        1, triples, True
+    )
+    everyone, known = (
+        part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST))
+    )
     alone = Session(session.graph, everyone, session.splits.expand(number, -1))
     queries = make_queries(alone, triples, queried, known, everyone)
     assert queries.rows is not None
-    entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
-    stack = Embedding(
-        embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1), embedding.model
+    entities_only = replace(
+        queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight)
     )
-    return 2 * evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
+    stack = Embedding(
+        embedding.entity.expand(number, -1, -1),
+        embedding.relation.expand(number, -1, -1),
+        embedding.model,
+    )
+    return (
+        2 * evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
+    )
 
 
 @pytest.mark.parametrize("prepared", [True, False])
@@ -94,28 +106,50 @@ def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: 
     measure(benchmark, ranked, int(ready.queried.sum()), what=label)
 
 
-def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, session: Session, home: Graph) -> None:
+def test_pykeen(
+    benchmark: Any, complex_model: ComplEx, embedding: Embedding, session: Session, home: Graph
+) -> None:
     evaluator = RankBasedEvaluator(metrics=["mrr"], add_defaults=False, clear_on_finalize=False)
-    test, learned = (home.triples[session.members(*splits)[0]] for splits in ((TEST,), (TRAIN, VALID)))
+    test, learned = (
+        home.triples[session.members(*splits)[0]] for splits in ((TEST,), (TRAIN, VALID))
+    )
 
     def ranked() -> None:
-        evaluator.evaluate(complex_model, test, batch_size=len(test), additional_filter_triples=learned, use_tqdm=False)
+        evaluator.evaluate(
+            complex_model,
+            test,
+            batch_size=len(test),
+            additional_filter_triples=learned,
+            use_tqdm=False,
+        )
 
     measure(benchmark, ranked, len(test), what="PyKEEN, RankBasedEvaluator")
     heads, tails = (np.concatenate(evaluator.ranks[slot, "realistic"]) for slot in ("head", "tail"))
     expected = torch.from_numpy((1 / heads + 1 / tails) / 2).double()
-    torch.testing.assert_close(mean_reciprocal_ranks(embedding, session), expected, rtol=1e-5, atol=0)
+    torch.testing.assert_close(
+        mean_reciprocal_ranks(embedding, session), expected, rtol=1e-5, atol=0
+    )
 
 
 def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """The ranking of a stack after each epoch of fine-tuning."""
     session = split_session(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
-    novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
+    novel = np.concatenate(
+        [sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)]
+    )
     scopes = epoch_query_sets(session, torch.from_numpy(novel))
     keys, name = torch.arange(SCOPES_MODELS)[:, None], params.embedding.model
     model = make_model(name, params.models[name], f"models.{name}")
-    stack = uniform(session.entities, len(home.relations), model, params.embedding.dimension, 1.0, params.seed, keys)
+    stack = uniform(
+        session.entities,
+        len(home.relations),
+        model,
+        params.embedding.dimension,
+        1.0,
+        params.seed,
+        keys,
+    )
     triples = sum(int(scope.queried.sum()) for scope in scopes.values())
     label = f"isi, {SCOPES_MODELS} models, {len(scopes)} query sets"
     measure(benchmark, lambda: evaluate(stack, scopes), triples, what=label)

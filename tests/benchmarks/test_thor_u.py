@@ -1,8 +1,10 @@
-"""MRR and Hits@10 of ANALOGY and TransE on THOR_U against its authors' numbers for the whole graph, on their split.
+"""MRR and Hits@10 of ANALOGY and TransE on THOR_U against its authors' numbers for the whole graph,
+on their split.
 
-The authors' numbers are in the README of adaruna3/continual-kge: the best evaluation on validation triples, which their
-script uses as test triples. Ours are from the evaluation with the best validation MRR*: on validation triples, and on
-test triples. Each model has the learning rate, weight decay and options that were best on validation triples.
+The authors' numbers are in the README of adaruna3/continual-kge: the best evaluation on validation
+triples, which their script uses as test triples. Ours are from the evaluation with the best
+validation MRR*: on validation triples, and on test triples. Each model has the learning rate,
+weight decay and options that were best on validation triples.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,8 @@ from isi.training.trainer import Training, train_until_best
 
 MODELS = 5
 DIMENSION = 100
-#: Ten times that of the pipeline: with few observations per relation, ANALOGY stays near zero otherwise.
+#: Ten times that of the pipeline: with few observations per relation, ANALOGY stays near zero
+#: otherwise.
 INIT_RANGE = 0.1
 NEGATIVES = Negatives(mode="expected", ratio=3, head_pool="all")
 WITHIN = 0.02
@@ -53,10 +56,18 @@ def session() -> Session:
     table = pd.read_csv(paths.RAW / "thor_u" / "triples.csv")
     entities, relations = sorted({*table["head"], *table["tail"]}), sorted(set(table["relation"]))
     columns = (("head", entities), ("relation", relations), ("tail", entities))
-    ids = [torch.tensor(pd.Categorical(table[name], names).codes.astype("int64")) for name, names in columns]
-    counts, kinds = torch.tensor(table["count"].to_numpy()), torch.zeros(len(entities), dtype=torch.int64)
+    ids = [
+        torch.tensor(pd.Categorical(table[name], names).codes.astype("int64"))
+        for name, names in columns
+    ]
+    counts, kinds = (
+        torch.tensor(table["count"].to_numpy()),
+        torch.zeros(len(entities), dtype=torch.int64),
+    )
     splits = torch.tensor([SPLIT_NAMES.index(name) for name in table["split"]], dtype=torch.int8)
-    return session_of(Graph(entities, relations, torch.stack(ids, 1), counts, kinds), splits.expand(MODELS, -1))
+    return session_of(
+        Graph(entities, relations, torch.stack(ids, 1), counts, kinds), splits.expand(MODELS, -1)
+    )
 
 
 def trained(name: str, session: Session) -> Embedding:
@@ -65,29 +76,41 @@ def trained(name: str, session: Session) -> Embedding:
     family, relations = make_model(name, setting.options, name), len(session.graph.relations)
     start = uniform(session.entities, relations, family, DIMENSION, INIT_RANGE, 0, keys)
     settings = Training(
-        batch_size=256, learning_rate=setting.rate, weight_decay=setting.decay, max_epochs=300, evaluate_every=5,
+        batch_size=256,
+        learning_rate=setting.rate,
+        weight_decay=setting.decay,
+        max_epochs=300,
+        evaluate_every=5,
         patience=6,
-    )  # fmt: skip
+    )
     data = training_data(session, "training", keys, NEGATIVES.head_pool)
     return train_until_best(start, data, NEGATIVES, settings, 0)[0]
 
 
 def measured(embedding: Embedding, session: Session, split: int) -> tuple[float, float]:
-    """MRR and Hits@10 of head and tail queries of a split, with all triples as filter; means over the models."""
-    ranks = filtered_ranks(embedding, session.graph.triples, (session.splits[0] == split).nonzero()[:, 0])
+    """MRR and Hits@10 of head and tail queries of a split, with all triples as filter;
+    means over the models.
+    """
+    ranks = filtered_ranks(
+        embedding, session.graph.triples, (session.splits[0] == split).nonzero()[:, 0]
+    )
     return float((1 / ranks).mean()), float((ranks <= 10).float().mean())
 
 
 def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tensor:
-    """Filtered ranks of the tails, then of the heads, of the triples ``known[queried]``; shape (M, 2Q)."""
+    """Filtered ranks of the tails, then of the heads, of the triples ``known[queried]``;
+    shape (M, 2Q).
+    """
     models, entities = embedding.entity.shape[:2]
     head, relation, tail = (column.expand(models, -1) for column in known[queried].T)
     is_true = torch.zeros(len(embedding.relation[0]), entities, entities, dtype=torch.bool)
     is_true[known[:, 1], known[:, 0], known[:, 2]] = True
     tails, heads = is_true[relation[0], head[0]], is_true[relation[0], :, tail[0]]
     parts = []
-    for scores, answer, barred in ((embedding.score_tails(head, relation), tail, tails),
-                                   (embedding.score_heads(relation, tail), head, heads)):  # fmt: skip
+    for scores, answer, barred in (
+        (embedding.score_tails(head, relation), tail, tails),
+        (embedding.score_heads(relation, tail), head, heads),
+    ):
         ahead = compare(scores, answer).masked_fill(barred, 0.0)
         parts.append(1 + ahead.sum(-1))
     return torch.cat(parts, 1)
@@ -96,7 +119,11 @@ def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tens
 @pytest.mark.parametrize("name", SETTINGS)
 def test_thor_u(benchmark: Any, name: str, session: Session) -> None:
     embedding = benchmark.pedantic(trained, args=(name, session), rounds=1)
-    setting, valid, test = SETTINGS[name], measured(embedding, session, VALID), measured(embedding, session, TEST)
+    setting, valid, test = (
+        SETTINGS[name],
+        measured(embedding, session, VALID),
+        measured(embedding, session, TEST),
+    )
     benchmark.group = "thor_u"
     triples = int((session.splits[0] == TEST).sum())
     benchmark.extra_info.update(

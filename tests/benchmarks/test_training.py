@@ -1,7 +1,9 @@
-"""Training against TorchKGE and PyKEEN, in triples scored per second: an epoch of batches, and of single observations.
+"""Training against TorchKGE and PyKEEN, in triples scored per second:
+an epoch of batches, and of single observations.
 
-All train on the training observations of one split, with repetitions. Ours scores each observation with 9 corrupted
-tails, 9 corrupted heads and 9 corrupted relations; the others with 9 corrupted triples in total.
+All train on the training observations of one split, with repetitions. Ours scores each observation
+with 9 corrupted tails, 9 corrupted heads and 9 corrupted relations; the others with 9 corrupted
+triples in total.
 """
 
 from __future__ import annotations
@@ -47,15 +49,21 @@ def time_batches(benchmark: Any, epoch: Callable[[], object], scored: int, **fac
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
 
 
-def time_updates(benchmark: Any, epoch: Callable[[], object], observations: int, each: int, what: str) -> None:
+def time_updates(
+    benchmark: Any, epoch: Callable[[], object], observations: int, each: int, what: str
+) -> None:
     """Time the updates of ``observations`` observations, each of which scores ``each`` triples."""
     benchmark.group = "one_by_one"
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
     seconds = benchmark.stats.stats.median
-    benchmark.extra_info.update({
-        "what": what, "observations": f"{observations:,}", "µs per update": 1e6 * seconds / observations,
-        "million triples scored per second": observations * each / seconds / 1e6,
-    })  # fmt: skip
+    benchmark.extra_info.update(
+        {
+            "what": what,
+            "observations": f"{observations:,}",
+            "µs per update": 1e6 * seconds / observations,
+            "million triples scored per second": observations * each / seconds / 1e6,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +73,9 @@ def observations(home: Graph, params: Params) -> Tensor:
     return home.triples[train].repeat_interleave(home.counts[train], 0)
 
 
-def epoch_of(params: Params, data: TrainingData, name: str, mode: str, settings: Training) -> Callable[[], object]:
+def epoch_of(
+    params: Params, data: TrainingData, name: str, mode: str, settings: Training
+) -> Callable[[], object]:
     graph, embedding = data.session.graph, params.embedding
     negatives = params.negatives.model_copy(update={"mode": mode})
     model = make_model(name, params.models[name], f"models.{name}")
@@ -74,9 +84,14 @@ def epoch_of(params: Params, data: TrainingData, name: str, mode: str, settings:
     return lambda: trainer.run_epoch(state, data, negatives, settings, params.seed, 1)
 
 
-def torchkge_epoch(home: Graph, params: Params, observations: Tensor, batch_size: int) -> Callable[[], object]:
+def torchkge_epoch(
+    home: Graph, params: Params, observations: Tensor, batch_size: int
+) -> Callable[[], object]:
     heads, relations, tails = observations.T
-    names = ({name: number for number, name in enumerate(listed)} for listed in (home.entities, home.relations))
+    names = (
+        {name: number for number, name in enumerate(listed)}
+        for listed in (home.entities, home.relations)
+    )
     columns = {"heads": heads, "tails": tails, "relations": relations}
     known = KnowledgeGraph(kg=columns, **dict(zip(("ent2ix", "rel2ix"), names, strict=True)))
     model, loss = AnalogyModel(params.embedding.dimension, known.n_ent, known.n_rel), LogisticLoss()
@@ -96,27 +111,51 @@ def torchkge_epoch(home: Graph, params: Params, observations: Tensor, batch_size
 
 @pytest.mark.parametrize(
     ("models", "mode", "name"),
-    [*((models, mode, "analogy") for models in (1, 5, 10, 30) for mode in ("expected", "sampled")),
-     *((30, "expected", name) for name in ("distmult", "complex", "transe", "rotate"))],
-)  # fmt: skip
-def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, name: str) -> None:
+    [
+        *(
+            (models, mode, "analogy")
+            for models in (1, 5, 10, 30)
+            for mode in ("expected", "sampled")
+        ),
+        *((30, "expected", name) for name in ("distmult", "complex", "transe", "rotate")),
+    ],
+)
+def test_stack(
+    benchmark: Any, home: Graph, params: Params, models: int, mode: str, name: str
+) -> None:
     keys = torch.tensor([[0, seed] for seed in range(models)])
-    data = training_data(split_session(home, params, models), "training", keys, params.negatives.head_pool)
+    data = training_data(
+        split_session(home, params, models), "training", keys, params.negatives.head_pool
+    )
     scored = int(data.counts.sum()) * (1 + len(home.relations) * params.negatives.ratio)
     label = type(make_model(name, params.models[name], name)).__name__
     epoch = epoch_of(params, data, name, mode, params.training)
-    time_batches(benchmark, epoch, scored, library="isi", model=label, negatives=mode, models=models)
+    time_batches(
+        benchmark, epoch, scored, library="isi", model=label, negatives=mode, models=models
+    )
 
 
 def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
     epoch = torchkge_epoch(home, params, observations, params.training.batch_size)
     scored = len(observations) * (1 + params.negatives.ratio)
-    time_batches(benchmark, epoch, scored, library="TorchKGE", model="AnalogyModel", negatives="sampled", models=1)
+    time_batches(
+        benchmark,
+        epoch,
+        scored,
+        library="TorchKGE",
+        model="AnalogyModel",
+        negatives="sampled",
+        models=1,
+    )
 
 
 def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
     factory = CoreTriplesFactory(observations, len(home.entities), len(home.relations))
-    model = ComplEx(triples_factory=factory, embedding_dim=params.embedding.dimension // 2, random_seed=params.seed)
+    model = ComplEx(
+        triples_factory=factory,
+        embedding_dim=params.embedding.dimension // 2,
+        random_seed=params.seed,
+    )
     optimizer = torch.optim.Adagrad(model.parameters(), params.training.learning_rate)
     sampling = {"num_negs_per_pos": params.negatives.ratio}
     loop = SLCWATrainingLoop(
@@ -127,19 +166,28 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
         loop.train(factory, num_epochs=1, batch_size=params.training.batch_size, use_tqdm=False)
 
     scored = len(observations) * (1 + params.negatives.ratio)
-    time_batches(benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1)
+    time_batches(
+        benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1
+    )
 
 
 @singly
 @pytest.mark.parametrize("name", ["analogy", "distmult", "complex", "batches of one"])
 def test_single_observations(benchmark: Any, home: Graph, params: Params, name: str) -> None:
     keys, compiled = torch.zeros(1, 2, dtype=torch.int64), name != "batches of one"
-    data = training_data(split_session(home, params, 1), "training", keys, params.negatives.head_pool)
+    data = training_data(
+        split_session(home, params, 1), "training", keys, params.negatives.head_pool
+    )
     if not compiled:
         data, name = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts), "analogy"
-    epoch = epoch_of(params, data, name, "sampled", params.training.model_copy(update={"batch_size": 1}))
+    epoch = epoch_of(
+        params, data, name, "sampled", params.training.model_copy(update={"batch_size": 1})
+    )
     each = 1 + len(home.relations) * params.negatives.ratio
-    what = f"isi, {type(make_model(name, {}, name)).__name__}, {'compiled' if compiled else 'batches of one'}"
+    what = (
+        f"isi, {type(make_model(name, {}, name)).__name__}, "
+        f"{'compiled' if compiled else 'batches of one'}"
+    )
     with patch.object(trainer, "is_compiled", return_value=compiled):
         time_updates(benchmark, epoch, int(data.counts.sum()), each, what)
 

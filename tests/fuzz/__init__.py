@@ -1,1 +1,3 @@
-"""Fuzz tests of readers: each slightly changed file gives a valid table, or is refused in one line."""
+"""Fuzz tests of readers: each slightly changed file gives a valid table,
+or is refused in one line.
+"""

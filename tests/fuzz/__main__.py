@@ -1,6 +1,8 @@
-"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv: ``make fuzz``.
+"""Read thousands of changed files, and write the counts of outcomes to docs/benchmarks/fuzz.csv:
+``make fuzz``.
 
-Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit status is then 1.
+Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit
+status is then 1.
 
 python -m tests.fuzz [--inputs 10000] [--seed 0] [--format NAME] [--out FILE]
 """
@@ -21,15 +23,25 @@ from tests.fuzz.formats import FORMATS
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.csv")
 COLUMNS = [
-    "file format", "inputs", "read", "refused in one line", "faults", "longest processor time (s)", "peak MiB"
-]  # fmt: skip
+    "file format",
+    "inputs",
+    "read",
+    "refused in one line",
+    "faults",
+    "longest processor time (s)",
+    "peak MiB",
+]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=10_000, help="number of files over all formats (10,000)")
+    parser.add_argument(
+        "--inputs", type=int, default=10_000, help="number of files over all formats (10,000)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random changes (0)")
-    parser.add_argument("--format", choices=list(FORMATS), help="only this format; docs are not written")
+    parser.add_argument(
+        "--format", choices=list(FORMATS), help="only this format; docs are not written"
+    )
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
     given = parser.parse_args()
     names = [given.format] if given.format else list(FORMATS)
@@ -44,11 +56,17 @@ def main() -> None:
     for of_format in counts:
         write_faults(of_format)
     rows = pd.DataFrame([of_format.row() for of_format in counts], columns=COLUMNS)
-    total = {"file format": "all", **rows[COLUMNS[1:5]].sum(), **{name: rows[name].max() for name in COLUMNS[5:]}}
+    total = {
+        "file format": "all",
+        **rows[COLUMNS[1:5]].sum(),
+        **{name: rows[name].max() for name in COLUMNS[5:]},
+    }
     if not given.format:
         table = pd.concat([rows, pd.DataFrame([total])])
         counts = {name: table[name].map("{:,}".format) for name in COLUMNS[1:5]}
-        table.assign(**counts).to_csv(given.out, index=False, float_format="%.1f", lineterminator="\n")
+        table.assign(**counts).to_csv(
+            given.out, index=False, float_format="%.1f", lineterminator="\n"
+        )
     print(f"{total['inputs']:,} inputs, {total['faults']} faults")
     sys.exit(f"{total['faults']} faults: their files are under {FAULTS}/" if total["faults"] else 0)
 
@@ -57,7 +75,10 @@ def write_faults(counts: Counts) -> None:
     """Write the files of each fault into a folder under .fuzz/, and print the problem."""
     for number, (problem, files) in enumerate(counts.faults):
         folder = FAULTS / f"{counts.format.replace(', ', ' ').replace(' ', '-')}-{number}"
-        for name, content in {**files, "fault.txt": problem.encode(errors="backslashreplace")}.items():
+        for name, content in {
+            **files,
+            "fault.txt": problem.encode(errors="backslashreplace"),
+        }.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
         print(f"{counts.format} ({folder}): {problem.strip().splitlines()[-1][:200]}")

@@ -46,9 +46,12 @@ def read_changed(name: str, inputs: int, root: int, worker: Worker) -> Counts:
 
     @seed(root)
     @settings(
-        max_examples=inputs, database=None, phases=[Phase.generate], deadline=None,
+        max_examples=inputs,
+        database=None,
+        phases=[Phase.generate],
+        deadline=None,
         suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    )
     @given(changed(FORMATS[name].files))
     def attempt(files: Files) -> None:
         counts.add(files, worker.read(name, files))

@@ -39,35 +39,53 @@ ROOT = Path(__file__).parent.parent.parent
 OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))
 MADE = "fuzz"
 THINGS: list[dict[str, Any]] = [
-    {"objectId": "Mug|+00.10|+00.90|-01.20", "objectType": "Mug", "name": "Mug_1", "pickupable": True,
-     "canFillWithLiquid": True, "breakable": True, "salientMaterials": ["Ceramic"], "receptacleObjectIds": None,
-     "parentReceptacles": ["Shelf|1"], "position": {"x": 0.1, "y": 0.9, "z": -1.2}},
-    {"objectId": "Shelf|1", "objectType": "Shelf", "openable": False, "salientMaterials": ["Wood", "Metal"],
-     "receptacleObjectIds": ["Mug|+00.10|+00.90|-01.20", "Fork|1"], "parentReceptacles": ["Floor|1"]},
+    {"objectId": "Mug|+00.10|+00.90|-01.20", "objectType": "Mug", "name": "Mug_1",
+     "pickupable": True, "canFillWithLiquid": True, "breakable": True,
+     "salientMaterials": ["Ceramic"], "receptacleObjectIds": None, "parentReceptacles": ["Shelf|1"],
+     "position": {"x": 0.1, "y": 0.9, "z": -1.2}},
+    {"objectId": "Shelf|1", "objectType": "Shelf", "openable": False,
+     "salientMaterials": ["Wood", "Metal"],
+     "receptacleObjectIds": ["Mug|+00.10|+00.90|-01.20", "Fork|1"],
+     "parentReceptacles": ["Floor|1"]},
     {"objectId": "Fork|1", "objectType": "Fork", "pickupable": True, "salientMaterials": ["Metal"],
      "receptacleObjectIds": [], "parentReceptacles": ["Shelf|1"]},
-    {"objectId": "Floor|1", "objectType": "Floor", "receptacleObjectIds": ["Shelf|1"], "parentReceptacles": []},
+    {"objectId": "Floor|1", "objectType": "Floor", "receptacleObjectIds": ["Shelf|1"],
+     "parentReceptacles": []},
 ]  # fmt: skip
 ROWS = [
     ("mug", "atLocation", "kitchen", 3, "s1", "kitchen", "Mug|1"),
     ("mug", "hasMaterial", "ceramic", 1, "s1", "", "Mug|1"),
-    ("bowl", "atLocation", "mug", 2, "s2", "bedroom", ""), ("bowl", "hasAffordance", "fill", 40, "", "", ""),
-]  # fmt: skip
-EVENTS = [{"metadata": {"sceneName": f"FloorPlan{plan}", "objects": THINGS[: plan + 3]}} for plan in (1, 2, 1)]
+    ("bowl", "atLocation", "mug", 2, "s2", "bedroom", ""),
+    ("bowl", "hasAffordance", "fill", 40, "", "", ""),
+]
+EVENTS = [
+    {"metadata": {"sceneName": f"FloorPlan{plan}", "objects": THINGS[: plan + 3]}}
+    for plan in (1, 2, 1)
+]
 HOME = {"rooms": [
-    {"id": "r1", "name": "Living_Room", "objects": ["mug", {"id": 7, "class": "wall shelf", "material": None}]},
+    {"id": "r1", "name": "Living_Room",
+     "objects": ["mug", {"id": 7, "class": "wall shelf", "material": None}]},
     {"id": "bedroom", "objects": [
-        {"name": "mug_3", "class": "mug", "receptacle": "7", "materials": ["ceramic"], "affordance": ["fill", "put"]},
+        {"name": "mug_3", "class": "mug", "receptacle": "7", "materials": ["ceramic"],
+         "affordance": ["fill", "put"]},
     ]},
 ]}  # fmt: skip
 ENVIRONMENT: dict[str, Any] = {
     "nodes": [
         {"id": 1, "class_name": "kitchen", "category": "Rooms", "properties": []},
         {"id": 2, "class_name": "fridge", "category": "Appliances", "properties": ["CAN_OPEN"]},
-        {"id": 3, "class_name": "milk", "category": "Food", "properties": ["DRINKABLE", "GRABBABLE"]},
+        {
+            "id": 3,
+            "class_name": "milk",
+            "category": "Food",
+            "properties": ["DRINKABLE", "GRABBABLE"],
+        },
     ],
-    "edges": [{"from_id": start, "to_id": end, "relation_type": "INSIDE"} for start, end in ((2, 1), (3, 2))],
-}  # fmt: skip
+    "edges": [
+        {"from_id": start, "to_id": end, "relation_type": "INSIDE"}
+        for start, end in ((2, 1), (3, 2))
+    ],
+}
 GRAPHML = """<?xml version='1.0' encoding='utf-8'?>
 <graphml xmlns="http://graphml.graphdrawing.org/xmlns">
 <key id="k" for="node" attr.name="kind" attr.type="string"/>
@@ -86,11 +104,13 @@ JSONLD = """[
 ]
 """
 TRIPLES_CSV = (
-    b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\nbowl,hasAffordance,fill,2\n"
+    b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\n"
+    b"bowl,hasAffordance,fill,2\n"
 )
 COLUMNS = ["head", "relation", "tail", "count", "scene", "room", "instance"]
 ENTITIES = (
-    "entity,kind,phrase\nmug,object,cup\nbowl,object,\nkitchen,room,kitchen\nceramic,material,\nfill,affordance,\n"
+    "entity,kind,phrase\nmug,object,cup\nbowl,object,\nkitchen,room,kitchen\nceramic,material,\n"
+    "fill,affordance,\n"
 )
 NT = """<http://x.org/mug> <http://x.org/atLocation> <http://x.org/kitchen> .
 <http://x.org/mug> <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> <http://x.org/Cup> .
@@ -116,16 +136,24 @@ O 1 1 1 1 2 3 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0
 O 2 -1 -1 1 2 3 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0
 """
 BEHAVIOR: Files = {
-    "behavior/combined_room_object_list.json": json.dumps({"scenes": {"House_0": {
-        "kitchen_0": {"stove-abcdef": 1, "bottom_cabinet-ghijkl": 2, "walls-bbbbbb": 4},
-        "childs_room_1": {"bottom_cabinet-mnopqr": 1},
-    }}}).encode(),
-    "behavior/category_mapping.csv": b"ID,category,synset\n1,stove,stove.n.01\n2,bottom_cabinet,cabinet.n.01\n"
-    b'3,walls,wall.n.01\n',
+    "behavior/combined_room_object_list.json": json.dumps(
+        {
+            "scenes": {
+                "House_0": {
+                    "kitchen_0": {"stove-abcdef": 1, "bottom_cabinet-ghijkl": 2, "walls-bbbbbb": 4},
+                    "childs_room_1": {"bottom_cabinet-mnopqr": 1},
+                }
+            }
+        }
+    ).encode(),
+    "behavior/category_mapping.csv": (
+        b"ID,category,synset\n1,stove,stove.n.01\n2,bottom_cabinet,cabinet.n.01\n"
+        b"3,walls,wall.n.01\n"
+    ),
     "behavior/propagated_annots_canonical.json": json.dumps(
         {"stove.n.01": {"heatSource": {}}, "cabinet.n.01": {"openable": {}}, "wall.n.01": {}}
     ).encode(),
-}  # fmt: skip
+}
 IDS: Files = {
     "ids/entity2id.txt": b"3\nmug.o\t0\nkitchen.r\t1\nceramic.m\t2\n",
     "ids/relation2id.txt": b"2\natLocation\t0\nhasMaterial\t1\n",
@@ -133,7 +161,9 @@ IDS: Files = {
 }
 VECTORS = {"mug": [0.1, -0.25, 3.0], "house_plant": [1.0, 2.0, -1e-7], "café": [0.5, 0.5, 8.0]}
 GLOVE = "".join(f"{token} {' '.join(map(repr, row))}\n" for token, row in VECTORS.items()).encode()
-BINARY = b"3 3\n" + b"".join(token.encode() + b" " + struct.pack("<3f", *row) + b"\n" for token, row in VECTORS.items())
+BINARY = b"3 3\n" + b"".join(
+    token.encode() + b" " + struct.pack("<3f", *row) + b"\n" for token, row in VECTORS.items()
+)
 HEADER: Mapping[str, Any] = {"build": "thor-1", "package": "5.0.0"}
 
 
@@ -153,11 +183,16 @@ class Format:
 def shipped(*names: str, lines: int | None = None) -> Files:
     """Files under ``data/raw``, or their first ``lines`` lines."""
     contents = {f"data/raw/{name}": (ROOT / paths.RAW / name).read_bytes() for name in names}
-    return {name: b"".join(content.splitlines(keepends=True)[:lines]) for name, content in contents.items()}
+    return {
+        name: b"".join(content.splitlines(keepends=True)[:lines])
+        for name, content in contents.items()
+    }
 
 
 def mined(section: dict[str, Any]) -> str:
-    """Mine a source as its stage does, and check that its tables are valid; returns a hash of them and the counts."""
+    """Mine a source as its stage does, and check that its tables are valid;
+    returns a hash of them and the counts.
+    """
     shipped_names.cache_clear()
     source = Source(section, "sources.fuzz", 0)
     OBSERVATIONS.write_parts(OUT[0], source.frames(), MADE)
@@ -168,7 +203,14 @@ def mined(section: dict[str, Any]) -> str:
 
 def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
     plain, kinds = as_text(observations), as_text(kinds)
-    names = {*plain["head"], *plain["relation"], *plain["tail"], *kinds["entity"], *kinds["kind"], *kinds["phrase"]}
+    names = {
+        *plain["head"],
+        *plain["relation"],
+        *plain["tail"],
+        *kinds["entity"],
+        *kinds["kind"],
+        *kinds["phrase"],
+    }
     assert not list(filter(None, map(name_fault, names)))
     assert plain["count"].between(1, 2**31 - 1).all()
     assert plain["count"].sum() < 2**31
@@ -188,11 +230,18 @@ def guessed(file: str) -> str:
 
 def houses() -> str:
     """Mine a house; small tables replace those of the package, which are slow to read."""
-    with mock.patch.multiple(procthor_houses, recorded_types=lambda _scenes: RECORDED, asset_types=lambda: ASSETS):
+    with mock.patch.multiple(
+        procthor_houses, recorded_types=lambda _scenes: RECORDED, asset_types=lambda: ASSETS
+    ):
         return mined(dict(PROCTHOR))
 
 
-PROCTHOR = {"reader": "procthor_houses", "path": "houses.jsonl", "sha256": None, "materials": "simulator"}
+PROCTHOR = {
+    "reader": "procthor_houses",
+    "path": "houses.jsonl",
+    "sha256": None,
+    "materials": "simulator",
+}
 RECORDED = procthor_houses.recorded_types(
     [Scene("FloorPlan1", 1, "kitchen", scene_objects(Path(), "FloorPlan1", THINGS))]
 )
@@ -224,23 +273,30 @@ TIME = re.compile(r"'time': '[^']*'")
 """When a change was made: two readings of the same requests differ in it."""
 
 REQUESTS: list[dict[str, Any]] = [
-    {"insert": "mug", "facts": [["mug", "in", "e1"], ["e2", "on", "mug"]], "kind": "place", "id": 1},
+    {"insert": "mug", "facts": [["mug", "in", "e1"], ["e2", "on", "mug"]], "kind": "place",
+     "id": 1},
     {"insert": {"fork": {"in": ["e1", "e3"], "on": "mug"}, "bowl": {"on": "e4"}}, "new": True},
-    {"observe": [["mug", "on", "e5"], ["e1", "on", "e1"]], "id": "a"}, {"ask": ["mug", "in", None], "top": 2},
-    {"ask": ["mug", None, "e1"]}, {"nearest": "fork"}, {"interference": True}, {"history": True}, {"undo": True},
-    {"remove": True, "facts": [["fork", "on", "mug"]]}, {"remove": "fork"}, {"interference": ["mug"]},
-    {"insert": "cup", "facts": [["cup", "in", "mug"]], "initializer": "map", "options": {"strength": 2.0}, "seed": 1},
-    {"ask": [None, "in", "mug"]}, {"ask": [["mug", "in", None], [None, "on", "e2"]], "top": 1},
+    {"observe": [["mug", "on", "e5"], ["e1", "on", "e1"]], "id": "a"},
+    {"ask": ["mug", "in", None], "top": 2}, {"ask": ["mug", None, "e1"]}, {"nearest": "fork"},
+    {"interference": True}, {"history": True}, {"undo": True},
+    {"remove": True, "facts": [["fork", "on", "mug"]]}, {"remove": "fork"},
+    {"interference": ["mug"]},
+    {"insert": "cup", "facts": [["cup", "in", "mug"]], "initializer": "map",
+     "options": {"strength": 2.0}, "seed": 1}, {"ask": [None, "in", "mug"]},
+    {"ask": [["mug", "in", None], [None, "on", "e2"]], "top": 1},
     {"move": ["mug", "in", "e7"], "source": "camera", "time": "2026-01-01T12:00:00Z"},
     {"move": ["e2", "on", "mug"], "instead_of": "e9"}, {"compact": True},
     {"remove": True, "facts": [list(fact) for fact in KNOWN.named_triples()[:2]], "time": 1.5e9},
     {"observe": [list(KNOWN.named_triples()[0]), ["plate", "in", "e1"]], "upsert": True},
-    {"insert": "mug", "facts": [["mug", "on", "e8"]], "upsert": True}, {"undo": True, "source": "me"},
+    {"insert": "mug", "facts": [["mug", "on", "e8"]], "upsert": True},
+    {"undo": True, "source": "me"},
 ]  # fmt: skip
 
 
 def stream() -> str:
-    """Answer each line as ``isi live`` does; refused if all lines are. The history must lead to the same answers."""
+    """Answer each line as ``isi live`` does; refused if all lines are.
+    The history must lead to the same answers.
+    """
     live, replies = live_of(), list[dict[str, Any]]()
     for line in Path("requests.jsonl").read_bytes().split(b"\n"):
         whole = answer(live, line)
@@ -259,7 +315,9 @@ def stream() -> str:
 
 
 def package() -> bytes:
-    """A recording in the format of the package ``procthor``: lists of scenes, of which most are empty."""
+    """A recording in the format of the package ``procthor``:
+    lists of scenes, of which most are empty.
+    """
     scenes = {plans.key: [THINGS, *([[]] * (len(plans.names) - 1))] for plans in ITHOR}
     return json.dumps(scenes).encode()
 
@@ -270,21 +328,30 @@ def recorder() -> bytes:
         {"scene": plan, "spawn": spawn, "objects": THINGS}
         for plan, spawn in (("FloorPlan1", None), ("FloorPlan301", 4))
     ]
-    return b"".join(gzip.compress(json.dumps(line).encode() + b"\n", mtime=0) for line in (FORMAT | HEADER, *scenes))
+    return b"".join(
+        gzip.compress(json.dumps(line).encode() + b"\n", mtime=0)
+        for line in (FORMAT | HEADER, *scenes)
+    )
 
 
 def small_scene_graph() -> dict[str, Any]:
     """The scene graph of the tests, with only the attributes that mining reads and two more."""
-    graph: dict[str, Any] = json.loads((ROOT / "tests" / "scene_graph.json").read_text(encoding="utf-8"))
+    graph: dict[str, Any] = json.loads(
+        (ROOT / "tests" / "scene_graph.json").read_text(encoding="utf-8")
+    )
     for node in graph["nodes"]:
         names = ("type", "name", "semantic_label", "position", "metadata")
-        node["attributes"] = {name: node["attributes"][name] for name in names if name in node["attributes"]}
+        node["attributes"] = {
+            name: node["attributes"][name] for name in names if name in node["attributes"]
+        }
     return graph
 
 
 def parquet() -> bytes:
     out = io.BytesIO()
-    pq.write_table(pa.Table.from_pylist([dict(zip(COLUMNS, row, strict=True)) for row in ROWS]), out)
+    pq.write_table(
+        pa.Table.from_pylist([dict(zip(COLUMNS, row, strict=True)) for row in ROWS]), out
+    )
     return out.getvalue()
 
 
@@ -293,7 +360,9 @@ def csv(separator: str) -> bytes:
 
 
 def triples() -> bytes:
-    frame = pd.DataFrame(ROWS, columns=COLUMNS)[COLUMNS[:4]].assign(source="x").sort_values(COLUMNS[:3])
+    frame = (
+        pd.DataFrame(ROWS, columns=COLUMNS)[COLUMNS[:4]].assign(source="x").sort_values(COLUMNS[:3])
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "triples.parquet"
         TRIPLES.write_file(path, frame, MADE)
@@ -316,70 +385,127 @@ def _formats() -> dict[str, Format]:
     recording = {"sha256": None, "broken": "error", "materials": "simulator"}
     shares = shipped("suncg/material_shares.csv", "suncg/categories.csv")
     names = shipped("thor_u/names.csv", "virtualhome/names.csv", lines=40)
-    mp3d = {"rooms": {"bedroom": "bedroom", "kitchen": "kitchen"}, "vocabulary": "data/raw/mp3d/vocabulary.yaml"}
+    mp3d = {
+        "rooms": {"bedroom": "bedroom", "kitchen": "kitchen"},
+        "vocabulary": "data/raw/mp3d/vocabulary.yaml",
+    }
     labels = {"b": "bedroom", "k": "kitchen"}
     return {
-        "recording of the package": _source({"r.json": package()}, reader="ai2thor", from_="r.json", **recording),
-        "recording": _source({"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz", **recording),
+        "recording of the package": _source(
+            {"r.json": package()}, reader="ai2thor", from_="r.json", **recording
+        ),
+        "recording": _source(
+            {"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz", **recording
+        ),
         "recording, untidy": _source(
-            {"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz",
+            {"r.jsonl.gz": recorder()},
+            reader="ai2thor",
+            from_="r.jsonl.gz",
             **(recording | {"broken": "drop", "circular": "drop"}),
         ),
         "recording to continue": Format({"r.jsonl.gz": recorder()}, gone_on_with),
         "shares of materials": _source(
-            shares | {"r.json": package()}, reader="ai2thor", from_="r.json", **(recording | {"materials": "suncg"})
+            shares | {"r.json": package()},
+            reader="ai2thor",
+            from_="r.json",
+            **(recording | {"materials": "suncg"}),
         ),
         "scene": _source(
-            {"scene.json": json.dumps({"metadata": {"sceneName": "FloorPlan1", "objects": THINGS}}).encode()},
-            reader="ai2thor_scene", path="scene.json",
+            {
+                "scene.json": json.dumps(
+                    {"metadata": {"sceneName": "FloorPlan1", "objects": THINGS}}
+                ).encode()
+            },
+            reader="ai2thor_scene",
+            path="scene.json",
         ),
         "scenes, lines": _source(
-            {"scenes.jsonl": b"\n".join(json.dumps(event).encode() for event in EVENTS)}, reader="ai2thor_scene",
-            path="scenes.jsonl", room="kitchen",
+            {"scenes.jsonl": b"\n".join(json.dumps(event).encode() for event in EVENTS)},
+            reader="ai2thor_scene",
+            path="scenes.jsonl",
+            room="kitchen",
         ),
-        "scenes, list": _source({"scenes.json": json.dumps(EVENTS).encode()}, reader="ai2thor_scene",
-                                path="scenes.json"),
-        "rooms": _source({"home.json": json.dumps(HOME).encode()}, reader="rooms", path="home.json"),
-        "rooms, lines": _source({"home.jsonl": json.dumps(HOME).encode() + b"\n" + json.dumps(HOME).encode()},
-                                reader="rooms", path="home.jsonl"),
+        "scenes, list": _source(
+            {"scenes.json": json.dumps(EVENTS).encode()}, reader="ai2thor_scene", path="scenes.json"
+        ),
+        "rooms": _source(
+            {"home.json": json.dumps(HOME).encode()}, reader="rooms", path="home.json"
+        ),
+        "rooms, lines": _source(
+            {"home.jsonl": json.dumps(HOME).encode() + b"\n" + json.dumps(HOME).encode()},
+            reader="rooms",
+            path="home.jsonl",
+        ),
         "scene graph": _source(
-            {"dsg.json": json.dumps(small_scene_graph()).encode()}, reader="spark_dsg", path="dsg.json",
+            {"dsg.json": json.dumps(small_scene_graph()).encode()},
+            reader="spark_dsg",
+            path="dsg.json",
             rooms={"R(1)": "bedroom"},
         ),
-        "VirtualHome": _source({"home.json": json.dumps(ENVIRONMENT).encode()}, reader="virtualhome_graph",
-                               path="home.json"),
-        "GraphML": _source({"home.graphml": GRAPHML.encode()}, reader="graphml", path="home.graphml"),
+        "VirtualHome": _source(
+            {"home.json": json.dumps(ENVIRONMENT).encode()},
+            reader="virtualhome_graph",
+            path="home.json",
+        ),
+        "GraphML": _source(
+            {"home.graphml": GRAPHML.encode()}, reader="graphml", path="home.graphml"
+        ),
         "RDF, JSON-LD": _source({"home.jsonld": JSONLD.encode()}, reader="rdf", path="home.jsonld"),
-        "table without a header": _source({"train.txt": b"mug\tat\tkitchen\n\"tv 55\"\"\"\tat\thall\n"}, reader="table",
-                                          path="train.txt"),
-        "folder of triples": _source({"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
-                                     reader="table", path="home"),
-        "file of any kind": Format({"any.json": json.dumps({"scene": "FloorPlan1", "objects": THINGS}).encode()},
-                                   partial(guessed, "any.json")),
+        "table without a header": _source(
+            {"train.txt": b'mug\tat\tkitchen\n"tv 55"""\tat\thall\n'},
+            reader="table",
+            path="train.txt",
+        ),
+        "folder of triples": _source(
+            {"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
+            reader="table",
+            path="home",
+        ),
+        "file of any kind": Format(
+            {"any.json": json.dumps({"scene": "FloorPlan1", "objects": THINGS}).encode()},
+            partial(guessed, "any.json"),
+        ),
         "houses of ProcTHOR": Format({"houses.jsonl": _house_lines()}, houses, OUT, PROCTHOR),
-        "table, CSV": _source({"log.csv": csv(","), "entities.csv": ENTITIES.encode()}, reader="table", path="log.csv",
-                              entities="entities.csv"),
-        "table, TSV": _source({"log.tsv.gz": gzip.compress(csv("\t"), mtime=0)}, reader="table", path="log.tsv.gz"),
+        "table, CSV": _source(
+            {"log.csv": csv(","), "entities.csv": ENTITIES.encode()},
+            reader="table",
+            path="log.csv",
+            entities="entities.csv",
+        ),
+        "table, TSV": _source(
+            {"log.tsv.gz": gzip.compress(csv("\t"), mtime=0)}, reader="table", path="log.tsv.gz"
+        ),
         "table, Parquet": _source({"log.parquet": parquet()}, reader="table", path="log.parquet"),
         "RDF, N-Triples": _source({"log.nt": NT.encode()}, reader="rdf", path="log.nt"),
         "RDF, Turtle": _source({"log.ttl": TTL.encode()}, reader="rdf", path="log.ttl"),
         "houses of Matterport3D": _source(
-            {"houses/x.house": HOUSE.encode()} | shipped("mp3d/vocabulary.yaml"), reader="mp3d_houses", folder="houses",
-            category="mpcat40", **(mp3d | {"rooms": labels}),
+            {"houses/x.house": HOUSE.encode()} | shipped("mp3d/vocabulary.yaml"),
+            reader="mp3d_houses",
+            folder="houses",
+            category="mpcat40",
+            **(mp3d | {"rooms": labels}),
         ),
         "tallies of Matterport3D": _source(
             shipped("mp3d/room_object_counts.csv", lines=60) | shipped("mp3d/vocabulary.yaml"),
-            reader="mp3d_tallies", **mp3d,
+            reader="mp3d_tallies",
+            **mp3d,
         ),
         "published graph": _source(
-            shipped("published/triples.csv", lines=60) | shipped("published/phrases.csv"), reader="published"
+            shipped("published/triples.csv", lines=60) | shipped("published/phrases.csv"),
+            reader="published",
         ),
         "shipped graph": _source(
-            names | shipped("thor_u/triples.csv", lines=40), reader="triples_with_ids", from_="thor_u"
+            names | shipped("thor_u/triples.csv", lines=40),
+            reader="triples_with_ids",
+            from_="thor_u",
         ),
         "triples with ids": _source(IDS, reader="triples_with_ids", from_="ids"),
         "BEHAVIOR": _source(
-            BEHAVIOR, reader="behavior", from_="behavior", structure=["wall.n.01"], names={},
+            BEHAVIOR,
+            reader="behavior",
+            from_="behavior",
+            structure=["wall.n.01"],
+            names={},
             affordances={"openable": ["open", "close"], "heatSource": ["heat"]},
         ),
         "requests of a stream": Format(
@@ -390,7 +516,7 @@ def _formats() -> dict[str, Format]:
         "words, binary": Format({"words.bin": BINARY}, partial(words, "words.bin")),
         "table of the pipeline": Format({"triples.parquet": triples()}, pipeline_table),
         "tensors": Format({"vectors.safetensors": tensors()}, pipeline_tensors),
-    }  # fmt: skip
+    }
 
 
 def _house_lines() -> bytes:

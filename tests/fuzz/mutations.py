@@ -1,4 +1,6 @@
-"""Random changes of small valid files: of bytes, lines, fields, JSON values, or columns of a Parquet table."""
+"""Random changes of small valid files: of bytes, lines, fields, JSON values,
+or columns of a Parquet table.
+"""
 
 import codecs
 import gzip
@@ -15,7 +17,8 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 
 Files = dict[str, bytes]
 GZIP = b"\x1f\x8b"
-#: Placeholders for JSON text that no Python value gives; the text replaces them when the file is written.
+#: Placeholders for JSON text that no Python value gives; the text replaces them when the file is
+#: written.
 RAW = {
     "@deep": "[" * 1_000 + "]" * 1_000,
     "@deeper": "[" * 200_000 + "]" * 200_000,
@@ -23,22 +26,33 @@ RAW = {
     "@digits": "9" * 5_000,
 }
 ODD_TEXT = [
-    "", " ", "false", "None", "NaN", "x" * 10_000, "\ud800", "a\x00b", "a\nb", "\x1b[2J", "../../x", "\u202eabc", "é",
-    "|", "#", "\ufeff", "mug", "Mug|1", "kitchen", "object",
+    "", " ", "false", "None", "NaN", "x" * 10_000, "\ud800", "a\x00b", "a\nb", "\x1b[2J", "../../x",
+    "\u202eabc", "é", "|", "#", "\ufeff", "mug", "Mug|1", "kitchen", "object",
 ]  # fmt: skip
 ODD: list[Any] = [
-    None, True, False, *ODD_TEXT, -1, 0, 1, 2, 255, 2**31, 3_000_000_000, 10**20, 1e308, -1e308, 1e-320, float("nan"),
-    float("inf"), 0.5, [], {}, [[]], [None], {"a": 1}, *RAW,
+    None, True, False, *ODD_TEXT, -1, 0, 1, 2, 255, 2**31, 3_000_000_000, 10**20, 1e308, -1e308,
+    1e-320, float("nan"), float("inf"), 0.5, [], {}, [[]], [None], {"a": 1}, *RAW,
 ]  # fmt: skip
 ODD_FIELDS = [
-    b"", b" ", b"-1", b"0", b"00", b"1.5", b"2147483647", b"2147483648", b"3000000000", b"9" * 20, b"9" * 5_000,
-    b"1e308", b"1e17", b"-1e17", b"NaN", b"inf", b"-inf", b"1_0", b"false", b"x" * 10_000, b"\xe9", b"\x00",
-    b"\xed\xa0\x80", b'"', b'"a', b"../x", b"\x1b[2J", b"\xef\xbb\xbf", b"?", b"<urn:x:a>", b"_:b", b'"lit"@en', b"mug",
-    b"kitchen",
+    b"", b" ", b"-1", b"0", b"00", b"1.5", b"2147483647", b"2147483648", b"3000000000", b"9" * 20,
+    b"9" * 5_000, b"1e308", b"1e17", b"-1e17", b"NaN", b"inf", b"-inf", b"1_0", b"false",
+    b"x" * 10_000, b"\xe9", b"\x00", b"\xed\xa0\x80", b'"', b'"a', b"../x", b"\x1b[2J",
+    b"\xef\xbb\xbf", b"?", b"<urn:x:a>", b"_:b", b'"lit"@en', b"mug", b"kitchen",
 ]  # fmt: skip
 ODD_BYTES = [
-    b"\x00", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r", b"\t", b",", b'"', b"{", b"[" * 3_000, b"\xed\xa0\x80", b"9" * 30,
-]  # fmt: skip
+    b"\x00",
+    b"\xff",
+    b"\xef\xbb\xbf",
+    b"\n",
+    b"\r",
+    b"\t",
+    b",",
+    b'"',
+    b"{",
+    b"[" * 3_000,
+    b"\xed\xa0\x80",
+    b"9" * 30,
+]
 
 
 @st.composite
@@ -54,7 +68,9 @@ def changed(draw: DrawFn, files: Files) -> Files:
 
 
 def _ways(name: str, content: bytes) -> list[Callable[[bytes], SearchStrategy[bytes]]]:
-    """Strategies that change a file; those that keep its syntax are listed repeatedly, to be chosen more often."""
+    """Strategies that change a file; those that keep its syntax are listed repeatedly,
+    to be chosen more often.
+    """
     if content.startswith(b"PAR1") and content.endswith(b"PAR1"):
         return [of_bytes, of_columns, of_columns, of_columns]
     if name.endswith((".bin", ".safetensors")):
@@ -75,16 +91,30 @@ def of_bytes(draw: DrawFn, content: bytes) -> bytes:
     if way == 1:
         return content[:first] + content[near:]
     if way in (2, 3) and first < len(content):
-        return content[:first] + bytes([content[first] ^ 1 << draw(st.integers(0, 7))]) + content[first + 1 :]
+        return (
+            content[:first]
+            + bytes([content[first] ^ 1 << draw(st.integers(0, 7))])
+            + content[first + 1 :]
+        )
     if way in (4, 5):
-        return content[:first] + draw(st.sampled_from(ODD_BYTES)) + content[near if way == 5 else first :]
+        return (
+            content[:first]
+            + draw(st.sampled_from(ODD_BYTES))
+            + content[near if way == 5 else first :]
+        )
     if way == 6:
         return content[:first] + content[last:] + content[first:last]
     if way == 7:
         return content[:last] + content[first:last] + content[last:]
     if way == 8:
-        return draw(st.sampled_from([b"", b"\n", codecs.BOM_UTF8 + content, gzip.compress(content), content[::-1]]))
-    return content.decode("latin-1").encode(draw(st.sampled_from(["utf-16", "utf-16-le", "utf-32", "utf-8"])))
+        return draw(
+            st.sampled_from(
+                [b"", b"\n", codecs.BOM_UTF8 + content, gzip.compress(content), content[::-1]]
+            )
+        )
+    return content.decode("latin-1").encode(
+        draw(st.sampled_from(["utf-16", "utf-16-le", "utf-32", "utf-8"]))
+    )
 
 
 @st.composite
@@ -110,7 +140,9 @@ def of_lines(draw: DrawFn, content: bytes) -> bytes:
 
 @st.composite
 def of_fields(draw: DrawFn, content: bytes) -> bytes:
-    """Change a field of a line: replace, remove, double or swap it; or append a field to some lines."""
+    """Change a field of a line: replace, remove, double or swap it;
+    or append a field to some lines.
+    """
     lines = content.split(b"\n")
     here = draw(st.integers(0, len(lines) - 1))
     fields = re.split(rb"([,\t ]+)", lines[here])
@@ -132,8 +164,14 @@ def of_fields(draw: DrawFn, content: bytes) -> bytes:
 
 @st.composite
 def of_json(draw: DrawFn, content: bytes) -> bytes:
-    """Change a value of a JSON file, or of a line of JSON Lines: replace, remove, double, rename or move it."""
-    lines = [content] if b"\n" not in content.strip() or content.startswith((b"[\n", b"{\n")) else content.split(b"\n")
+    """Change a value of a JSON file, or of a line of JSON Lines:
+    replace, remove, double, rename or move it.
+    """
+    lines = (
+        [content]
+        if b"\n" not in content.strip() or content.startswith((b"[\n", b"{\n"))
+        else content.split(b"\n")
+    )
     here = draw(st.integers(0, len(lines) - 1))
     try:
         tree = [json.loads(lines[here])]
@@ -169,17 +207,34 @@ def _spots(tree: Any) -> Any:
 
 
 ODD_COLUMNS = [
-    pa.nulls(1), pa.array([None], pa.string()), pa.array([""]), pa.array([" "]), pa.array(["x" * 10_000]),
-    pa.array([-1]), pa.array([0]), pa.array([2**31]), pa.array([2**62]), pa.array([1.5]), pa.array([float("nan")]),
-    pa.array([True]), pa.array([b"\xff"]), pa.array([["a"]]), pa.array([{"a": 1}]), pa.array(["a\x00b"]),
-    pa.array(["mug"]).dictionary_encode(), pa.array([0], pa.timestamp("s")), pa.array(["\u202eabc"]),
+    pa.nulls(1),
+    pa.array([None], pa.string()),
+    pa.array([""]),
+    pa.array([" "]),
+    pa.array(["x" * 10_000]),
+    pa.array([-1]),
+    pa.array([0]),
+    pa.array([2**31]),
+    pa.array([2**62]),
+    pa.array([1.5]),
+    pa.array([float("nan")]),
+    pa.array([True]),
+    pa.array([b"\xff"]),
+    pa.array([["a"]]),
+    pa.array([{"a": 1}]),
+    pa.array(["a\x00b"]),
+    pa.array(["mug"]).dictionary_encode(),
+    pa.array([0], pa.timestamp("s")),
+    pa.array(["\u202eabc"]),
     pa.array(["kitchen"]),
-]  # fmt: skip
+]
 
 
 @st.composite
 def of_columns(draw: DrawFn, content: bytes) -> bytes:
-    """Change a Parquet table: replace, rename, remove or double a column; double or remove rows; change a value."""
+    """Change a Parquet table: replace, rename, remove or double a column; double or remove rows;
+    change a value.
+    """
     try:
         table = pq.read_table(io.BytesIO(content))
     except (pa.ArrowException, OSError):  # changed before
@@ -203,7 +258,9 @@ def of_columns(draw: DrawFn, content: bytes) -> bytes:
         row = draw(st.integers(0, table.num_rows - 1))
         column = table.column(place).combine_chunks()
         try:  # one value of the column if its type fits, else all values
-            values = pa.concat_arrays([column.slice(0, row), odd.cast(column.type), column.slice(row + 1)])
+            values = pa.concat_arrays(
+                [column.slice(0, row), odd.cast(column.type), column.slice(row + 1)]
+            )
         except pa.ArrowException:
             values = pa.concat_arrays([odd] * table.num_rows)
         table = table.set_column(place, table.column_names[place], values)

@@ -1,4 +1,6 @@
-"""Some hundreds of changed files in another process; equivalent files in other forms; the largest files."""
+"""Some hundreds of changed files in another process; equivalent files in other forms;
+the largest files.
+"""
 
 import codecs
 import gzip
@@ -14,9 +16,13 @@ from tests.fuzz.worker import Worker
 INPUTS = 16
 #: Titles of the largest files that are refused within a short time.
 QUICK = [
-    "a scene of a million objects", "a house of a million objects", "lists in lists in a scene, a million deep",
-    "mappings in mappings, a million deep", "lists in lists in Turtle", "a header that promises a billion vectors",
-]  # fmt: skip
+    "a scene of a million objects",
+    "a house of a million objects",
+    "lists in lists in a scene, a million deep",
+    "mappings in mappings, a million deep",
+    "lists in lists in Turtle",
+    "a header that promises a billion vectors",
+]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +54,8 @@ def is_text(name: str, content: bytes) -> bool:
 
 @pytest.mark.parametrize("form", [marked, with_returns])
 @pytest.mark.parametrize(
-    "name", [name for name, one in FORMATS.items() if any(is_text(*file) for file in one.files.items())]
+    "name",
+    [name for name, one in FORMATS.items() if any(is_text(*file) for file in one.files.items())],
 )
 def test_a_byte_order_mark_or_another_line_end_changes_nothing(
     worker: Worker, name: str, form: Callable[[bytes], bytes]
@@ -61,8 +68,12 @@ def test_a_byte_order_mark_or_another_line_end_changes_nothing(
             assert (again.kind, again.problem, again.meaning) == ("read", "", plain.meaning), file
 
 
-@pytest.mark.parametrize(("name", "file"), [("recording", "r.jsonl.gz"), ("table, TSV", "log.tsv.gz")])
-def test_a_mark_within_a_compressed_file_changes_nothing(worker: Worker, name: str, file: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "file"), [("recording", "r.jsonl.gz"), ("table, TSV", "log.tsv.gz")]
+)
+def test_a_mark_within_a_compressed_file_changes_nothing(
+    worker: Worker, name: str, file: str
+) -> None:
     files = FORMATS[name].files
     again = worker.read(name, {file: gzip.compress(marked(gzip.decompress(files[file])))})
     assert again.meaning == worker.read(name, files).meaning != ""
@@ -76,10 +87,15 @@ def test_a_file_that_is_too_large_or_too_deep_is_refused(name: str) -> None:
 
 def test_each_fault_of_a_reader_is_noticed_and_the_next_file_is_read() -> None:
     expected = {
-        "!endless in C": "more than 1 s", "!memory": "MemoryError", "!dies": "the process ended with status 3",
-        "!writes into an output": "an output was touched", "!leaves a file": "files are left: ['.x.tmp']",
-        "!is not printable": "not printable", "!is long": "500 characters", "!raises": "KeyError: 'head'",
-    }  # fmt: skip
+        "!endless in C": "more than 1 s",
+        "!memory": "MemoryError",
+        "!dies": "the process ended with status 3",
+        "!writes into an output": "an output was touched",
+        "!leaves a file": "files are left: ['.x.tmp']",
+        "!is not printable": "not printable",
+        "!is long": "500 characters",
+        "!raises": "KeyError: 'head'",
+    }
     with Worker(seconds=1) as worker:
         problems = {name: worker.read(name, {}).problem for name in expected}
         assert worker.read("words", FORMATS["words"].files).kind == "read"

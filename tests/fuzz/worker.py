@@ -1,4 +1,6 @@
-"""A process that reads files within limits: 2 GiB of additional memory, and ten seconds of its own CPU time."""
+"""A process that reads files within limits:
+2 GiB of additional memory, and ten seconds of its own CPU time.
+"""
 
 import multiprocessing
 import os
@@ -26,7 +28,12 @@ SECONDS = 10
 #: Seconds of wall time after which the process is killed, for processes that use no CPU time.
 PATIENCE = 120
 #: Modules imported before the memory limit is set, since their memory does not depend on the files.
-PRELOADED = ["tests.fuzz.worker", "gensim.models", "safetensors.torch", "rdflib.plugins.parsers.notation3"]
+PRELOADED = [
+    "tests.fuzz.worker",
+    "gensim.models",
+    "safetensors.torch",
+    "rdflib.plugins.parsers.notation3",
+]
 #: Maximum number of characters in a line of refusal.
 LONGEST = 300
 
@@ -45,7 +52,9 @@ class Outcome:
 
 
 def attempt(name: str, files: Files) -> Outcome:
-    """Read files in a temporary folder as a stage does, and check the message and the files that are left."""
+    """Read files in a temporary folder as a stage does,
+    and check the message and the files that are left.
+    """
     start, home = time.process_time(), Path.cwd()
     with tempfile.TemporaryDirectory(prefix="isi-fuzz-") as folder:
         root = Path(folder).resolve()
@@ -79,10 +88,16 @@ def _read(name: str, given: set[str]) -> tuple[Literal["read", "refused", "fault
         return "fault", traceback.format_exc(limit=-12), ""
     else:
         line = ""
-    left = {str(path) for path in Path().rglob("*") if path.is_file()} - given - set(map(str, form.writes))
+    left = (
+        {str(path) for path in Path().rglob("*") if path.is_file()}
+        - given
+        - set(map(str, form.writes))
+    )
     if left:
         wrong = f"files are left: {sorted(left)}"
-    return ("fault", wrong, "") if wrong else ("refused", line, "") if line else ("read", "", meaning)
+    return (
+        ("fault", wrong, "") if wrong else ("refused", line, "") if line else ("read", "", meaning)
+    )
 
 
 def _wrong_line(line: str) -> str:
@@ -120,7 +135,12 @@ class Worker:
         self._start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self._end()
 
     def read(self, name: str, files: Files) -> Outcome:
@@ -135,7 +155,11 @@ class Worker:
             self._process.join()
             status = self._process.exitcode or 0
             hung = status == -signal.SIGPROF
-            died = f"more than {self._seconds:g} s" if hung else f"the process ended with status {status}"
+            died = (
+                f"more than {self._seconds:g} s"
+                if hung
+                else f"the process ended with status {status}"
+            )
         self._end()
         self._start()
         return Outcome("fault", died)

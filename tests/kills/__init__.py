@@ -1,1 +1,3 @@
-"""Runs of the pipeline that are killed at random, or find no disk space, and are continued without loss."""
+"""Runs of the pipeline that are killed at random, or find no disk space,
+and are continued without loss.
+"""

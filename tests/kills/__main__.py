@@ -1,8 +1,10 @@
-"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.csv: ``make kill-test``.
+"""Kill or starve runs of the pipeline, and write the outcomes to docs/benchmarks/kills.csv:
+``make kill-test``.
 
-In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a random moment. Further
-runs have a limit on the size of files, or a full file system. After each of them, another run must give every output
-byte for byte as an undisturbed run does, and must leave no process and no temporary file.
+In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a
+random moment. Further runs have a limit on the size of files, or a full file system. After each of
+them, another run must give every output byte for byte as an undisturbed run does, and must leave no
+process and no temporary file.
 
 python -m tests.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
@@ -40,13 +42,18 @@ def disk() -> Iterator[tuple[Path, Callable[[int], object]]]:
         if subprocess.run([*mount, "size=1g", folder], capture_output=True).returncode:
             raise PermissionError
         try:
-            yield Path(folder), lambda kib: subprocess.run([*mount, f"remount,size={kib}k", folder], check=True)
+            yield (
+                Path(folder),
+                lambda kib: subprocess.run([*mount, f"remount,size={kib}k", folder], check=True),
+            )
         finally:
             subprocess.run(["umount", "--lazy", folder], check=True)  # noqa: S607
 
 
 def survived(where: Workspace, strike: Callable[[], Fault | None]) -> Fault | None:
-    """Disturb a new run by ``strike``, continue it, and compare its outputs; None if the run ended before."""
+    """Disturb a new run by ``strike``, continue it, and compare its outputs;
+    None if the run ended before.
+    """
     where.clear()
     fault = None
     try:
@@ -60,7 +67,9 @@ def survived(where: Workspace, strike: Callable[[], Fault | None]) -> Fault | No
 
 
 def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) -> Iterator[Fault]:
-    """Send signals to processes of runs at random moments in [0, ``seconds``]; pairs (process, signal) alternate."""
+    """Send signals to processes of runs at random moments in [0, ``seconds``];
+    pairs (process, signal) alternate.
+    """
     ways = [(whom, how) for whom in WHOM for how in SIGNALS]
     order = [way for _ in range(-(-number // len(ways))) for way in chosen.sample(ways, len(ways))]
     for whom, how in order[:number]:
@@ -74,20 +83,26 @@ def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) 
 def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault]:
     """Disturb runs by a limit of 2 to 100 KiB on the size of files."""
     for _ in range(number):
-        fault = survived(where, partial(where.starve, chosen.choice([2, 5, 10, 20, 50, 100]) * 1024))
+        fault = survived(
+            where, partial(where.starve, chosen.choice([2, 5, 10, 20, 50, 100]) * 1024)
+        )
         if fault:
             yield fault
 
 
 def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> Iterator[Fault]:
-    """Disturb runs by a full file system, which then gets space; yields nothing if this user may not mount."""
+    """Disturb runs by a full file system, which then gets space;
+    yields nothing if this user may not mount.
+    """
     for _ in range(number):
         with suppress(PermissionError), disk() as (folder, hold):
             where = Workspace(folder / "run")
             where.expected = expected
             used = shutil.disk_usage(folder).used // 1024
 
-            def strike(where: Workspace = where, hold: Callable[[int], object] = hold, used: int = used) -> Fault:
+            def strike(
+                where: Workspace = where, hold: Callable[[int], object] = hold, used: int = used
+            ) -> Fault:
                 hold(used + chosen.randrange(50, 1500))
                 fault = where.starve()
                 hold(2**20)
@@ -104,7 +119,10 @@ def table(faults: Sequence[Fault]) -> str:
     rows = rows.assign(status=rows["status"] != 0, lost=rows["lost"] != "")
     groups = pd.concat([rows, rows.assign(whom="all", how="")]).groupby(["whom", "how"], sort=False)
     counts = groups.agg(
-        times=("stage", "size"), stages=("stage", "nunique"), ended=("status", "sum"), lost=("lost", "sum")
+        times=("stage", "size"),
+        stages=("stage", "nunique"),
+        ended=("status", "sum"),
+        lost=("lost", "sum"),
     )
     names = ["target", "signal or fault", "trials", "different stages", "run ended", "data lost"]
     return counts.reset_index().set_axis(names, axis=1).to_csv(index=False, lineterminator="\n")
@@ -113,7 +131,12 @@ def table(faults: Sequence[Fault]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
-    parser.add_argument("--disks", type=int, default=4, help="number of full file systems, and of limits on files (4)")
+    parser.add_argument(
+        "--disks",
+        type=int,
+        default=4,
+        help="number of full file systems, and of limits on files (4)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random moments (0)")
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
     given = parser.parse_args()
@@ -123,12 +146,16 @@ def main() -> None:
         seconds = where.finish()
         where.expected = where.digests()
         every = itertools.chain(
-            kills(where, given.kills, seconds, chosen), limits(where, given.disks, chosen),
+            kills(where, given.kills, seconds, chosen),
+            limits(where, given.disks, chosen),
             full_disks(where.expected, given.disks, chosen),
-        )  # fmt: skip
+        )
         for fault in tqdm(every, total=given.kills + 2 * given.disks, unit=" faults", disable=None):
             faults.append(fault)
-            print(f"{fault.whom}, {fault.how}, in {fault.stage}: {fault.lost or 'nothing lost'}", flush=True)
+            print(
+                f"{fault.whom}, {fault.how}, in {fault.stage}: {fault.lost or 'nothing lost'}",
+                flush=True,
+            )
     given.out.write_text(table(faults), encoding="utf-8")
     lost = sum(bool(fault.lost) for fault in faults)
     print(f"{len(faults)} faults, {lost} lost something; a run takes {seconds:.0f} s")

@@ -24,17 +24,39 @@ from tools import workspace
 
 #: Params of a pipeline on one small graph, in which stages still use several workers.
 SMALL: dict[str, Any] = {
-    "experiments.ai2thor": workspace.DROP, "experiments.transfer": workspace.DROP,
-    "sources.ai2thor": workspace.DROP, "sources.mp3d": workspace.DROP,
-    "experiments.published.sessions.seeds": 3, "experiments.published.sessions.sizes": [1, 2],
-    "experiments.published.full_curves.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
-    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
-    "compute.stack": 1, "compute.workers": 2, "final_model.experiments": ["published"],
-    **{f"initializers.{name}": workspace.DROP for name in (
-        "iu", "es", "rs", "mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
-        "soft_hybrid", "map", "map_own_facts",
-    )},
-}  # fmt: skip
+    "experiments.ai2thor": workspace.DROP,
+    "experiments.transfer": workspace.DROP,
+    "sources.ai2thor": workspace.DROP,
+    "sources.mp3d": workspace.DROP,
+    "experiments.published.sessions.seeds": 3,
+    "experiments.published.sessions.sizes": [1, 2],
+    "experiments.published.full_curves.sizes": [2],
+    "experiments.published.initializers": ["xavier", "ers"],
+    "embedding.dimension": 8,
+    "training.max_epochs": 4,
+    "training.evaluate_every": 2,
+    "finetuning.max_epochs": 3,
+    "compute.stack": 1,
+    "compute.workers": 2,
+    "final_model.experiments": ["published"],
+    **{
+        f"initializers.{name}": workspace.DROP
+        for name in (
+            "iu",
+            "es",
+            "rs",
+            "mean",
+            "kind_mean",
+            "gaussian",
+            "gaussian_centred",
+            "es_permuted",
+            "es_permuted_kinds",
+            "soft_hybrid",
+            "map",
+            "map_own_facts",
+        )
+    },
+}
 WHOM = ("make repro", "DVC", "a stage", "a worker")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 #: Maximum seconds until a disturbed run ends, and until all processes of its session are gone.
@@ -47,7 +69,9 @@ REPRO = [sys.executable, str(Path(workspace.__file__).with_name("repro.py"))]
 
 @dataclass(frozen=True)
 class Fault:
-    """A disturbance of a run: the process (or the disk), the signal (or the limit), and its effect."""
+    """A disturbance of a run: the process (or the disk), the signal (or the limit),
+    and its effect.
+    """
 
     whom: str
     how: str
@@ -60,26 +84,42 @@ class Fault:
 
 
 class Lost(Exception):
-    """A fault that caused a loss: the message names the files that differ, the process that stays, or the failure."""
+    """A fault that caused a loss: the message names the files that differ, the process that stays,
+    or the failure.
+    """
 
 
 class Workspace:
-    """A small pipeline, or some of its stages (``targets``), and the digests of the outputs of an undisturbed run.
+    """A small pipeline, or some of its stages (``targets``),
+    and the digests of the outputs of an undisturbed run.
 
     Each run starts without outputs, except those in the folders ``inputs`` of ``data``.
     """
 
-    def __init__(self, folder: Path, targets: Sequence[str] = (), inputs: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, targets: Sequence[str] = (), inputs: Sequence[str] = ()
+    ) -> None:
         workspace.make(folder, SMALL)
-        self.folder, self.targets, self.inputs, self.expected = folder, targets, inputs, dict[str, str]()
+        self.folder, self.targets, self.inputs, self.expected = (
+            folder,
+            targets,
+            inputs,
+            dict[str, str](),
+        )
 
     def begin(self, limit: int | None = None) -> subprocess.Popen[str]:
         """Start a run in a new session; ``limit``: maximum size of its files in bytes."""
         return subprocess.Popen(
-            [*REPRO, *self.targets], cwd=self.folder, env=ENVIRONMENT, start_new_session=True, text=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            [*REPRO, *self.targets],
+            cwd=self.folder,
+            env=ENVIRONMENT,
+            start_new_session=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             preexec_fn=partial(_prepare, os.getpid(), limit),
-        )  # fmt: skip
+        )
 
     def finish(self) -> float:
         """Run the stages that are left; returns the seconds.
@@ -102,20 +142,36 @@ class Workspace:
             Lost: if a file differs, is missing or is left over.
         """
         made = self.digests()
-        differs = sorted(name for name in made.keys() | self.expected if made.get(name) != self.expected.get(name))
+        differs = sorted(
+            name
+            for name in made.keys() | self.expected
+            if made.get(name) != self.expected.get(name)
+        )
         if differs:
             raise Lost(f"{len(differs)} files differ, lack or stay: {', '.join(differs[:5])}")
 
     def digests(self) -> dict[str, str]:
         """SHA-256 by path of all outputs: data, reports and the lock file."""
-        made = [path for part in ("data", "reports") for path in (self.folder / part).rglob("*") if path.is_file()]
+        made = [
+            path
+            for part in ("data", "reports")
+            for path in (self.folder / part).rglob("*")
+            if path.is_file()
+        ]
         files = [path for path in made if not path.is_relative_to(self.folder / "data/raw")]
         files.append(self.folder / "dvc.lock")
-        return {str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+        return {
+            str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in files
+        }
 
     def clear(self) -> None:
         """Remove all outputs except ``inputs``, and DVC's cache; DVC's other files stay."""
-        outputs = [path for path in (self.folder / "data").iterdir() if path.name not in ("raw", *self.inputs)]
+        outputs = [
+            path
+            for path in (self.folder / "data").iterdir()
+            if path.name not in ("raw", *self.inputs)
+        ]
         for path in [*outputs, self.folder / ".dvc/cache", self.folder / "reports"]:
             shutil.rmtree(path, ignore_errors=True)
         if not self.inputs:
@@ -124,10 +180,12 @@ class Workspace:
     def strike(
         self, whom: str, how: signal.Signals, after: float, chosen: random.Random, running: str = ""
     ) -> Fault | None:
-        """Start a run, and send a signal to one of its processes after ``after`` seconds; None if the run has ended.
+        """Start a run, and send a signal to one of its processes after ``after`` seconds;
+        None if the run has ended.
 
         Args:
-            running: wait until a process of this kind runs (default: the kind ``whom``, which gets the signal).
+            running: wait until a process of this kind runs (default: the kind ``whom``, which gets
+                the signal).
 
         Raises:
             Lost: if the run does not end, or leaves a process.
@@ -150,7 +208,8 @@ class Workspace:
             return Fault(whom, how.name, stage, run.returncode)
 
     def starve(self, limit: int | None = None) -> Fault:
-        """Run without enough space: the disk is full, or files have a maximum size of ``limit`` bytes.
+        """Run without enough space: the disk is full,
+        or files have a maximum size of ``limit`` bytes.
 
         Raises:
             Lost: if the run succeeds, prints a traceback, or leaves a process.
@@ -170,7 +229,9 @@ class Workspace:
 
 
 def _prepare(parent: int, limit: int | None) -> None:
-    """End this process with the test, accept Ctrl-C even if the test's parent ignores it, and limit file sizes."""
+    """End this process with the test, accept Ctrl-C even if the test's parent ignores it,
+    and limit file sizes.
+    """
     tie_to_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if limit is not None:
@@ -213,7 +274,9 @@ def _nobody_left(leader: int) -> None:
 
 
 def _victims(leader: int, whom: str) -> list[psutil.Process]:
-    """Processes of kind ``whom`` (``WHOM``) in a run: itself, DVC, the running stage, or the stage's workers."""
+    """Processes of kind ``whom`` (``WHOM``) in a run:
+    itself, DVC, the running stage, or the stage's workers.
+    """
     level = [psutil.Process(leader)]
     for _ in range(WHOM.index(whom)):
         below = []

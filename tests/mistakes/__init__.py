@@ -1,4 +1,6 @@
-"""Mistakes in files that readers mine: the faulty content, and the places that the message must name."""
+"""Mistakes in files that readers mine: the faulty content,
+and the places that the message must name.
+"""
 
 import gzip
 import json
@@ -33,9 +35,16 @@ class Case:
 
 
 def of_file(format: str, file: str) -> Callable[..., Case]:
-    """A function that makes cases of one file, from a title, the file's content, and texts of the message."""
+    """A function that makes cases of one file, from a title, the file's content,
+    and texts of the message.
+    """
 
-    def case(what: str, content: str | bytes | None, names: str = "", settings: dict[str, Any] | None = None) -> Case:
+    def case(
+        what: str,
+        content: str | bytes | None,
+        names: str = "",
+        settings: dict[str, Any] | None = None,
+    ) -> Case:
         return Case(what, format, {file: content}, f"{file}|{names}", settings or {})
 
     return case
@@ -49,11 +58,15 @@ def scene(*things: object, **of_the_mug: object) -> str:
 def recording(*lines: object, header: object = FORMAT) -> bytes:
     """A recording in the format of ``make record``; lines that are text are written unchanged."""
     return gzip.compress(
-        "\n".join(one if isinstance(one, str) else json.dumps(one) for one in (header, *lines)).encode()
+        "\n".join(
+            one if isinstance(one, str) else json.dumps(one) for one in (header, *lines)
+        ).encode()
     )
 
 
-def spawned(plan: str = "FloorPlan1", spawn: object = None, objects: object = THINGS) -> dict[str, object]:
+def spawned(
+    plan: str = "FloorPlan1", spawn: object = None, objects: object = THINGS
+) -> dict[str, object]:
     return {"scene": plan, "spawn": spawn, "objects": objects}
 
 
@@ -68,7 +81,9 @@ def mug(what: str, names: str, **change: object) -> Case:
 
 def log(what: str, rows: str, names: str, **settings: object) -> Case:
     """A case with a mistake in a table of triples."""
-    return Case(what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings})
+    return Case(
+        what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings}
+    )
 
 
 def entities(what: str, row: str, names: str) -> Case:
@@ -76,7 +91,9 @@ def entities(what: str, row: str, names: str) -> Case:
     return Case(what, "table, CSV", {"entities.csv": ENTITIES + row}, names)
 
 
-def changed(what: str, form: str, file: str, old: str, new: str, names: str, **settings: object) -> Case:
+def changed(
+    what: str, form: str, file: str, old: str, new: str, names: str, **settings: object
+) -> Case:
     """A case in which ``new`` replaces the first ``old`` in the text of a file."""
     text = formats.FORMATS[form].files[file].decode()
     assert old in text
@@ -95,12 +112,18 @@ def files_of(case: Case) -> Files:
     for name, content in case.files.items():
         files.pop(name, None)
         if content is not None:
-            files[name] = content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape")
+            files[name] = (
+                content
+                if isinstance(content, bytes)
+                else content.encode("utf-8", "surrogateescape")
+            )
     return files
 
 
 def assert_names(line: str, names: str) -> None:
-    """Check that a message is one printable line under 300 characters with these texts and at least one more word."""
+    """Check that a message is one printable line under 300 characters with these texts
+    and at least one more word.
+    """
     assert len(line) < 300
     assert line.isprintable()
     missing = [name for name in filter(None, names.split("|")) if name not in line]

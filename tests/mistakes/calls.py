@@ -1,4 +1,6 @@
-"""Mistakes in command lines and in arguments of the library, and the places that the message must name."""
+"""Mistakes in command lines and in arguments of the library,
+and the places that the message must name.
+"""
 
 import gzip
 import shutil
@@ -38,7 +40,8 @@ class Called:
     """A mistake in an argument of the library."""
 
     what: str
-    given: dict[str, Any] | Callable[[], dict[str, Any]]  #: replace valid arguments; a function if slow to make
+    #: replace valid arguments; a function if slow to make
+    given: dict[str, Any] | Callable[[], dict[str, Any]]
     names: str  #: parts that the message names, with | between them
 
 
@@ -48,7 +51,11 @@ def put(**files: str | bytes) -> Callable[[], object]:
     def write() -> None:
         for name, content in files.items():
             path = Path(name.replace("__", "."))
-            path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
+            path.write_bytes(
+                content
+                if isinstance(content, bytes)
+                else content.encode("utf-8", "surrogateescape")
+            )
 
     return write
 
@@ -59,13 +66,17 @@ def params(changes: dict[str, Any]) -> Callable[[], object]:
     def write() -> None:
         values = yaml.load(paths.PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
         change_all(values, changes)
-        paths.PARAMS.write_text(yaml.dump(values, Dumper=yaml.CSafeDumper, sort_keys=False), encoding="utf-8")
+        paths.PARAMS.write_text(
+            yaml.dump(values, Dumper=yaml.CSafeDumper, sort_keys=False), encoding="utf-8"
+        )
 
     return write
 
 
 def lay_out(folder: Path) -> Path:
-    """Write the folder of commands: params, shipped data, an embedding without word vectors, a log of one triple."""
+    """Write the folder of commands: params, shipped data, an embedding without word vectors,
+    a log of one triple.
+    """
     for path in (paths.PARAMS, paths.BEYOND_PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, folder / path)

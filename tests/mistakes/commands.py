@@ -1,4 +1,6 @@
-"""Mistakes in command lines about embeddings (``isi insert``, ``observe``, ``remove``, ``undo``, ``ask``, ...)."""
+"""Mistakes in command lines about embeddings
+(``isi insert``, ``observe``, ``remove``, ``undo``, ``ask``, ...).
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +25,9 @@ def large() -> None:
 def distances() -> None:
     """Write an embedding whose scoring function is a distance."""
     options = {"margin": 1.0, "squared": False}
-    manifest = small().manifest.model_copy(update={"model_name": "transe", "model_options": options})
+    manifest = small().manifest.model_copy(
+        update={"model_name": "transe", "model_options": options}
+    )
     written(Path("home"), small(manifest=manifest))
 
 
@@ -33,8 +37,17 @@ def twins() -> None:
 
 def inserted(why: str, folder: str = "home", entity: str = NAMES[-1]) -> Callable[[], object]:
     """A function that marks an entity (default: the last) of an embedding as inserted."""
-    one = {"entity": entity, "told": [["bed", "hasAffordance", entity]], "definition": None, "asked": None,
-           "options": {}, "seed": 0, "initializer": "mean", "why": why, "fallback": None}  # fmt: skip
+    one = {
+        "entity": entity,
+        "told": [["bed", "hasAffordance", entity]],
+        "definition": None,
+        "asked": None,
+        "options": {},
+        "seed": 0,
+        "initializer": "mean",
+        "why": why,
+        "fallback": None,
+    }
     return lambda: edit(Path(folder), lambda about: about.update(inserted=[one]))
 
 
@@ -103,47 +116,110 @@ CHANGES = [
 ]
 COMMAND_CASES = [
     Typed("no command", "", "COMMAND", status=2),
-    *(Typed(typed[:60] or "nothing to insert", f"insert {typed} --embedding home", names) for names, typed in INSERT),
-    *(Typed(typed, f"insert {typed} --embedding home", names, status=2) for names, typed in (
-        ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
-        ("--set", f"{FACT} --initializer rs --set k=3 --set k=4"),
-    )),
+    *(
+        Typed(typed[:60] or "nothing to insert", f"insert {typed} --embedding home", names)
+        for names, typed in INSERT
+    ),
+    *(
+        Typed(typed, f"insert {typed} --embedding home", names, status=2)
+        for names, typed in (
+            ("--seed", f"{FACT} --seed -1"),
+            ("--out", f"{FACT} --out ."),
+            ("--set", f"{FACT} --initializer rs --set k=3 --set k=4"),
+        )
+    ),
     *(Typed(typed, f"{typed} --embedding home", names, before=changed) for names, typed in CHANGES),
-    Typed("a name of several words without quotes", "insert wine jug --fact atLocation bed --embedding home",
-          "jug|quotes", status=2),
+    Typed(
+        "a name of several words without quotes",
+        "insert wine jug --fact atLocation bed --embedding home",
+        "jug|quotes",
+        status=2,
+    ),
     Typed("half a fact", "observe --fact bed atLocation --embedding home", "--fact", status=2),
-    Typed("a fact of an unknown folder", "observe --fact bed atLocation kitchen --embedding nowhere", "nowhere"),
+    Typed(
+        "a fact of an unknown folder",
+        "observe --fact bed atLocation kitchen --embedding nowhere",
+        "nowhere",
+    ),
     Typed("nothing to undo", "undo --embedding home", "undo"),
     Typed("no insertion that interferes", "interference --embedding home", "home"),
-    *(Typed(f"a journal with {line}", command, "home/journal.jsonl|line 1", before=journal(line)) for line, command in (
-        ("{", "nearest bed --embedding home"), ('{"do": "forget"}', "undo --embedding home"),
-        ('{"do": "observe", "facts": [["bed"]]}', "history --embedding home"),
-    )),
-    Typed("a name that is written in several ways", "insert x --fact atLocation 'TURN ON' --embedding home", "TURN ON",
-          before=twins),
-    Typed("an initializer that the model does not serve", f"insert {FACT} --initializer ridge --embedding home",
-          "--initializer|ridge", before=distances),
-    Typed("word vectors of other words", "insert x --vectors words.txt --embedding home --out out", "words.txt",
-          before=put(words__txt="mug 1 2\ncup 2 1\n")),
-    Typed("a number with an underscore", "insert x --vectors words.txt --embedding home --out out", "words.txt|line 1",
-          before=put(words__txt="mug 1_0 2\n")),
-    Typed("a folder with something else in it", f"insert {FACT} --embedding home --out other", "other|thesis.tex",
-          before=lambda: (Path("other").mkdir(), Path("other/thesis.tex").write_text("all of it", encoding="utf-8"))),
-    Typed("a folder into which others were inserted", f"insert {FACT} --embedding home --out other", "other",
-          before=inserted_elsewhere),
-    Typed("vectors that are too large to be inserted among", f"insert {FACT} --embedding home --out out",
-          "home/vectors.safetensors|entities", before=large),
+    *(
+        Typed(f"a journal with {line}", command, "home/journal.jsonl|line 1", before=journal(line))
+        for line, command in (
+            ("{", "nearest bed --embedding home"),
+            ('{"do": "forget"}', "undo --embedding home"),
+            ('{"do": "observe", "facts": [["bed"]]}', "history --embedding home"),
+        )
+    ),
+    Typed(
+        "a name that is written in several ways",
+        "insert x --fact atLocation 'TURN ON' --embedding home",
+        "TURN ON",
+        before=twins,
+    ),
+    Typed(
+        "an initializer that the model does not serve",
+        f"insert {FACT} --initializer ridge --embedding home",
+        "--initializer|ridge",
+        before=distances,
+    ),
+    Typed(
+        "word vectors of other words",
+        "insert x --vectors words.txt --embedding home --out out",
+        "words.txt",
+        before=put(words__txt="mug 1 2\ncup 2 1\n"),
+    ),
+    Typed(
+        "a number with an underscore",
+        "insert x --vectors words.txt --embedding home --out out",
+        "words.txt|line 1",
+        before=put(words__txt="mug 1_0 2\n"),
+    ),
+    Typed(
+        "a folder with something else in it",
+        f"insert {FACT} --embedding home --out other",
+        "other|thesis.tex",
+        before=lambda: (
+            Path("other").mkdir(),
+            Path("other/thesis.tex").write_text("all of it", encoding="utf-8"),
+        ),
+    ),
+    Typed(
+        "a folder into which others were inserted",
+        f"insert {FACT} --embedding home --out other",
+        "other",
+        before=inserted_elsewhere,
+    ),
+    Typed(
+        "vectors that are too large to be inserted among",
+        f"insert {FACT} --embedding home --out out",
+        "home/vectors.safetensors|entities",
+        before=large,
+    ),
     Typed("half a question", "ask kettle --embedding home", "relation"),
     Typed("both ends", "ask kettle atLocation --tail bed --embedding home", "relation"),
     Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head", status=2),
     Typed("a misspelt entity", "ask ketle atLocation --embedding home", "ENTITY"),
     Typed("an unknown relation", "ask kettle located --embedding home", "RELATION"),
-    Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top", status=2),
+    Typed(
+        "a number of answers that is none",
+        "ask kettle atLocation --top 0 --embedding home",
+        "--top",
+        status=2,
+    ),
     Typed("no name", "nearest '' --embedding home", "ENTITY"),
     Typed("no such folder", "nearest bed --embedding nowhere", "nowhere"),
     Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}", "xxx...xxx"),
-    Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/final_models/ai2thor"),
+    Typed(
+        "the pipeline's embedding, which is not there yet",
+        "nearest bed",
+        "data/final_models/ai2thor",
+    ),
     Typed("an entity that was not inserted", "explain bed --embedding home", "'bed'|inserted"),
-    Typed("what moves a terminal's cursor, in what the folder says of it", "explain 'lie on' --embedding home",
-          "home/embedding.json|inserted.0.why", before=inserted("\x1b[2J")),
-]  # fmt: skip
+    Typed(
+        "what moves a terminal's cursor, in what the folder says of it",
+        "explain 'lie on' --embedding home",
+        "home/embedding.json|inserted.0.why",
+        before=inserted("\x1b[2J"),
+    ),
+]

@@ -12,9 +12,16 @@ from tests.small_bundle import edit, small, tamper
 
 HOME = Path("home")
 INSERTED = {
-    "entity": "lie on", "told": [("bed", "hasAffordance", "lie on")], "definition": "to rest", "asked": None,
-    "options": {"k": 2}, "seed": 3, "initializer": "rs", "why": "the best", "fallback": None,
-}  # fmt: skip
+    "entity": "lie on",
+    "told": [("bed", "hasAffordance", "lie on")],
+    "definition": "to rest",
+    "asked": None,
+    "options": {"k": 2},
+    "seed": 3,
+    "initializer": "rs",
+    "why": "the best",
+    "fallback": None,
+}
 NAN = small().entities.copy()
 NAN[3, 1] = np.nan
 
@@ -60,11 +67,16 @@ BROKEN: list[tuple[str, Callable[[], object]]] = [
     ("embedding.json|family", manifest(family="holographic")),
     ("embedding.json|family|margin", manifest(family="transe")),
     ("embedding.json|family", manifest(family_options={"margin": 2.0})),
-    ("vectors.safetensors|relations", manifest(family="rotate", family_options={"margin": 1.0, "squared": False})),
+    (
+        "vectors.safetensors|relations",
+        manifest(family="rotate", family_options={"margin": 1.0, "squared": False}),
+    ),
     ("embedding.json|entities", manifest(entities=7)),
     ("embedding.json|inserted", manifest(inserted=[{**INSERTED, "entity": "bed"}])),
-    ("embedding.json|inserted.0.told",
-     manifest(inserted=[{**INSERTED, "told": [["sofa", "hasAffordance", "lie on"]]}])),
+    (
+        "embedding.json|inserted.0.told",
+        manifest(inserted=[{**INSERTED, "told": [["sofa", "hasAffordance", "lie on"]]}]),
+    ),
     ("embedding.json|triples", put("triples.tsv", b"head\trelation\ttail\n")),
     ("vectors.safetensors", put("vectors.safetensors", b"x" * 50)),
     ("vectors.safetensors", put("vectors.safetensors", tensors()[:-40])),
@@ -73,13 +85,20 @@ BROKEN: list[tuple[str, Callable[[], object]]] = [
     ("vectors.safetensors|tensor 'entities'", vectors(entities=NAN)),
     ("vectors.safetensors|tensor 'words'", vectors(words=np.ones((6, 2), np.int64))),
     ("vectors.safetensors|relations", vectors(relations=small().relations[:, :3])),
-    ("vectors.safetensors|tensor 'relations'", put("relations.tsv", b"relation\natLocation\nhasAffordance\nz\n")),
+    (
+        "vectors.safetensors|tensor 'relations'",
+        put("relations.tsv", b"relation\natLocation\nhasAffordance\nz\n"),
+    ),
     ("relations.tsv|line 1", put("relations.tsv", b"name\natLocation\n")),
     ("relations.tsv|line 2", put("relations.tsv", b"relation\n \nx\n")),
-    *(("relations.tsv|line 3", put("relations.tsv", b"relation\nx\n" + row)) for row in (b"x\ty\n", b"x\n", b"\x1b\n")),
+    *(
+        ("relations.tsv|line 3", put("relations.tsv", b"relation\nx\n" + row))
+        for row in (b"x\ty\n", b"x\n", b"\x1b\n")
+    ),
     ("relations.tsv|UTF-8", put("relations.tsv", b"relation\nat\nh\xff\n")),
     ("triples.tsv|line 2", put("triples.tsv", b"head\trelation\ttail\nbed\tatLocation\tsofa\n")),
-]  # fmt: skip
+]
 FOLDER_CASES = [
-    Typed(f"a broken {names}", "nearest bed --embedding home", f"/{names}", before=before) for names, before in BROKEN
+    Typed(f"a broken {names}", "nearest bed --embedding home", f"/{names}", before=before)
+    for names, before in BROKEN
 ]

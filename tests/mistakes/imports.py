@@ -19,12 +19,20 @@ RE, IM, OF = "ent_re_embeddings.weight", "ent_im_embeddings.weight", "rel_emb"
 
 
 def with_tables(**changed: Any) -> Callable[[], object]:
-    """A function that writes names and tables, with changes by name; None: the tensor is missing."""
+    """A function that writes names and tables, with changes by name;
+    None: the tensor is missing.
+    """
     given = {"entities": ENTITIES, "relations": LABELS, **changed}
-    return lambda: write_lists(**{name: table for name, table in given.items() if table is not None})
+    return lambda: write_lists(
+        **{name: table for name, table in given.items() if table is not None}
+    )
 
 
-def with_file(name: str, content: str | bytes, folder: Callable[[], Path] = with_tables()) -> Callable[[], object]:  # type: ignore[assignment]  # noqa: B008
+def with_file(
+    name: str,
+    content: str | bytes,
+    folder: Callable[[], Path] = with_tables(),  # noqa: B008
+) -> Callable[[], object]:  # type: ignore[assignment]
     """A function that calls ``folder``, and then replaces the content of one file."""
 
     def write() -> None:
@@ -39,8 +47,12 @@ def with_state(value: object) -> Callable[[], object]:
 
 def of_pykeen(**changed: bytes | None) -> Callable[[], object]:
     """A function that writes a folder as PyKEEN does, without a model."""
-    files = {"entity_to_id": packed("id\tlabel", *NAMED), "relation_to_id": packed("id\tlabel", "0\tp", "1\tq"),
-             "numeric_triples": packed("head\trelation\ttail", "0\t1\t2"), **changed}  # fmt: skip
+    files = {
+        "entity_to_id": packed("id\tlabel", *NAMED),
+        "relation_to_id": packed("id\tlabel", "0\tp", "1\tq"),
+        "numeric_triples": packed("head\trelation\ttail", "0\t1\t2"),
+        **changed,
+    }
 
     def write() -> None:
         folder = Path("theirs/training_triples")
@@ -71,7 +83,9 @@ def of_rescal() -> None:
 
     of_pykeen()()
     factory = CoreTriplesFactory(torch.tensor([[0, 1, 2]]), 6, 2)
-    torch.save(RESCAL(triples_factory=factory, embedding_dim=4, random_seed=0), "theirs/trained_model.pkl")
+    torch.save(
+        RESCAL(triples_factory=factory, embedding_dim=4, random_seed=0), "theirs/trained_model.pkl"
+    )
 
 
 def corrupt() -> None:
@@ -93,19 +107,40 @@ def infinite() -> np.ndarray:
 COMMAND_CASES = [
     Typed("a setting that is none", "import mine --set margin --out out", "--set", status=2),
     Typed("no model", "import mine --out out", "--family", before=with_tables()),
-    Typed("settings beside a pickle", "import mine --trust-pickle --set margin=2 --out out", "--trust-pickle",
-          before=write_lists),
+    Typed(
+        "settings beside a pickle",
+        "import mine --trust-pickle --set margin=2 --out out",
+        "--trust-pickle",
+        before=write_lists,
+    ),
     Typed("a folder with nothing in it", TYPED, "mine"),
     Typed("no tensors", TYPED, "mine", before=write_lists),
     Typed("no such file of tensors", f"{TYPED} --tensors t.npz", "t.npz", before=write_lists),
-    Typed("an option that the model does not have", f"{TYPED} --set margin=2", "--family|margin", before=with_tables()),
-    Typed("no triples to estimate a margin from", "import mine --family transe --out out", "--set|margin",
-          before=lambda: (write_lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
-    Typed("a width that the model does not have", "import mine --family complex --out out", "--family|dimension",
-          before=with_tables(entities=ENTITIES[:, :3], relations=LABELS[:, :3])),
-    Typed("a folder into which others were inserted", f"{TYPED[:-3]}other", "other",
-          before=lambda: (with_tables()(), inserted_elsewhere())),
-]  # fmt: skip
+    Typed(
+        "an option that the model does not have",
+        f"{TYPED} --set margin=2",
+        "--family|margin",
+        before=with_tables(),
+    ),
+    Typed(
+        "no triples to estimate a margin from",
+        "import mine --family transe --out out",
+        "--set|margin",
+        before=lambda: (write_lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink(),
+    ),
+    Typed(
+        "a width that the model does not have",
+        "import mine --family complex --out out",
+        "--family|dimension",
+        before=with_tables(entities=ENTITIES[:, :3], relations=LABELS[:, :3]),
+    ),
+    Typed(
+        "a folder into which others were inserted",
+        f"{TYPED[:-3]}other",
+        "other",
+        before=lambda: (with_tables()(), inserted_elsewhere()),
+    ),
+]
 
 #: Texts of the message, and the function that writes the folder ``mine``.
 TABLES: list[tuple[str, Callable[[], object]]] = [
@@ -129,36 +164,78 @@ TABLES: list[tuple[str, Callable[[], object]]] = [
     ("triples.tsv|line 1", with_file("triples.tsv", "a\tb\tc\n")),
 ]
 TENSOR_CASES = [
-    *(Typed(f"a broken {names}", TYPED, f"mine/{names}", before=before) for names, before in TABLES),
-    Typed("half a complex number, of PyKEEN", "import mine --family complex --out out", "mine/tables.npz",
-          before=lambda: write_lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True)))),
-    Typed("halves of two widths", "import mine --family complex --out out", "mine/tables.npz|ent_im_embeddings.weight",
-          before=with_tables(entities=None, relations=None, **{RE: ENTITIES, IM: ENTITIES[:, :3], OF: LABELS})),
-]  # fmt: skip
+    *(
+        Typed(f"a broken {names}", TYPED, f"mine/{names}", before=before)
+        for names, before in TABLES
+    ),
+    Typed(
+        "half a complex number, of PyKEEN",
+        "import mine --family complex --out out",
+        "mine/tables.npz",
+        before=lambda: write_lists(
+            **dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True))
+        ),
+    ),
+    Typed(
+        "halves of two widths",
+        "import mine --family complex --out out",
+        "mine/tables.npz|ent_im_embeddings.weight",
+        before=with_tables(
+            entities=None, relations=None, **{RE: ENTITIES, IM: ENTITIES[:, :3], OF: LABELS}
+        ),
+    ),
+]
 
 LABEL_CASES = [
-    Typed("fewer names of OpenKE's than the first line says", THEIRS, "theirs/entity2id.txt|line 1",
-          before=with_file("entity2id.txt", "2\na\t0\n", write_openke)),
-    *(Typed(f"broken labels of PyKEEN's {names}", THEIRS, f"theirs/training_triples/{names}", before=of_pykeen(**files))
-      for names, files in (
-        ("entity_to_id.tsv.gz", {"entity_to_id": None}),
-        ("entity_to_id.tsv.gz", {"entity_to_id": b"id\tlabel\n"}),
-        ("entity_to_id.tsv.gz|line 1", {"entity_to_id": packed("label\tid")}),
-        ("entity_to_id.tsv.gz", {"entity_to_id": packed("id\tlabel", "0\ta", "2\tb")}),
-        ("numeric_triples.tsv.gz", {"numeric_triples": packed("head\trelation\ttail", "a\tp\tb")}),
-        ("numeric_triples.tsv.gz|line 2", {"numeric_triples": packed("head\trelation\ttail", "0\t0\t9")}),
-    )),
-]  # fmt: skip
+    Typed(
+        "fewer names of OpenKE's than the first line says",
+        THEIRS,
+        "theirs/entity2id.txt|line 1",
+        before=with_file("entity2id.txt", "2\na\t0\n", write_openke),
+    ),
+    *(
+        Typed(
+            f"broken labels of PyKEEN's {names}",
+            THEIRS,
+            f"theirs/training_triples/{names}",
+            before=of_pykeen(**files),
+        )
+        for names, files in (
+            ("entity_to_id.tsv.gz", {"entity_to_id": None}),
+            ("entity_to_id.tsv.gz", {"entity_to_id": b"id\tlabel\n"}),
+            ("entity_to_id.tsv.gz|line 1", {"entity_to_id": packed("label\tid")}),
+            ("entity_to_id.tsv.gz", {"entity_to_id": packed("id\tlabel", "0\ta", "2\tb")}),
+            (
+                "numeric_triples.tsv.gz",
+                {"numeric_triples": packed("head\trelation\ttail", "a\tp\tb")},
+            ),
+            (
+                "numeric_triples.tsv.gz|line 2",
+                {"numeric_triples": packed("head\trelation\ttail", "0\t0\t9")},
+            ),
+        )
+    ),
+]
 
 PICKLE_CASES = [
-    Typed("a pickle alone, which nobody has said to trust", THEIRS, "theirs", before=with_pickle(b"")),
-    *(Typed(about, "import theirs --trust-pickle --out out", f"theirs/trained_model.pkl{place}", before=before,
-            needs="pykeen")
-      for about, place, before in (
-        ("no pickle", "", of_pykeen()), ("a pickle that is none", "", with_pickle(b"a photograph")),
-        ("a pickle of something else", "|NoneType", with_pickle(None)),
-        ("a model without a closed form", "", of_rescal),
-    )),
-]  # fmt: skip
+    Typed(
+        "a pickle alone, which nobody has said to trust", THEIRS, "theirs", before=with_pickle(b"")
+    ),
+    *(
+        Typed(
+            about,
+            "import theirs --trust-pickle --out out",
+            f"theirs/trained_model.pkl{place}",
+            before=before,
+            needs="pykeen",
+        )
+        for about, place, before in (
+            ("no pickle", "", of_pykeen()),
+            ("a pickle that is none", "", with_pickle(b"a photograph")),
+            ("a pickle of something else", "|NoneType", with_pickle(None)),
+            ("a model without a closed form", "", of_rescal),
+        )
+    ),
+]
 
 IMPORT_CASES = [*COMMAND_CASES, *TENSOR_CASES, *LABEL_CASES, *PICKLE_CASES]

@@ -1,4 +1,6 @@
-"""Mistakes in the arguments of ``isi.insert``, ``isi.fit_new`` and of the methods of ``Inserted``."""
+"""Mistakes in the arguments of ``isi.insert``,
+``isi.fit_new`` and of the methods of ``Inserted``.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -21,26 +23,52 @@ TRANSE = {"model": "transe", "model_options": {"margin": 1.0, "squared": False}}
 
 
 def wrong(argument: str, *values: Any, place: str = "", **others: Any) -> list[Called]:
-    """Cases of refused values of an argument; ``place``: the part of the argument that the message names."""
+    """Cases of refused values of an argument; ``place``: the part of the
+    argument that the message names.
+    """
     names = f"argument {argument!r}|{place}"
-    return [Called(f"{argument} {short(value)}", {argument: value, **others}, names) for value in values]
+    return [
+        Called(f"{argument} {short(value)}", {argument: value, **others}, names) for value in values
+    ]
 
 
 INSERT_CASES = [
-    *wrong("entities", None, RAGGED, torch.ones(12, 8, requires_grad=True), ENTITIES.astype(int), ENTITIES + 1j,
-           ENTITIES[0], np.ones((12, 8), np.float32)),
+    *wrong(
+        "entities",
+        None,
+        RAGGED,
+        torch.ones(12, 8, requires_grad=True),
+        ENTITIES.astype(int),
+        ENTITIES + 1j,
+        ENTITIES[0],
+        np.ones((12, 8), np.float32),
+    ),
     *wrong("entities", np.where(np.eye(12, 8) == 1, NAN, ENTITIES), place="row 0"),
     *wrong("entities", ENTITIES * np.float32(1e30), initializer="map_mean"),
     *wrong("entities", ENTITIES.astype(float) * 1e300, initializer="mean"),
     *wrong("relations", np.full((3, 8), np.float32("inf")), place="row 0"),
     *wrong("relations", RELATIONS[:, :4]),
-    Called("a width that the model does not have", {"entities": ENTITIES[:, :6]}, "argument 'model'|dimension 6"),
+    Called(
+        "a width that the model does not have",
+        {"entities": ENTITIES[:, :6]},
+        "argument 'model'|dimension 6",
+    ),
     *wrong("model", "transformer", 5, TransE),
     *wrong("model", "transe", place="margin"),
     *wrong("model_options", 5),
     *wrong("triples", 5, "cup in e1", np.array([[12, 0]])),
-    *wrong("triples", [5], [("cup", "in")], [{"cup": 0, "in": 1, "e1": 2}], [("cup", "under", "e1")],
-           [("cup", "in", "kup")], [("cup", "in", True)], [(14, 0, 1)], np.array([[12, 0, -1]]), place="triple 0"),
+    *wrong(
+        "triples",
+        [5],
+        [("cup", "in")],
+        [{"cup": 0, "in": 1, "e1": 2}],
+        [("cup", "under", "e1")],
+        [("cup", "in", "kup")],
+        [("cup", "in", True)],
+        [(14, 0, 1)],
+        np.array([[12, 0, -1]]),
+        place="triple 0",
+    ),
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
     *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
     *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
@@ -50,10 +78,16 @@ INSERT_CASES = [
     *wrong("known_triples", TRIPLES[:1], place="(cup, in, e1)"),
     *wrong("known_triples", 5),
     Called("nothing is known of an entity", {"triples": TRIPLES[:2]}, "new entity 'mug'"),
-    Called("an entity has a triple with itself alone", {"triples": [("cup", "in", "e1"), ("mug", "in", "mug")]},
-           "new entity 'mug'"),
-    Called("words of new entities alone", {"triples": TRIPLES[:2], "words": {"mug": [1.0], "cup": [2.0]}},
-           "new entity 'mug'"),
+    Called(
+        "an entity has a triple with itself alone",
+        {"triples": [("cup", "in", "e1"), ("mug", "in", "mug")]},
+        "new entity 'mug'",
+    ),
+    Called(
+        "words of new entities alone",
+        {"triples": TRIPLES[:2], "words": {"mug": [1.0], "cup": [2.0]}},
+        "new entity 'mug'",
+    ),
     *wrong("new", None, 2, "cup", ["cup", 7]),
     Called("new []", {"new": [], "triples": []}, "argument 'new'"),
     Called("names where entities have none", {"entity_names": None}, "argument 'new'"),
@@ -67,11 +101,19 @@ INSERT_CASES = [
     *wrong("words", {"cup": [1, NAN]}, {"cup": RAGGED}, place="'cup'"),
     *wrong("words", {"cup": [1, 2], "mug": [1]}, place="'mug'"),
     *wrong("word_source", 3, words={"cup": "a cup"}),
-    *(Called(f"a word source that gives {short(vectors)}",
-             {"words": {"cup": "a cup"}, "word_source": lambda _texts, vectors=vectors: vectors},
-             "argument 'word_source'") for vectors in ("none", None, np.eye(2))),
-    Called("a file of vectors that is not there", {"words": {"cup": "a cup"}, "word_source": Path("none.txt")},
-           "none.txt"),
+    *(
+        Called(
+            f"a word source that gives {short(vectors)}",
+            {"words": {"cup": "a cup"}, "word_source": lambda _texts, vectors=vectors: vectors},
+            "argument 'word_source'",
+        )
+        for vectors in ("none", None, np.eye(2))
+    ),
+    Called(
+        "a file of vectors that is not there",
+        {"words": {"cup": "a cup"}, "word_source": Path("none.txt")},
+        "none.txt",
+    ),
     *wrong("kinds", ["a"], 5, "objects, rooms", {"kup": "object"}),
     *wrong("initializer", "er", 5),
     *wrong("initializer", "es", options={"k": 0}, place="k"),
@@ -79,7 +121,7 @@ INSERT_CASES = [
     *wrong("initializer", "ridge", **TRANSE, place="ridge"),
     *wrong("options", 5, initializer="es"),
     *wrong("seed", -1, "a"),
-]  # fmt: skip
+]
 
 FIT_CASES = [
     *wrong("triples", [("e1", "in", "e2")], [], None),
@@ -97,6 +139,9 @@ FIT_CASES = [
 REPORT_CASES = wrong("nearest", -1, "all")
 
 INTERFERENCE_CASES = [
-    *wrong("triples", TRIPLES, 5), *wrong("most", 0), *wrong("seed", None), *wrong("show", -1),
+    *wrong("triples", TRIPLES, 5),
+    *wrong("most", 0),
+    *wrong("seed", None),
+    *wrong("show", -1),
     *wrong("original", 0, 13, 2.5, True),
-]  # fmt: skip
+]

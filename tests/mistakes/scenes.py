@@ -6,7 +6,19 @@ import json
 from isi.sources.recordings import FORMAT
 from tests import procthor
 from tests.fuzz.formats import EVENTS, HOME, THINGS, small_scene_graph
-from tests.mistakes import FLOOR, LONG, MUG, SHELF, Case, house, mug, of_file, recording, scene, spawned
+from tests.mistakes import (
+    FLOOR,
+    LONG,
+    MUG,
+    SHELF,
+    Case,
+    house,
+    mug,
+    of_file,
+    recording,
+    scene,
+    spawned,
+)
 
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
 of_houses, MUG_ID = of_file("houses of ProcTHOR", "houses.jsonl"), MUG["objectId"]
@@ -23,26 +35,53 @@ SCENE_CASES = [
     Case("no path", "scene", {}, "sources.fuzz.path", {"path": "a\0b"}),
     of_scene("nothing but a floor", scene(FLOOR | {"receptacleObjectIds": []})),
     of_scene("an object without an id", scene({"objectType": "Mug"}), "scene.0.objectId"),
-    of_scene("half a character (a lone surrogate) in an id", scene(MUG | {"objectId": "\ud800"}), "column 22"),
-    of_scene("an id twice, with another type", scene(SHELF, SHELF | {"objectType": "Desk"}), "scene, object Shelf|1"),
-    of_scene("more objects than any scene has",
-             json.dumps([{"objectId": str(number), "objectType": "Mug"} for number in range(100_001)]), "scene"),
+    of_scene(
+        "half a character (a lone surrogate) in an id",
+        scene(MUG | {"objectId": "\ud800"}),
+        "column 22",
+    ),
+    of_scene(
+        "an id twice, with another type",
+        scene(SHELF, SHELF | {"objectType": "Desk"}),
+        "scene, object Shelf|1",
+    ),
+    of_scene(
+        "more objects than any scene has",
+        json.dumps([{"objectId": str(number), "objectType": "Mug"} for number in range(100_001)]),
+        "scene",
+    ),
     mug("a type that is no name", "scene.0|objectType|'../Mug'", objectType="../Mug"),
     of_scene("half a character in a type", scene(MUG | {"objectType": "Mug\ud800"}), "column 67"),
     mug("a type of 10,000 characters", "scene.0|objectType", objectType=LONG),
     mug("no list where one is read", "scene.0|parentReceptacles", parentReceptacles="Shelf|1"),
-    mug("the same receptacle twice", "scene.0|parentReceptacles", parentReceptacles=["Shelf|1", "Shelf|1"]),
+    mug(
+        "the same receptacle twice",
+        "scene.0|parentReceptacles",
+        parentReceptacles=["Shelf|1", "Shelf|1"],
+    ),
     mug("a material that is blank", "scene.0|salientMaterials", salientMaterials=[" "]),
     mug("a flag that is text", "scene.0|openable|'false'", openable="false"),
-    mug("a receptacle that the scene lacks", f"{MUG_ID}|'Desk|1'", parentReceptacles=["Shelf|1", "Desk|1"]),
+    mug(
+        "a receptacle that the scene lacks",
+        f"{MUG_ID}|'Desk|1'",
+        parentReceptacles=["Shelf|1", "Desk|1"],
+    ),
     mug("an object in itself", f"{MUG_ID}|", parentReceptacles=["Shelf|1", MUG_ID]),
     mug("contents that are not there", f"{MUG_ID}|'Pea|1'", receptacleObjectIds=["Pea|1"]),
     mug("contents that lie elsewhere", f"{MUG_ID}|'Fork|1'", receptacleObjectIds=["Fork|1"]),
-    Case("a receptacle in what it holds, where that is an error", "scene",
-         {"scene.json": scene({"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
-                              {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]})},
-         "scene.json|scene, object a", {"circular": "error"}),
-]  # fmt: skip
+    Case(
+        "a receptacle in what it holds, where that is an error",
+        "scene",
+        {
+            "scene.json": scene(
+                {"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
+                {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]},
+            )
+        },
+        "scene.json|scene, object a",
+        {"circular": "error"},
+    ),
+]
 
 of_lines, of_list = of_file("scenes, lines", "scenes.jsonl"), of_file("scenes, list", "scenes.json")
 of_rooms, of_states = of_file("rooms", "home.json"), of_file("rooms, lines", "home.jsonl")
@@ -66,62 +105,115 @@ EVENT_CASES = [
     of_lines("a line that is no JSON", json.dumps(EVENTS[0]) + "\n{", "line 2"),
     of_lines("no event with objects", '{"metadata": {}}\n{"metadata": {"objects": []}}', "objects"),
     of_lines("a line that is no event", json.dumps(EVENTS[0]) + '\n{"mug": {}}', "line 2"),
-    of_lines("an object without an id", json.dumps(EVENTS[0]) + '\n[{"objectType": "Mug"}]',
-             "line 2, scene.0.objectId"),
+    of_lines(
+        "an object without an id",
+        json.dumps(EVENTS[0]) + '\n[{"objectType": "Mug"}]',
+        "line 2, scene.0.objectId",
+    ),
     of_list("an event that is none", json.dumps([*EVENTS, 3]), "event 3"),
-    of_list("a type that is no name", json.dumps([*EVENTS, {"objects": [MUG | {"objectType": "../Mug"}]}]),
-            "event 3, scene.0.objectType|'../Mug'"),
+    of_list(
+        "a type that is no name",
+        json.dumps([*EVENTS, {"objects": [MUG | {"objectType": "../Mug"}]}]),
+        "event 3, scene.0.objectType|'../Mug'",
+    ),
     of_rooms("no rooms", "{}", "rooms"),
     of_rooms("rooms that are no list", '{"rooms": {}}', "rooms"),
     of_rooms("a room without a name", '{"rooms": [{"objects": ["mug"]}]}', "rooms.0.name"),
     of_rooms("an object without a name", hall({"id": 3}), "rooms.0.objects.0.class"),
     of_rooms("an object that is a number", hall("mug", 3), "rooms.0.objects.1"),
-    of_rooms("a receptacle that is no name", hall({"name": "a", "receptacle": {}}), "rooms.0.objects.0.receptacle"),
+    of_rooms(
+        "a receptacle that is no name",
+        hall({"name": "a", "receptacle": {}}),
+        "rooms.0.objects.0.receptacle",
+    ),
     of_rooms("nothing in the rooms", hall()),
     of_rooms("a room that is also an object", hall("hall"), "entity 'hall'"),
     of_states("a line that is no JSON", json.dumps(HOME) + "\n[", "line 2"),
     of_graph("no nodes", "{}", "nodes"),
     of_graph("an edge to a node that is missing", graph("edges", 0, "target", value=5), "edges.0"),
     of_graph("a layer that is text", graph("nodes", 1, "layer", value="ROOMS"), "nodes.1.layer"),
-    of_graph("a number of thousands of digits", graph("nodes", 0, "id", value=0).replace("0", "9" * 5000, 1)),
-    of_graph("a label that is no text", graph("metadata", "labelspaces", "_l2p0", 0, value=[5, 3]), "_l2p0.0"),
-    of_graph("a label that is no name", graph("metadata", "labelspaces", "_l2p0", 0, value=[5, "a\x1bb"]), "node "),
+    of_graph(
+        "a number of thousands of digits",
+        graph("nodes", 0, "id", value=0).replace("0", "9" * 5000, 1),
+    ),
+    of_graph(
+        "a label that is no text",
+        graph("metadata", "labelspaces", "_l2p0", 0, value=[5, 3]),
+        "_l2p0.0",
+    ),
+    of_graph(
+        "a label that is no name",
+        graph("metadata", "labelspaces", "_l2p0", 0, value=[5, "a\x1bb"]),
+        "node ",
+    ),
     of_graph("no label", graph("metadata", value={}), "labels"),
-]  # fmt: skip
+]
 
 RECORDING_CASES = [
     of_recording("no file", None),
     of_recording("another file than params vouch for", b"other", "", {"sha256": "0" * 64}),
     of_recording("neither form", b"a photograph"),
-    Case("lists of scenes that are missing", "recording of the package", {"r.json": "{}"}, "r.json|kitchens"),
+    Case(
+        "lists of scenes that are missing",
+        "recording of the package",
+        {"r.json": "{}"},
+        "r.json|kitchens",
+    ),
     of_recording("cut short", recording(spawned())[:-12], "line 2"),
     of_recording("damaged", recording(spawned()) + b"????"),
     of_recording("another header", recording(spawned(), header=FORMAT | {"version": 2}), "line 1"),
     of_recording("a line that is no JSON", recording("["), "line 2"),
-    of_recording("a line in UTF-16", gzip.compress(json.dumps(FORMAT).encode() + b"\n\xff\xfe{\0"), "line 2"),
+    of_recording(
+        "a line in UTF-16", gzip.compress(json.dumps(FORMAT).encode() + b"\n\xff\xfe{\0"), "line 2"
+    ),
     of_recording("a line that is no scene", recording(spawned(spawn="3")), "line 2"),
     of_recording("objects that are no list", recording(spawned(objects={})), "FloorPlan1"),
-    of_recording("another simulator's floor plan", recording(spawned("FloorPlan_Train1_1")), "line 2"),
+    of_recording(
+        "another simulator's floor plan", recording(spawned("FloorPlan_Train1_1")), "line 2"
+    ),
     of_recording("a layout twice", recording(spawned(spawn=1), spawned(spawn=1)), "line 3"),
     of_recording("no scenes", recording()),
     of_recording("scenes without objects", recording(spawned(objects=[]))),
     of_recording("a line that is too long", gzip.compress(bytes(2**26 + 1), 1), "line 1"),
-    Case("JSON that is too long", "recording of the package", {"r.json": bytes(2**27 + 1)}, "r.json"),
-]  # fmt: skip
+    Case(
+        "JSON that is too long", "recording of the package", {"r.json": bytes(2**27 + 1)}, "r.json"
+    ),
+]
 
 HOUSE_CASES = [
     of_houses("no file", None, "no such file"),
-    Case("another file than params vouch for", "houses of ProcTHOR", {}, "houses.jsonl|sha256", {"sha256": "0" * 64}),
+    Case(
+        "another file than params vouch for",
+        "houses of ProcTHOR",
+        {},
+        "houses.jsonl|sha256",
+        {"sha256": "0" * 64},
+    ),
     of_houses("no houses", "\n"),
     of_houses("a line that is no JSON", house() + "\n{", "line 2"),
     of_houses("half a character", house(procthor.thing("Mug\ud800", 1, 1)), "line 1"),
     of_houses("a key that is missing", json.dumps({"objects": []}), "line 1, rooms"),
-    of_houses("a floor at infinity", house(procthor.thing("Mug|2|0", float("inf"), 1)), "line 1, objects.0.position.x"),
+    of_houses(
+        "a floor at infinity",
+        house(procthor.thing("Mug|2|0", float("inf"), 1)),
+        "line 1, objects.0.position.x",
+    ),
     of_houses("two rooms of one id", house(rooms=procthor.house()["rooms"][:1] * 2), "line 1"),
-    of_houses("floors of more corners than any has",
-              house(rooms=[procthor.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}]), "line 1"),
-    of_houses("more objects than any house has", house(*[procthor.thing("Mug|2|0", 1, 1)] * 10_001), "line 1"),
-    of_houses("an object of no known type", house(procthor.thing("small|2|0", 1, 1, asset="Gizmo")), "line 1"),
+    of_houses(
+        "floors of more corners than any has",
+        house(rooms=[procthor.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}]),
+        "line 1",
+    ),
+    of_houses(
+        "more objects than any house has",
+        house(*[procthor.thing("Mug|2|0", 1, 1)] * 10_001),
+        "line 1",
+    ),
+    of_houses(
+        "an object of no known type",
+        house(procthor.thing("small|2|0", 1, 1, asset="Gizmo")),
+        "line 1",
+    ),
     of_houses("a line that is too long", bytes(2**24 + 1), "line 1"),
     of_houses("no object in a room", house(procthor.thing("Mug|2|0", 99, 1))),
-]  # fmt: skip
+]

@@ -1,4 +1,6 @@
-"""Mistakes in params (``test_params`` has more), of the recorder and of the tools around the pipeline."""
+"""Mistakes in params (``test_params`` has more),
+of the recorder and of the tools around the pipeline.
+"""
 
 import gzip
 import json
@@ -17,13 +19,19 @@ PLAYER = b"#!/bin/sh\n"
 
 
 def beyond(**sections: Any) -> Callable[[], object]:
-    """A function that writes params of the second pipeline: the first entry of each section, with changed values."""
+    """A function that writes params of the second pipeline:
+    the first entry of each section, with changed values.
+    """
 
     def write() -> None:
         values = yaml.load(paths.BEYOND_PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
-        kept = {name: dict(list(values[name].items())[:1]) for name in ("variants", "graphs", "hidden")}
+        kept = {
+            name: dict(list(values[name].items())[:1]) for name in ("variants", "graphs", "hidden")
+        }
         changed = {name: section(kept[name]) for name, section in sections.items()}
-        paths.BEYOND_PARAMS.write_text(yaml.safe_dump({**values, **kept, **changed}), encoding="utf-8")
+        paths.BEYOND_PARAMS.write_text(
+            yaml.safe_dump({**values, **kept, **changed}), encoding="utf-8"
+        )
 
     return write
 
@@ -52,61 +60,144 @@ def lines(*records: object) -> bytes:
 
 
 PARAMS_CASES = [
-    Typed("an initializer twice", "", "params.yaml|experiments.ai2thor",
-          before=params({"experiments.ai2thor.initializers": ["es", "es"]})),
-    Typed("a study of an unknown experiment", "", "params.yaml|sweep.experiments",
-          before=params({"sweep.experiments": ["ai2tor"]})),
-    Typed("a dimension that the model does not have", "", "params.yaml|embedding.dimension",
-          before=params({"embedding.dimension": 50})),
-    Typed("a variant of an unknown initializer", "", "beyond/params.yaml|variants.baselines.initializers",
-          before=beyond(variants=first(initializers=["xaver"]))),
-    Typed("a variant that changes no section", "", "beyond/params.yaml|variants.baselines.changes",
-          before=beyond(variants=first(changes={"sesions.valid": 0.2}))),
-    Typed("a variant that changes what it may not", "",
-          "beyond/params.yaml|variants.baselines.changes.training.learning_rate",
-          before=beyond(variants=first(changes={"training.learning_rate": -1.0}))),
-    Typed("two graphs of one title", "", "beyond/params.yaml|graphs",
-          before=beyond(graphs=lambda section: {**section, "again": next(iter(section.values()))})),
-    Typed("a graph by the name of an experiment", "", "beyond/params.yaml|graphs.ai2thor",
-          before=beyond(graphs=lambda section: {"ai2thor": next(iter(section.values()))})),
-    Typed("a graph of an unknown reader", "", "beyond/params.yaml|graphs.behavior.source.reader",
-          before=beyond(graphs=first(source={"reader": "whales"}))),
-    Typed("entities hidden in a graph that there is not", "", "beyond/params.yaml|hidden.place.graph",
-          before=beyond(hidden=lambda section: {
-              "place": {**next(iter(section.values())), "source": "graphs", "graph": "nowhere"}
-          })),
-]  # fmt: skip
+    Typed(
+        "an initializer twice",
+        "",
+        "params.yaml|experiments.ai2thor",
+        before=params({"experiments.ai2thor.initializers": ["es", "es"]}),
+    ),
+    Typed(
+        "a study of an unknown experiment",
+        "",
+        "params.yaml|sweep.experiments",
+        before=params({"sweep.experiments": ["ai2tor"]}),
+    ),
+    Typed(
+        "a dimension that the model does not have",
+        "",
+        "params.yaml|embedding.dimension",
+        before=params({"embedding.dimension": 50}),
+    ),
+    Typed(
+        "a variant of an unknown initializer",
+        "",
+        "beyond/params.yaml|variants.baselines.initializers",
+        before=beyond(variants=first(initializers=["xaver"])),
+    ),
+    Typed(
+        "a variant that changes no section",
+        "",
+        "beyond/params.yaml|variants.baselines.changes",
+        before=beyond(variants=first(changes={"sesions.valid": 0.2})),
+    ),
+    Typed(
+        "a variant that changes what it may not",
+        "",
+        "beyond/params.yaml|variants.baselines.changes.training.learning_rate",
+        before=beyond(variants=first(changes={"training.learning_rate": -1.0})),
+    ),
+    Typed(
+        "two graphs of one title",
+        "",
+        "beyond/params.yaml|graphs",
+        before=beyond(graphs=lambda section: {**section, "again": next(iter(section.values()))}),
+    ),
+    Typed(
+        "a graph by the name of an experiment",
+        "",
+        "beyond/params.yaml|graphs.ai2thor",
+        before=beyond(graphs=lambda section: {"ai2thor": next(iter(section.values()))}),
+    ),
+    Typed(
+        "a graph of an unknown reader",
+        "",
+        "beyond/params.yaml|graphs.behavior.source.reader",
+        before=beyond(graphs=first(source={"reader": "whales"})),
+    ),
+    Typed(
+        "entities hidden in a graph that there is not",
+        "",
+        "beyond/params.yaml|hidden.place.graph",
+        before=beyond(
+            hidden=lambda section: {
+                "place": {**next(iter(section.values())), "source": "graphs", "graph": "nowhere"}
+            }
+        ),
+    ),
+]
 
 RECORD_CASES = [
     Typed("a build that there is not", "--platform nowhere/thor", "params.yaml|recorder.platform"),
-    Typed("a build that needs a display", "--platform Linux64", "params.yaml|recorder.platform|Linux64"),
+    Typed(
+        "a build that needs a display",
+        "--platform Linux64",
+        "params.yaml|recorder.platform|Linux64",
+    ),
     Typed("a folder as the build", "--platform .", "params.yaml|recorder.platform"),
     Typed("floor plans twice", "--scenes FloorPlan1 FloorPlan1-3", "params.yaml|recorder.scenes"),
-    Typed("a range that ends before it begins", "--scenes FloorPlan3-1", "params.yaml|recorder.scenes"),
+    Typed(
+        "a range that ends before it begins", "--scenes FloorPlan3-1", "params.yaml|recorder.scenes"
+    ),
     Typed("the name of no floor plan", "--scenes ../FloorPlan1", "params.yaml|recorder.scenes"),
     Typed("no layouts", "", "params.yaml|recorder.spawns", before=player(spawns=[])),
-    Typed("a layout that is no seed", "", "params.yaml|recorder.spawns.0", before=player(spawns=["3"])),
-    Typed("params without the recorder", "", "params.yaml|recorder",
-          before=lambda: paths.PARAMS.write_text("seed: 0\n", encoding="utf-8")),
+    Typed(
+        "a layout that is no seed", "", "params.yaml|recorder.spawns.0", before=player(spawns=["3"])
+    ),
+    Typed(
+        "params without the recorder",
+        "",
+        "params.yaml|recorder",
+        before=lambda: paths.PARAMS.write_text("seed: 0\n", encoding="utf-8"),
+    ),
     Typed("an empty file where the recording is to be", "", "r", before=player(b"")),
     Typed("a file that is none", "", "r|byte 0", before=player(b"a photograph")),
-    Typed("a recording of another build", "", "r|line 1",
-          before=player(lines({**FORMAT, "simulator": "ai2thor", "build": "thor-1", "package": "5.0.0"}))),
-    Typed("a line that holds no scene", "", "r|line 2", before=player(lines({**FORMAT, "simulator": "ai2thor",
-          "build": "player a8076d3d28d21e02", "package": "5.0.0"}, 3))),
-]  # fmt: skip
+    Typed(
+        "a recording of another build",
+        "",
+        "r|line 1",
+        before=player(
+            lines({**FORMAT, "simulator": "ai2thor", "build": "thor-1", "package": "5.0.0"})
+        ),
+    ),
+    Typed(
+        "a line that holds no scene",
+        "",
+        "r|line 2",
+        before=player(
+            lines(
+                {
+                    **FORMAT,
+                    "simulator": "ai2thor",
+                    "build": "player a8076d3d28d21e02",
+                    "package": "5.0.0",
+                },
+                3,
+            )
+        ),
+    ),
+]
 
 HEADLINE_CASES = [
     Typed("no report yet", "reports", "reports/metrics.json|there is no report yet"),
-    Typed("a report that is broken", ".", "metrics.json",
-          before=lambda: Path("metrics.json").write_text("{", encoding="utf-8")),
-]  # fmt: skip
+    Typed(
+        "a report that is broken",
+        ".",
+        "metrics.json",
+        before=lambda: Path("metrics.json").write_text("{", encoding="utf-8"),
+    ),
+]
 
 SOURCES_CASES = [
     Typed("a source that there is not", "whales", "'whales'"),
-    Typed("a source of a name that is there", "--params mine.yaml published", "mine.yaml|ai2thor",
-          before=lambda: Path("mine.yaml").write_text("sources: {ai2thor: {reader: table}}", encoding="utf-8")),
-]  # fmt: skip
+    Typed(
+        "a source of a name that is there",
+        "--params mine.yaml published",
+        "mine.yaml|ai2thor",
+        before=lambda: Path("mine.yaml").write_text(
+            "sources: {ai2thor: {reader: table}}", encoding="utf-8"
+        ),
+    ),
+]
 
 OTHER_CASES = {
     "tools.verify": [Typed("nothing has run yet", "", "verify")],

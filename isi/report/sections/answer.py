@@ -15,7 +15,8 @@ from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, isi, joined, label,
 
 #: Points of MRR* below which a number is shown as 0.0.
 ZERO = 0.05
-#: The parts of the gain from Xavier on, each with the control that has it; an initializer of ISI has the last, too.
+#: The parts of the gain from Xavier on, each with the control that has it; an initializer of ISI
+#: has the last, too.
 _STEPS = (("centre", "mean"), ("kind", "kind_mean"))
 SEMANTICS = "words and facts"
 WHOLE = "the whole gain"
@@ -28,7 +29,9 @@ Gains = dict[Step, Difference]
 
 
 def answer(results: Results) -> Iterator[Content]:
-    """The answer from the first standalone experiment; nothing unless Xavier and an initializer of ISI were run."""
+    """The answer from the first standalone experiment;
+    nothing unless Xavier and an initializer of ISI were run.
+    """
     for experiment in results.standalone[:1]:
         scopes = ("all", "given" if experiment.queries is not None else "novel")
         methods = isi(experiment.initializers)
@@ -43,58 +46,102 @@ def answer(results: Results) -> Iterator[Content]:
         ours = stats.values(stats.improvements(experiment.immediate, "all"))
         theirs = results.paper["immediate"]["improvement_over_xavier"]
         numbers = {
-            "experiment": experiment, "best": best, "scopes": scopes, "means": means, "methods": methods,
+            "experiment": experiment,
+            "best": best,
+            "scopes": scopes,
+            "means": means,
+            "methods": methods,
             "parts": {scope: composition(gains[scope], best) for scope in scopes},
-            "better": [name for name in methods if (WHOLE, name, BASELINE) in gains["all"]
-                       and gains["all"][WHOLE, name, BASELINE].low > 0],
+            "better": [
+                name
+                for name in methods
+                if (WHOLE, name, BASELINE) in gains["all"]
+                and gains["all"][WHOLE, name, BASELINE].low > 0
+            ],
             "other": _against(experiment, others[0], best, scopes) if others else None,
             "epochs": experiment.epochs(),
-            "answered": stats.values(experiment.directions["answer"]) if experiment.queries is not None else {},
+            "answered": stats.values(experiment.directions["answer"])
+            if experiment.queries is not None
+            else {},
             "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
-        }  # fmt: skip
-        marks = {scope: {name: means[scope][name] for name in ("mean", *others[:1], JOINT) if name in means[scope]}
-                 for scope in scopes}  # fmt: skip
+        }
+        marks = {
+            scope: {
+                name: means[scope][name]
+                for name in ("mean", *others[:1], JOINT)
+                if name in means[scope]
+            }
+            for scope in scopes
+        }
         yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
 
 
 def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
     """Mean MRR* (points) right after insertion, by model that has queries."""
-    return {str(name): float(mean) for name, mean in experiment.by_grid_point(scope).mean().dropna().items()}
+    return {
+        str(name): float(mean)
+        for name, mean in experiment.by_grid_point(scope).mean().dropna().items()
+    }
 
 
 def _against(experiment: ModelRuns, other: str, best: str, scopes: Sequence[str]) -> dict[str, Any]:
-    """The initializer ``other`` minus ``best`` of ISI in points: over both query sets and over earlier knowledge."""
+    """The initializer ``other`` minus ``best`` of ISI in points:
+    over both query sets and over earlier knowledge.
+    """
     cells = {scope: experiment.by_grid_point(scope) for scope in (*scopes, "known")}
-    changes = {scope: difference(by_seed(of_scope[other], of_scope[best])) for scope, of_scope in cells.items()}
+    changes = {
+        scope: difference(by_seed(of_scope[other], of_scope[best]))
+        for scope, of_scope in cells.items()
+    }
     return {"name": other, "changes": changes}
 
 
 @of_each_graph
 def controls(results: Results, experiment: Experiment) -> Content | None:
     """What the gain consists of, with a description of each control; None if no control was run."""
-    names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
+    names = list(
+        dict.fromkeys(
+            name for graph in results.standalone for name in words.controls(graph.initializers)
+        )
+    )
     methods = isi(experiment.initializers)
     if not names or BASELINE not in experiment.initializers or not methods:
         return None
     measures = [(scope, half) for scope in ("all", "novel") for half in HALVES]
     measures += [("given", "mrr_star_entity")] if experiment.queries is not None else []
-    gains, rows = {of: parts(experiment, *of) for of in measures}, dict[tuple[str, ...], dict[Any, Any]]()
+    gains, rows = (
+        {of: parts(experiment, *of) for of in measures},
+        dict[tuple[str, ...], dict[Any, Any]](),
+    )
     for (scope, half), of_steps in gains.items():
         for (part, first, second), points in of_steps.items():
             key = scope, part, label(first), label(second)
-            row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
+            row = rows.setdefault(
+                key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True))
+            )
             row[Column(HALVES[half], form=signed)] = points
     shown = {"all": gains["all", "mrr_star"]}
-    shown |= {"novel": gains["novel", "mrr_star"]} if experiment.queries is None else {"given": gains[measures[-1]]}
+    shown |= (
+        {"novel": gains["novel", "mrr_star"]}
+        if experiment.queries is None
+        else {"given": gains[measures[-1]]}
+    )
     drawn = _drawn(experiment, shown, methods, {})
-    composed_of = {scope: {method: composition(of_scope, method) for method in methods}
-                   for scope, of_scope in shown.items()}  # fmt: skip
-    return Content({"names": names, "parts": composed_of}, {"parts_of_the_gain": rows.values()},
-                   {"parts_of_the_gain": drawn})  # fmt: skip
+    composed_of = {
+        scope: {method: composition(of_scope, method) for method in methods}
+        for scope, of_scope in shown.items()
+    }
+    return Content(
+        {"names": names, "parts": composed_of},
+        {"parts_of_the_gain": rows.values()},
+        {"parts_of_the_gain": drawn},
+    )
 
 
 def steps(method: str, models: Sequence[str]) -> list[Step]:
-    """Steps from Xavier over the controls that were run to ``method``: part, model with it, model without it."""
+    """Steps from Xavier over the controls that were run to ``method``:
+    part, model with it, model without it.
+    """
     path, names, before = [], [], BASELINE
     for name, model in (*_STEPS, (SEMANTICS, method)):
         names.append(name)
@@ -105,31 +152,47 @@ def steps(method: str, models: Sequence[str]) -> list[Step]:
 
 
 def parts(experiment: ModelRuns, scope: str, half: str = "mrr_star") -> Gains:
-    """Gains (points) of each step to an initializer of ISI, of its steps together, and of ``_TWINS``."""
+    """Gains (points) of each step to an initializer of ISI, of its steps together,
+    and of ``_TWINS``.
+    """
     cells, models = experiment.by_grid_point(scope, half), experiment.initializers
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
-    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run
+    # Xavier may not be run
+    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]
     differences = {pair: difference(by_seed(cells[pair[1]], cells[pair[2]])) for pair in pairs}
     return {pair: points for pair, points in differences.items() if points.seeds}
 
 
 def composition(gains: Gains, method: str) -> dict[str, Any] | None:
-    """A gain over Xavier with its parts; ``share``: per cent of the last part if none is negative; None without one."""
-    whole, models = gains.get((WHOLE, method, BASELINE)), sorted({name for pair in gains for name in pair[1:]})
+    """A gain over Xavier with its parts; ``share``: per cent of the last part if none is negative;
+    None without one.
+    """
+    whole, models = (
+        gains.get((WHOLE, method, BASELINE)),
+        sorted({name for pair in gains for name in pair[1:]}),
+    )
     made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
     if not whole or len(made) < 2:
         return None
     shared = whole.mean >= ZERO and min(points.mean for _, points in made) >= 0
-    return {"gain": whole.mean, "parts": [(part, points.mean) for part, points in made], "last": made[-1][1],
-            "share": 100 * made[-1][1].mean / whole.mean if shared else None}  # fmt: skip
+    return {
+        "gain": whole.mean,
+        "parts": [(part, points.mean) for part, points in made],
+        "last": made[-1][1],
+        "share": 100 * made[-1][1].mean / whole.mean if shared else None,
+    }
 
 
 def _drawn(
-    experiment: Experiment, gains: Mapping[str, Gains], methods: Sequence[str],
+    experiment: Experiment,
+    gains: Mapping[str, Gains],
+    methods: Sequence[str],
     marks: Mapping[str, Mapping[str, float]],
-) -> Canvas:  # fmt: skip
-    """A bar for each query set and method: Xavier's MRR*, then the parts of the gain; ``marks``: further models."""
+) -> Canvas:
+    """A bar for each query set and method: Xavier's MRR*, then the parts of the gain;
+    ``marks``: further models.
+    """
     rows = dict[str, tuple[list[tuple[str, float]], Mapping[str, float], Estimate | None]]()
     for scope, of_scope in gains.items():
         means = experiment.given_means if scope == "given" else experiment.immediate_means(scope)
@@ -137,6 +200,13 @@ def _drawn(
         for name in (name for name in methods if {name, BASELINE} <= now.keys()):
             made = composition(of_scope, name)
             bars = made["parts"] if made else [(label(name), now[name] - now[BASELINE])]
-            title = f"{words.capitalized(words.SCOPES[scope])}{f': {label(name)}' if len(methods) > 1 else ''}"
-            rows[title] = ([(label(BASELINE), now[BASELINE]), *bars], marks.get(scope, {}), means.get(name))
+            title = (
+                f"{words.capitalized(words.SCOPES[scope])}"
+                f"{f': {label(name)}' if len(methods) > 1 else ''}"
+            )
+            rows[title] = (
+                [(label(BASELINE), now[BASELINE]), *bars],
+                marks.get(scope, {}),
+                means.get(name),
+            )
     return composed(rows, experiment.models)

@@ -1,4 +1,6 @@
-"""Choices of this run against others: indicator set sizes (Figures 2a, 2b), cross-validation, embedding models."""
+"""Choices of this run against others: indicator set sizes (Figures 2a, 2b), cross-validation,
+embedding models.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
@@ -23,11 +25,12 @@ Chosen = Mapping[str, Mapping[str, int]]
 Setting = Mapping[str, float]
 #: Markers of the chosen sizes in figures, by source.
 _MARKS: dict[str, dict[str, Any]] = {
-    "this run": {"marker": "s", "fillstyle": "full", "ms": 5}, "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
+    "this run": {"marker": "s", "fillstyle": "full", "ms": 5},
+    "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
     "picked by the rule": {"marker": "*", "fillstyle": "full", "ms": 11},
-}  # fmt: skip
-#: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls by at least EPOCHS
-#: and MRR*, in [0, 1], is at most LOSS below the best.
+}
+#: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
+#: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
 NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
 
 
@@ -38,25 +41,53 @@ def indicators(results: Results) -> Iterator[Content]:
         epochs = experiment.converged(sweep, ["model", "k"])
         means = means_of(runs, epochs, models)
         chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
-        now = _by_size(runs.assign(value=100 * runs["mrr_star"]), models, chosen, None, "MRR* (points)",
-                       ("all", "novel"))  # fmt: skip
-        later = _by_size(epochs.assign(value=epochs["epochs"]), models, chosen, 0, "epochs to convergence", CONVERGING)
-        frame = means.rename(index=label, level="model").rename_axis(["initializer", "indicators"]).reset_index()
+        now = _by_size(
+            runs.assign(value=100 * runs["mrr_star"]),
+            models,
+            chosen,
+            None,
+            "MRR* (points)",
+            ("all", "novel"),
+        )
+        later = _by_size(
+            epochs.assign(value=epochs["epochs"]),
+            models,
+            chosen,
+            0,
+            "epochs to convergence",
+            CONVERGING,
+        )
+        frame = (
+            means.rename(index=label, level="model")
+            .rename_axis(["initializer", "indicators"])
+            .reset_index()
+        )
         yield Content(
             {"chosen": chosen, "models": models},
             {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
             {"figure2a_immediate_sensitivity": now, "figure2b_convergence_sensitivity": later},
-        )  # fmt: skip
+        )
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """Means over seeds: a row for each model and k, a ``Column`` for each measure and scope; MRR* in points."""
+    """Means over seeds: a row for each model and k, a ``Column`` for each measure and scope;
+    MRR* in points.
+    """
     by = ["model", "k", "scope"]
-    mrr_star, groups = 100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"), epochs.groupby(by)
-    means, never = groups["epochs"].mean().unstack("scope"), 100 * (1 - groups["converged"].mean()).unstack("scope")
+    mrr_star, groups = (
+        100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"),
+        epochs.groupby(by),
+    )
+    means, never = (
+        groups["epochs"].mean().unstack("scope"),
+        100 * (1 - groups["converged"].mean()).unstack("scope"),
+    )
     columns = {Column("MRR*", scope): mrr_star.get(scope) for scope in ("all", "novel")}
     for scope in CONVERGING:
-        columns |= {Column("epochs", scope): means.get(scope), Column("unconverged %", scope): never.get(scope)}
+        columns |= {
+            Column("epochs", scope): means.get(scope),
+            Column("unconverged %", scope): never.get(scope),
+        }
     frame = pd.DataFrame(columns, index=mrr_star.index, dtype=float)
     return frame.loc[[model for model in models if model in frame.index]]
 
@@ -64,7 +95,9 @@ def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str
 def chosen_sizes(
     means: pd.DataFrame, options: Mapping[str, Any], paper: Mapping[str, int]
 ) -> dict[str, dict[str, int]]:
-    """Indicator set sizes of this run's options, of the paper and of the paper's rule, by initializer."""
+    """Indicator set sizes of this run's options, of the paper and of the paper's rule,
+    by initializer.
+    """
     picked = picked_sizes(means)
     ours = {model: int(options[model]["k"]) for model in picked if "k" in options.get(model, {})}
     theirs = {model: paper[model] for model in picked if model in paper}
@@ -72,27 +105,39 @@ def chosen_sizes(
 
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
-    """The size that the paper's rule picks for each initializer from MRR* and epochs about novel entities."""
-    mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
-    return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
-            for model in means.index.unique("model")}  # fmt: skip
+    """The size that the paper's rule picks for each initializer from MRR* and
+    epochs about novel entities.
+    """
+    mrr_star, epochs = (
+        means[Column("MRR*", "novel")] / 100,
+        means[Column("epochs", "novel_heldout")],
+    )
+    return {
+        model: select_size(
+            mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist()
+        )
+        for model in means.index.unique("model")
+    }
 
 
 def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
     """The indicator set size that the paper's rule picks (section 5.3).
 
-    The paper "increased the indicator set size while the average number of epochs for three neighboring sizes decreased
-    by 1 epoch or the MRR* went 1% point below the best performance". We grow while the average falls, and stop before
-    MRR* is too low. Neighbours are those in the list: the average is first compared between the second and the third
-    size, and the last size is never picked. The best performance is the best among smaller sizes. The first size is
-    picked if MRR* of the second is too low, or if there are fewer than three sizes.
+    The paper "increased the indicator set size while the average number of epochs for three
+    neighboring sizes decreased by 1 epoch or the MRR* went 1% point below the best performance". We
+    grow while the average falls, and stop before MRR* is too low. Neighbours are those in the list:
+    the average is first compared between the second and the third size, and the last size is never
+    picked. The best performance is the best among smaller sizes. The first size is picked if MRR*
+    of the second is too low, or if there are fewer than three sizes.
 
-    Sizes ascend; ``mrr_star`` is immediate MRR* in [0, 1], ``epochs`` the mean epochs to convergence, by size.
+    Sizes ascend; ``mrr_star`` is immediate MRR* in [0, 1], ``epochs`` the mean epochs to
+    convergence, by size.
     """
     means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
     picked = 0
     for place in range(1, len(sizes) - 1):
-        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS  # NaN counts as no gain
+        # NaN counts as no gain
+        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS
         if no_gain or mrr_star[place] < max(mrr_star[:place]) - LOSS:
             break
         picked = place
@@ -100,28 +145,47 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
 
 
 def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]:
-    """The indicator set size that the paper's rule picks, beside those of this run and of the paper."""
+    """The indicator set size that the paper's rule picks,
+    beside those of this run and of the paper.
+    """
     mrr_star, epochs = means[Column("MRR*", "novel")], means[Column("epochs", "novel_heldout")]
     return [
-        {"initializer": label(model), **{who: sizes.get(model) for who, sizes in chosen.items()},
-         Column("MRR*", "picked"): mrr_star[model, size], Column("epochs", "picked"): epochs[model, size],
-         "best MRR*": mrr_star[model].max(),
-         "best at": mrr_star[model].idxmax() if mrr_star[model].notna().any() else None}
+        {
+            "initializer": label(model),
+            **{who: sizes.get(model) for who, sizes in chosen.items()},
+            Column("MRR*", "picked"): mrr_star[model, size],
+            Column("epochs", "picked"): epochs[model, size],
+            "best MRR*": mrr_star[model].max(),
+            "best at": mrr_star[model].idxmax() if mrr_star[model].notna().any() else None,
+        }
         for model, size in chosen["picked by the rule"].items()
-    ]  # fmt: skip
+    ]
 
 
 def _by_size(
-    rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: float | None, ylabel: str, scopes: Sequence[str]
+    rows: pd.DataFrame,
+    models: Sequence[str],
+    chosen: Chosen,
+    lowest: float | None,
+    ylabel: str,
+    scopes: Sequence[str],
 ) -> Canvas:
     """Mean and interval of ``value`` by k, with the chosen sizes; a panel for each scope."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         for model in models:
-            of_model, color = rows[(rows["model"] == model) & (rows["scope"] == scope)], colour(model, models)
-            sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4)
-            for who, k in ((who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]):
-                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)  # no marker beyond the line
+            of_model, color = (
+                rows[(rows["model"] == model) & (rows["scope"] == scope)],
+                colour(model, models),
+            )
+            sizes, mean, *_ = with_band(
+                panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4
+            )
+            for who, k in (
+                (who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]
+            ):
+                # no marker beyond the line
+                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
                 panel.plot(k, height, color=color, ls="", clip_on=False, **_MARKS[who])
         panel.set(title=SCOPES[scope], xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
@@ -142,27 +206,44 @@ def cross_validation(results: Results) -> Iterator[Content]:
         means = 100 * rows.groupby(list(choice), sort=False)["mrr_star"].mean()
         top = int(means.to_numpy().argmax())
         best = dict(zip(choice, means.index[top], strict=True))
-        numbers = {"points": (means[tuple(choice.values())], means.iloc[top]), "choice": choice, "best": best,
-                   "within": _within(rows, choice, best)}  # fmt: skip
+        numbers = {
+            "points": (means[tuple(choice.values())], means.iloc[top]),
+            "choice": choice,
+            "best": best,
+            "within": _within(rows, choice, best),
+        }
         yield Content(numbers, {"cross_validation": cross_validation_table(rows, settings, paper)})
 
 
-def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> list[dict[Any, Any]]:
-    """A row for each setting, this run's first: mean and deviation of MRR* over folds, and whose choice it is."""
+def cross_validation_table(
+    rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting
+) -> list[dict[Any, Any]]:
+    """A row for each setting, this run's first:
+    mean and deviation of MRR* over folds, and whose choice it is.
+    """
     lines, choice = list[dict[Any, Any]](), settings[0]
     for setting in settings:
         folds = _of_setting(rows, setting)
         means = 100 * folds[list(HALVES)].mean()
-        lines.append({
-            **{name.replace("_", " "): f"{value:g}" for name, value in setting.items()},
-            "MRR*": means["mrr_star"], "std": 100 * folds["mrr_star"].std(ddof=1),
-            "entity half": means["mrr_star_entity"], "relation half": means["mrr_star_relation"],
-            "best epoch": folds["epoch"].mean(),
-            Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
-            "beyond the folds' deviation":
-                "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
-            "choice of": ", ".join(who for who, best in (("this run", choice), ("paper", paper)) if setting == best),
-        })  # fmt: skip
+        lines.append(
+            {
+                **{name.replace("_", " "): f"{value:g}" for name, value in setting.items()},
+                "MRR*": means["mrr_star"],
+                "std": 100 * folds["mrr_star"].std(ddof=1),
+                "entity half": means["mrr_star_entity"],
+                "relation half": means["mrr_star_relation"],
+                "best epoch": folds["epoch"].mean(),
+                Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
+                "beyond the folds' deviation": ""
+                if setting == choice
+                else "no"
+                if _within(rows, choice, setting)
+                else "yes",
+                "choice of": ", ".join(
+                    who for who, best in (("this run", choice), ("paper", paper)) if setting == best
+                ),
+            }
+        )
     return lines
 
 
@@ -173,7 +254,9 @@ def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
 
 
 def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
-    """Whether two settings differ in mean MRR* by less than the larger of their standard deviations over folds."""
+    """Whether two settings differ in mean MRR* by less than the larger of their
+    standard deviations over folds.
+    """
     spread = max(_of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
     return bool(abs(_lead(rows, choice, other)) < 100 * spread)
 
@@ -183,7 +266,9 @@ def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs; NaN without folds."""
+    """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs;
+    NaN without folds.
+    """
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
     if others["mrr_star"].isna().all():
         return nan, ""
@@ -193,17 +278,29 @@ def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
         return float(choice[factor]), ""
     other = {**choice, factor: float(top[0])}
     less = ", less than the folds deviate" if _within(rows, choice, other) else ""
-    return other[factor], f"{_lead(rows, choice, other):+.1f} points from the choice of this run{less}"
+    return other[
+        factor
+    ], f"{_lead(rows, choice, other):+.1f} points from the choice of this run{less}"
 
 
 def embedding_models(results: Results) -> Iterator[Content]:
-    """The joint model with each embedding model, whose training options were chosen on validation triples."""
+    """The joint model with each embedding model,
+    whose training options were chosen on validation triples.
+    """
     for experiment, rows in results.analysis("compare_models"):
         settings = results.params.compare_models
-        options = {name: model.model_dump() | results.params.models[name] for name, model in settings.models.items()}
-        means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
-        numbers = {"title": experiment.title, "main": class_name(results.params.embedding.model),
-                   "means": means.rename(class_name)}  # fmt: skip
+        options = {
+            name: model.model_dump() | results.params.models[name]
+            for name, model in settings.models.items()
+        }
+        means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(
+            ascending=False, kind="stable"
+        )
+        numbers = {
+            "title": experiment.title,
+            "main": class_name(results.params.embedding.model),
+            "means": means.rename(class_name),
+        }
         if len(rows):
             yield Content(numbers, {"embedding_models": embedding_table(rows, options)})
 
@@ -213,14 +310,25 @@ def class_name(model: str) -> str:
     return MODELS.get(model, f"models.{model}").__name__
 
 
-def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A row for each embedding model: measures, mean over seeds, and the options that were chosen for it."""
-    means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
+def embedding_table(
+    rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """A row for each embedding model: measures, mean over seeds,
+    and the options that were chosen for it.
+    """
+    means = over_seeds(
+        rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
+    )
     return [
-        {"embedding": class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
+        {
+            "embedding": class_name(name),
+            **means.loc[name],
+            "epochs": rows.loc[rows["family"] == name, "epochs"].mean(),
+        }
         | {option.replace("_", " "): _written(value) for option, value in values.items()}
-        for name, values in options.items() if name in means.index
-    ]  # fmt: skip
+        for name, values in options.items()
+        if name in means.index
+    ]
 
 
 def _written(value: object) -> str:

@@ -1,4 +1,6 @@
-"""MRR* right after insertion: Figure 3a and gains over Xavier (section 6.1), and the significance of differences."""
+"""MRR* right after insertion: Figure 3a and gains over Xavier (section 6.1),
+and the significance of differences.
+"""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -32,8 +34,14 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     of_kinds = stats.over_seeds(queried, ["kind", "model"], HALVES)
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    figure = by_size(runs, models, ("all", "novel"), ("mrr_star", "mrr_star_entity"), len(experiment.entities),
-                     of_role(models, "paper", "isi"))  # fmt: skip
+    figure = by_size(
+        runs,
+        models,
+        ("all", "novel"),
+        ("mrr_star", "mrr_star_entity"),
+        len(experiment.entities),
+        of_role(models, "paper", "isi"),
+    )
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
         means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
@@ -41,10 +49,14 @@ def immediate(results: Results, experiment: Experiment) -> Content:
 
     queries = runs[runs["model"] == initializers[0]].groupby("scope")["queries"].sum()
     numbers = {
-        "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}), "gain": stats.values(gains["all"]),
+        "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}),
+        "gain": stats.values(gains["all"]),
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
-    }  # fmt: skip
-    columns = {Column(f"scope {scope}", title=SCOPES[scope]): of_models for scope, of_models in gains.items()}
+    }
+    columns = {
+        Column(f"scope {scope}", title=SCOPES[scope]): of_models
+        for scope, of_models in gains.items()
+    }
     others = [name for name in initializers if name != BASELINE]
     tables: dict[str, Any] = {
         "immediate": stats.by_label(models, stats.halves(runs, "all", "novel")),
@@ -53,18 +65,31 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),
         "scopes": by_scope(["scope", "model"]),
         "sessions": by_scope(["session", "scope", "model"]),
-    }  # fmt: skip
-    return Content(numbers, tables, {"figure3a_immediate": figure, "gain_and_cost": gain_and_cost(runs, initializers)})
+    }
+    return Content(
+        numbers,
+        tables,
+        {"figure3a_immediate": figure, "gain_and_cost": gain_and_cost(runs, initializers)},
+    )
 
 
 def gain_and_cost(runs: pd.DataFrame, initializers: Sequence[str]) -> Canvas:
-    """MRR* about novel entities against what known triples lose since novel entities are candidates; in points."""
+    """MRR* about novel entities against what known triples lose since novel entities
+    are candidates; in points.
+    """
     means = 100 * runs.pivot_table("mrr_star", "model", "scope", observed=True)
     means = means.reindex(columns=["known", "known_closed", "novel"])
     canvas, axes = panels(1, 1, 4.4)
     cost, gain = (means["known_closed"] - means["known"]).to_dict(), means["novel"].to_dict()
     for model in (name for name in initializers if name in gain):
-        axes[0].plot(cost[model], gain[model], marker="o", ls="", color=colour(model, initializers), label=label(model))
+        axes[0].plot(
+            cost[model],
+            gain[model],
+            marker="o",
+            ls="",
+            color=colour(model, initializers),
+            label=label(model),
+        )
     axes[0].set(xlabel="loss of MRR*, known entities", ylabel="MRR*, novel entities")
     legend(canvas, axes)
     return canvas
@@ -72,51 +97,75 @@ def gain_and_cost(runs: pd.DataFrame, initializers: Sequence[str]) -> Canvas:
 
 @of_each_graph
 def differences(results: Results, experiment: Experiment) -> Content | None:
-    """Number of significant pairs, ISI against others, all pairs; None if no graph has two initializers."""
+    """Number of significant pairs, ISI against others, all pairs;
+    None if no graph has two initializers.
+    """
     if all(len(graph.initializers) < 2 for graph in results.standalone):
         return None
     measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)
     pairs = compare(measured, experiment.initializers)
-    tables = {"differences_isi": differences_isi(pairs, experiment.initializers), "differences": pairs_table(pairs)}
+    tables = {
+        "differences_isi": differences_isi(pairs, experiment.initializers),
+        "differences": pairs_table(pairs),
+    }
     return Content({"counts": counts(pairs)}, tables)
 
 
-def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """Headline measures (points or epochs) by title: rows (session, size, seed), columns models; null: no queries."""
+def measures(
+    immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]
+) -> dict[str, pd.DataFrame]:
+    """Headline measures (points or epochs) by title: rows (session, size, seed), columns models;
+    null: no queries.
+    """
     listed = (
-        ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
+        ("immediate MRR*", 100, immediate, "all", "mrr_star"),
+        ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
         ("immediate entity prediction", 100, immediate, "novel", "mrr_star_entity"),
         ("epochs to convergence", 1, convergence, "all", "epochs"),
         ("epochs to convergence", 1, convergence, "novel_heldout", "epochs"),
-    )  # fmt: skip
-    return {f"{title}, {SCOPES[scope]}": scale * cells_of(rows, models, scope, column)
-            for title, scale, rows, scope, column in listed}  # fmt: skip
+    )
+    return {
+        f"{title}, {SCOPES[scope]}": scale * cells_of(rows, models, scope, column)
+        for title, scale, rows, scope, column in listed
+    }
 
 
 def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for each pair of an initializer of ISI and one outside ISI, a column for each measure."""
+    """A row for each pair of an initializer of ISI and one outside ISI,
+    a column for each measure.
+    """
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for pair in sorted(pairs, key=lambda pair: initializers.index(pair.first)):
         if isi([pair.first]) and not isi([pair.second]):
             sign = "" if pair.significant else " n.s."
             text = "none" if np.isnan(pair.difference.p) else f"{pair.difference:+.2f}{sign}"
-            row = rows.setdefault((pair.first, pair.second), {"ISI": label(pair.first), "against": label(pair.second)})
+            row = rows.setdefault(
+                (pair.first, pair.second), {"ISI": label(pair.first), "against": label(pair.second)}
+            )
             row[pair.measure] = text if pair.difference.seeds else None
     return list(rows.values())
 
 
 def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
-    """For each measure with queries: number of pairs and of significant ones; the others, if few; seeds, if too few."""
+    """For each measure with queries: number of pairs and of significant ones; the others, if few;
+    seeds, if too few.
+    """
     lines = []
-    for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
+    for measure, group in groupby(
+        (pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure
+    ):
         of_measure = list(group)
         same = [pair for pair in of_measure if not pair.significant]
         differing = max(pair.difference.differing for pair in of_measure)
         smallest_p = 2.0 ** (1 - differing)  # if all n differences have the same sign
         none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p >= LEVEL
-        lines.append({
-            "measure": measure, "number": len(of_measure), "significant": len(of_measure) - len(same),
-            "too_few_seeds": differing if none_can else None,
-            "same": same if len(same) <= _NAMED and not none_can else [],
-        })  # fmt: skip
+        lines.append(
+            {
+                "measure": measure,
+                "number": len(of_measure),
+                "significant": len(of_measure) - len(same),
+                "too_few_seeds": differing if none_can else None,
+                "same": same if len(same) <= _NAMED and not none_can else [],
+            }
+        )
     return lines

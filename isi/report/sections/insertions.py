@@ -1,4 +1,6 @@
-"""One insertion: Figure 1, the path of an entity through fine-tuning, and the explorer of the page."""
+"""One insertion: Figure 1, the path of an entity through fine-tuning,
+and the explorer of the page.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -27,18 +29,33 @@ def trajectory(results: Results) -> Iterator[Content]:
             path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
             away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
             moved = float(np.linalg.norm(path[-1] - path[0]))
-            titles[model] = f"{label(model)}: starts {away:.1f} from the centre; training moves it {moved:.1f}"
-            rows.append({"initializer": label(model), "from the centre": away, "from where training takes it": moved,
-                         "indicators": ", ".join(names[traces[f"{model}.indicators"]])})  # fmt: skip
-        numbers = {"share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
-                   "name": str(names[int(traces["entity"][0])]),
-                   "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean()}  # fmt: skip
+            titles[model] = (
+                f"{label(model)}: starts {away:.1f} from the centre; training moves it {moved:.1f}"
+            )
+            rows.append(
+                {
+                    "initializer": label(model),
+                    "from the centre": away,
+                    "from where training takes it": moved,
+                    "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
+                }
+            )
+        numbers = {
+            "share": 100 * plane(vectors)[2],
+            "dimension": vectors.shape[1],
+            "name": str(names[int(traces["entity"][0])]),
+            "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
+        }
         drawn = _drawn(traces, vectors, titles, names)
         yield Content(numbers, {"trajectory": rows}, {"figure1_trajectory": drawn})
 
 
-def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
-    """A panel for each initializer of ISI, and one for the others; a star marks the entity's initial vector."""
+def _drawn(
+    traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series
+) -> Canvas:
+    """A panel for each initializer of ISI, and one for the others;
+    a star marks the entity's initial vector.
+    """
     centre, axes, _ = plane(vectors)
     models, methods = list(titles), isi(titles)
     groups = [*([model] for model in methods), [model for model in models if model not in methods]]
@@ -46,25 +63,58 @@ def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names
     halo = [withStroke(linewidth=2.5, foreground="white")]
     arrow = {"arrowstyle": "-|>", "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
     for panel, group in zip(places, groups, strict=True):
-        panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
+        panel.plot(
+            *((vectors - centre) @ axes.T).T,
+            ls="",
+            marker="o",
+            ms=2.5,
+            color="#b5bac2",
+            mew=0,
+            zorder=1,
+        )
         for model in group:
             points, color = (traces[f"{model}.path"] - centre) @ axes.T, colour(model, models)
             panel.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
-            panel.annotate(label(model) if len(group) > 1 else "", tuple(points[0]), (7, -10), fontsize=8, color=color,
-                           textcoords="offset points", zorder=6, path_effects=halo)  # fmt: skip
-            panel.plot(*points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
-            panel.annotate("", tuple(points[-1]), tuple(points[0]), zorder=4, arrowprops=arrow | {"color": color})
+            panel.annotate(
+                label(model) if len(group) > 1 else "",
+                tuple(points[0]),
+                (7, -10),
+                fontsize=8,
+                color=color,
+                textcoords="offset points",
+                zorder=6,
+                path_effects=halo,
+            )
+            panel.plot(
+                *points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5
+            )
+            panel.annotate(
+                "",
+                tuple(points[-1]),
+                tuple(points[0]),
+                zorder=4,
+                arrowprops=arrow | {"color": color},
+            )
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
             points = (traces["theta0"][chosen] - centre) @ axes.T
             start = (traces[f"{model}.path"][0] - centre) @ axes.T
             for point in points:
-                panel.plot(*np.stack([point, start]).T, color=colour(model, models), lw=0.4, alpha=0.5, zorder=2)
+                panel.plot(
+                    *np.stack([point, start]).T,
+                    color=colour(model, models),
+                    lw=0.4,
+                    alpha=0.5,
+                    zorder=2,
+                )
             _indicators(panel, points, names[chosen].tolist(), colour(model, models))
         panel.set(xticks=[], yticks=[])
         panel.set_title("\n".join(titles[model] for model in group), fontsize=9)
-    for marker, size, shade, name in (("o", 2.5, "#b5bac2", "known entity"), ("^", 5, "#555555", "indicator"),
-                                      ("*", 11, "#555555", "novel entity as inserted")):  # fmt: skip
+    for marker, size, shade, name in (
+        ("o", 2.5, "#b5bac2", "known entity"),
+        ("^", 5, "#555555", "indicator"),
+        ("*", 11, "#555555", "novel entity as inserted"),
+    ):
         places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
     places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
     legend(canvas, places)
@@ -72,25 +122,50 @@ def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names
 
 
 def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
-    """Draw triangles with names in the right margin; call it last in a panel, since it reads the panel's limits."""
+    """Draw triangles with names in the right margin;
+    call it last in a panel, since it reads the panel's limits.
+    """
     axes.plot(*points.T, ls="", marker="^", ms=5, color=color, mec="white", mew=0.4, zorder=3)
     order = points[:, 1].argsort(kind="stable")
     low, high = axes.get_ylim()
-    arrow = {"arrowstyle": "-", "lw": 0.4, "color": "#8a919c", "shrinkA": 1, "shrinkB": 2, "relpos": (0, 0.5)}
-    for height, number in zip(spread((points[order, 1] - low) / (high - low), 0.055), order, strict=True):
-        axes.annotate(names[number], tuple(points[number]), (1.03, height), fontsize=6.5, textcoords="axes fraction",
-                      va="center", annotation_clip=False, arrowprops=arrow)  # fmt: skip
+    arrow = {
+        "arrowstyle": "-",
+        "lw": 0.4,
+        "color": "#8a919c",
+        "shrinkA": 1,
+        "shrinkB": 2,
+        "relpos": (0, 0.5),
+    }
+    for height, number in zip(
+        spread((points[order, 1] - low) / (high - low), 0.055), order, strict=True
+    ):
+        axes.annotate(
+            names[number],
+            tuple(points[number]),
+            (1.03, height),
+            fontsize=6.5,
+            textcoords="axes fraction",
+            va="center",
+            annotation_clip=False,
+            arrowprops=arrow,
+        )
 
 
 def spread(heights: np.ndarray, gap: float) -> np.ndarray:
-    """Ascending heights in [0, 1], moved so that they are ``gap`` apart (less if there are many) and at most 1."""
+    """Ascending heights in [0, 1], moved so that they are ``gap`` apart
+    (less if there are many) and at most 1.
+    """
     steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
-    spread_out: np.ndarray = np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
+    spread_out: np.ndarray = (
+        np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
+    )
     return spread_out
 
 
 def explorer(results: Results) -> Iterator[Content]:
-    """The data and the script of the explorer; without data if Θ⁰ is of another model than it computes."""
+    """The data and the script of the explorer;
+    without data if Θ⁰ is of another model than it computes.
+    """
     for experiment, single in results.analysis("explorer"):
         data = payload(single, experiment.entities["kind"], results.params) if single else None
         parts = {"data": data, "script": script()} if data else None

@@ -1,4 +1,6 @@
-"""MRR* by kind of query (novel entity given or hidden, by relation, with two filters), and Table 3 (section 6.3)."""
+"""MRR* by kind of query (novel entity given or hidden, by relation, with two filters),
+and Table 3 (section 6.3).
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,15 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 
 def query_breakdown(results: Results) -> Iterator[Content]:
-    """MRR* by direction, by relation, and with both filters, for each experiment with a query breakdown."""
+    """MRR* by direction, by relation, and with both filters,
+    for each experiment with a query breakdown.
+    """
     experiments = results.experiments.values()
-    ran = [experiment for experiment in experiments if experiment.queries is not None and len(experiment.queries)]
+    ran = [
+        experiment
+        for experiment in experiments
+        if experiment.queries is not None and len(experiment.queries)
+    ]
     return of_each(ran, _breakdown)
 
 
@@ -35,55 +43,93 @@ def _breakdown(experiment: Experiment) -> Content:
     pairs, by_filter = by_relation(rows), filters(rows)
     numbers = {
         "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
-        "joint": {direction: values(estimates).get(JOINT) for direction, estimates in given.items()},
-    }  # fmt: skip
-    canvas = by_size(experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
+        "joint": {
+            direction: values(estimates).get(JOINT) for direction, estimates in given.items()
+        },
+    }
+    canvas = by_size(
+        experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities)
+    )
     for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
         axes.set(title=title, ylabel="MRR* (points)")
     columns = {model: label(model) for model in models if model in pairs}
-    pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(columns=columns | {"scope": SCOPE})
+    pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(
+        columns=columns | {"scope": SCOPE}
+    )
     tables: dict[str, Any] = {
         "directions": by_label(models, {title: given[name] for name, title in DIRECTIONS.items()}),
         "by_relation": pairs,
-        "filters": [{SCOPE: scope, "model": label(model)}
-                    | {Column(title, half): by_filter[column].get((scope, model, name))
-                       for column, half in HALVES.items() for name, title in _FILTERS.items()}
-                    for scope in ("all", "novel") for model in models],
-    }  # fmt: skip
+        "filters": [
+            {SCOPE: scope, "model": label(model)}
+            | {
+                Column(title, half): by_filter[column].get((scope, model, name))
+                for column, half in HALVES.items()
+                for name, title in _FILTERS.items()
+            }
+            for scope in ("all", "novel")
+            for model in models
+        ],
+    }
     return Content(numbers, tables, {"directions": canvas})
 
 
 def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
-    """The initializer of the highest mean, this mean, and the means of all but controls; None if all are missing."""
-    present = {name: mean for name, mean in values(estimates).items() if name != JOINT and not pd.isna(mean)}
+    """The initializer of the highest mean, this mean, and the means of all but controls;
+    None if all are missing.
+    """
+    present = {
+        name: mean
+        for name, mean in values(estimates).items()
+        if name != JOINT and not pd.isna(mean)
+    }
     best = max(present, key=lambda name: present[name], default=None)
-    return None if best is None else (best, present[best], {name: present[name] for name in contenders(present)})
+    return (
+        None
+        if best is None
+        else (best, present[best], {name: present[name] for name in contenders(present)})
+    )
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
-    """Entity queries by scope, role of the novel entity, relation, hidden end: number, mean MRR* (points) by model."""
-    rows = rows[(rows["filter"] == "learned") & rows["scope"].isin(["all", "novel"]) & (rows["hidden"] != "relation")]
+    """Entity queries by scope, role of the novel entity, relation, hidden end:
+    number, mean MRR* (points) by model.
+    """
+    rows = rows[
+        (rows["filter"] == "learned")
+        & rows["scope"].isin(["all", "novel"])
+        & (rows["hidden"] != "relation")
+    ]
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
-    means = 100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
+    means = (
+        100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
+    )
     queries = rows.groupby([*_PAIR, "model"])["queries"].sum().groupby(_PAIR).first()
     orders = {"scope": ["novel", "all"], "novel": list(_PLACES)}
     frame = means.unstack("model").assign(queries=queries)
-    frame = frame.sort_index(key=lambda level: level.map(orders[level.name].index) if level.name in orders else level)
+    frame = frame.sort_index(
+        key=lambda level: level.map(orders[level.name].index) if level.name in orders else level
+    )
     frame = frame.reset_index()
-    query = [f"(?, {relation}, t)" if hidden == "head" else f"(h, {relation}, ?)"
-             for relation, hidden in zip(frame["relation"], frame["hidden"], strict=True)]  # fmt: skip
+    query = [
+        f"(?, {relation}, t)" if hidden == "head" else f"(h, {relation}, ?)"
+        for relation, hidden in zip(frame["relation"], frame["hidden"], strict=True)
+    ]
     return frame.assign(query=query, **{"novel entity": frame["novel"].map(_PLACES)})
 
 
 def filters(rows: pd.DataFrame) -> pd.DataFrame:
-    """MRR* with its halves under each filter: means over sizes and seeds in points, by scope, model and filter."""
+    """MRR* with its halves under each filter: means over sizes and seeds in points, by scope,
+    model and filter.
+    """
     queries = combined(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
     return 100 * queries.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
 
 
 @dataclass(frozen=True)
 class AffordanceAnswers:
-    """Ranked answers to (entity, relation, ?) in one experiment: ``AFFORDANCES`` with ``initializer`` as ``model``."""
+    """Ranked answers to (entity, relation, ?) in one experiment:
+    ``AFFORDANCES`` with ``initializer`` as ``model``.
+    """
 
     ranks: pd.DataFrame
     entities: pd.DataFrame
@@ -109,17 +155,28 @@ class AffordanceAnswers:
 
     def about(self, entity: str) -> pd.DataFrame:
         """The ranks in every repeat that inserted an entity."""
-        return self.ranks[self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])]
+        return self.ranks[
+            self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])
+        ]
 
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
-        """The ``TOP`` answers of lowest mean rank over the repeats that inserted the entity, each with its kind."""
+        """The ``TOP`` answers of lowest mean rank over the repeats that inserted the entity,
+        each with its kind.
+        """
         ranks = self.about(entity)
-        known = ranks[(ranks["model"] == model) & (ranks["answer"].map(self.entities["source"]) == self.source)]
+        known = ranks[
+            (ranks["model"] == model)
+            & (ranks["answer"].map(self.entities["source"]) == self.source)
+        ]
         best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
         return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
-    def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
-        """Number of ``top`` answers of a right kind (plausible: in ``afforded``, or unlikely) and of a wrong kind."""
+    def judged(
+        self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]
+    ) -> dict[str, int]:
+        """Number of ``top`` answers of a right kind
+        (plausible: in ``afforded``, or unlikely) and of a wrong kind.
+        """
         tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
         hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
         counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
@@ -129,15 +186,22 @@ class AffordanceAnswers:
         return counts
 
     def ranked(
-        self, entities: Sequence[str], models: Sequence[str], afforded: Mapping[str, Sequence[str]],
+        self,
+        entities: Sequence[str],
+        models: Sequence[str],
+        afforded: Mapping[str, Sequence[str]],
         paper: Mapping[str, Mapping[str, Sequence[str]]],
-    ) -> list[dict[str, Any]]:  # fmt: skip
+    ) -> list[dict[str, Any]]:
         """Rows of ``top`` answers about entities, a column for each initializer, then the paper's.
 
-        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the entity. An entity
-        that the paper lacks stands beside one of the paper's that is not among ``entities``.
+        × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the
+        entity. An entity that the paper lacks stands beside one of the paper's that is not among
+        ``entities``.
         """
-        rows, named = [], list(dict.fromkeys(entity for words in paper.values() for entity in words))
+        rows, named = (
+            [],
+            list(dict.fromkeys(entity for words in paper.values() for entity in words)),
+        )
         replaced = iter([entity for entity in named if entity not in entities])
         for entity in entities:
             other = entity if entity in named else next(replaced, entity)
@@ -145,19 +209,30 @@ class AffordanceAnswers:
 
             def marked(answer: str, kind: str, likely: Sequence[str] | None = likely) -> str:
                 wrong = kind not in self.kinds
-                return f"{'× ' if wrong else '? ' if likely is not None and answer not in likely else ''}{answer}"
+                unlikely = likely is not None and answer not in likely
+                return f"{'× ' if wrong else '? ' if unlikely else ''}{answer}"
 
-            answers = {label(model): [marked(*answer) for answer in self.top(model, entity)] for model in models}
+            answers = {
+                label(model): [marked(*answer) for answer in self.top(model, entity)]
+                for model in models
+            }
             theirs = {f"paper: {name}": words.get(other, []) for name, words in paper.items()}
             title = f"{entity} (n = {number}{f'; paper: {other}' if other != entity else ''})"
-            rows += [{"entity": title, "": f"{place + 1}."}
-                     | {name: [*words, *TOP * ["–"]][place] for name, words in (answers | theirs).items()}
-                     for place in range(TOP)]  # fmt: skip
+            rows += [
+                {"entity": title, "": f"{place + 1}."}
+                | {
+                    name: [*words, *TOP * ["–"]][place]
+                    for name, words in (answers | theirs).items()
+                }
+                for place in range(TOP)
+            ]
         return rows
 
     @property
     def hits(self) -> pd.DataFrame:
-        """Rows of ``ranks`` with rank ≤ ``TOP``; column ``hit``: whether the kind of the answer is in ``kinds``."""
+        """Rows of ``ranks`` with rank ≤ ``TOP``; column ``hit``:
+        whether the kind of the answer is in ``kinds``.
+        """
         rows = self.ranks[self.ranks["rank"] <= TOP]
         return rows.assign(hit=rows["answer"].map(self.entities["kind"]).isin(self.kinds))
 
@@ -167,7 +242,9 @@ class AffordanceAnswers:
         return means(self.hits, "hit")
 
     def shares_table(self, initializers: Sequence[str]) -> dict[str, list[Any]]:
-        """Per cent of answers of a right kind among the ``TOP`` and the first, over all inserted entities."""
+        """Per cent of answers of a right kind among the ``TOP`` and the first,
+        over all inserted entities.
+        """
         first = self.hits[self.hits["rank"] == 1]
         listed = {f"top {TOP}: {self.plural} %": self.hits, f"first: {joined(self.kinds)} %": first}
         shares = {title: by_model(rows, "hit", initializers) for title, rows in listed.items()}
@@ -182,7 +259,11 @@ def affordances(results: Results) -> Iterator[Content]:
         first = [*isi(initializers), *({BASELINE} & set(initializers))]
         others = [name for name in initializers if name not in first]
         afforded, paper = results.vocabulary["afforded"], results.paper["affordances"]["answers"]
-        tables = {"table3_affordances": answers.ranked(entities, first, afforded, paper),
-                  "table3_others": answers.ranked(entities, others, afforded, {}),
-                  "affordance_shares": answers.shares_table(initializers)}  # fmt: skip
-        yield Content({"answers": answers, "experiment": experiment, "others": others, "top": TOP}, tables)
+        tables = {
+            "table3_affordances": answers.ranked(entities, first, afforded, paper),
+            "table3_others": answers.ranked(entities, others, afforded, {}),
+            "affordance_shares": answers.shares_table(initializers),
+        }
+        yield Content(
+            {"answers": answers, "experiment": experiment, "others": others, "top": TOP}, tables
+        )

@@ -1,4 +1,6 @@
-"""Beyond the paper: stronger initializers, fewer insert triples, other words, embedding models and graphs."""
+"""Beyond the paper: stronger initializers, fewer insert triples, other words,
+embedding models and graphs.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,71 +23,125 @@ from isi.report.words import BASELINE, JOINT, isi, label
 #: The initializer with which all others are compared, paired by seed.
 REFERENCE = "ers"
 #: Pairs of initializers that are compared on each graph, with the novel entity given.
-_PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
-          ("map", "soft_hybrid"))  # fmt: skip
+_PAIRS = (
+    ("ers", BASELINE),
+    ("ers", "kind_mean"),
+    ("es", "es_permuted_kinds"),
+    ("soft_hybrid", "ers"),
+    ("map", "soft_hybrid"),
+)
 #: A function from runs to estimates by model.
 Means = Callable[[Any], Mapping[str, Estimate]]
 #: Measures of the tables by graph, by the end of the table's name.
 _MEASURES: dict[str, Means] = {
-    "immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
+    "immediate": lambda runs: runs.immediate_means("novel"),
+    "novel_given": lambda runs: runs.given_means,
     "epochs": ModelRuns.epochs_means,
-}  # fmt: skip
+}
 
 
 def stronger(results: Results) -> Iterator[Content]:
-    """Initializers beyond the paper: a table for each graph, sorted by entity MRR* with the novel entity given."""
+    """Initializers beyond the paper: a table for each graph,
+    sorted by entity MRR* with the novel entity given.
+    """
     for variant, group in groupby(results.variants_of("baselines"), key=lambda runs: runs.variant):
         listed, tables, above = list(group), {}, []
         for runs in listed:
-            given, over_all, novel = runs.given_means, runs.immediate_means("all"), runs.immediate_means("novel")
+            given, over_all, novel = (
+                runs.given_means,
+                runs.immediate_means("all"),
+                runs.immediate_means("novel"),
+            )
             best = max((given[method].mean for method in isi(runs.initializers)), default=inf)
-            cells, order = _given_by_seed(runs), sorted(runs.models, key=lambda model: -given[model].mean)
+            cells, order = (
+                _given_by_seed(runs),
+                sorted(runs.models, key=lambda model: -given[model].mean),
+            )
             reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
-            tables[f"strong_{runs.name}"] = by_label(order, {
-                "all": over_all, "novel": novel, "novel entity given": given,
-                f"novel entity given, minus {label(REFERENCE)}":
-                    {model: difference(by_seed(cells[model], reference)) for model in order},
-            })  # fmt: skip
-            stronger = {model: given[model].mean for model in order if given[model].mean > best and model != JOINT}
+            tables[f"strong_{runs.name}"] = by_label(
+                order,
+                {
+                    "all": over_all,
+                    "novel": novel,
+                    "novel entity given": given,
+                    f"novel entity given, minus {label(REFERENCE)}": {
+                        model: difference(by_seed(cells[model], reference)) for model in order
+                    },
+                },
+            )
+            stronger = {
+                model: given[model].mean
+                for model in order
+                if given[model].mean > best and model != JOINT
+            }
             above.append((runs, best, stronger))
         ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
         added = [name for name in ran if name not in results.params.initializers]
-        yield Content({"added": added, "size": variant.size, "above": above, "reference": REFERENCE}, tables)
+        yield Content(
+            {"added": added, "size": variant.size, "above": above, "reference": REFERENCE}, tables
+        )
 
 
 def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
-    """Entity MRR* (points) with the novel entity given: a row for each seed and size, a column for each model."""
+    """Entity MRR* (points) with the novel entity given:
+    a row for each seed and size, a column for each model.
+    """
     given = runs.directed[runs.directed["scope"] == "given"]
     return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
 
 
 def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[dict[str, Any]]:
-    """A row of estimates by model for each of ``ran``, sorted by graph; ``column``, if given, has the variant."""
+    """A row of estimates by model for each of ``ran``, sorted by graph;
+    ``column``, if given, has the variant.
+    """
     names = list(dict.fromkeys(runs.name for runs in ran))
     return [
-        {"graph": runs.title} | ({column: runs.variant.title} if column and isinstance(runs, VariantRuns) else {})
+        {"graph": runs.title}
+        | ({column: runs.variant.title} if column and isinstance(runs, VariantRuns) else {})
         | {label(model): estimate for model, estimate in means(runs).items()}
         for runs in sorted(ran, key=lambda runs: names.index(runs.name))
-    ]  # fmt: skip
+    ]
 
 
 def n_insert_triples(results: Results) -> Iterator[Content]:
-    """Entity MRR* with the novel entity given by number of insert triples, on the first graph with such runs."""
+    """Entity MRR* with the novel entity given by number of insert triples,
+    on the first graph with such runs.
+    """
     variants = results.variants_of("insert_triples")
     for first in variants[:1]:
         listed = [runs for runs in variants if runs.name == first.name]
         limits = [runs.variant.max_insert_triples for runs in listed]
-        given = {"all" if limit is None else str(limit): runs.given_means
-                 for limit, runs in zip(limits, listed, strict=True)}  # fmt: skip
+        given = {
+            "all" if limit is None else str(limit): runs.given_means
+            for limit, runs in zip(limits, listed, strict=True)
+        }
         means = pd.DataFrame({number: values(estimates) for number, estimates in given.items()}).T
-        worse = [(name, means[name].min(), means[name].idxmin()) for name in first.initializers
-                 if means[name].iloc[0] - means[name].min(skipna=False) >= ZERO]  # fmt: skip
-        about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": list(given),
-                 "worse": worse}  # fmt: skip
-        table = [{"insert triples": number, **{label(model): estimate for model, estimate in estimates.items()}}
-                 for number, estimates in given.items()]  # fmt: skip
+        worse = [
+            (name, means[name].min(), means[name].idxmin())
+            for name in first.initializers
+            if means[name].iloc[0] - means[name].min(skipna=False) >= ZERO
+        ]
+        about = {
+            "variant": first,
+            "fewest": means.iloc[0],
+            "most": means.iloc[-1],
+            "numbers": list(given),
+            "worse": worse,
+        }
+        table = [
+            {
+                "insert triples": number,
+                **{label(model): estimate for model, estimate in estimates.items()},
+            }
+            for number, estimates in given.items()
+        ]
         figure = by_row(
-            {"": {f"at most {number}".replace("at most all", "all"): row for number, row in given.items()}},
+            {
+                "": {
+                    f"at most {number}".replace("at most all", "all"): row
+                    for number, row in given.items()
+                }
+            },
             first.models,
         )
         yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
@@ -94,7 +150,9 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
 def other_words(results: Results) -> Iterator[Content]:
     """A table with a row for each graph and kind of word vectors."""
     if variants := results.variants_of("words"):
-        yield Content(tables={"other_words": _by_graph(variants, _MEASURES["novel_given"], "words")})
+        yield Content(
+            tables={"other_words": _by_graph(variants, _MEASURES["novel_given"], "words")}
+        )
 
 
 def embeddings(results: Results) -> Iterator[Content]:
@@ -107,21 +165,30 @@ def embeddings(results: Results) -> Iterator[Content]:
     for runs in variants:
         rows.setdefault(runs.title, {})[runs.variant.title] = runs.given_means
     numbers = {
-        "methods": isi(names), "pairs": len(variants),
-        "ahead": sum(_best_of(runs.given_means, [BASELINE, *isi(names)]) in isi(names) for runs in variants),
+        "methods": isi(names),
+        "pairs": len(variants),
+        "ahead": sum(
+            _best_of(runs.given_means, [BASELINE, *isi(names)]) in isi(names) for runs in variants
+        ),
         "best": Counter(_best_of(runs.given_means, names) for runs in variants).most_common(),
-    }  # fmt: skip
-    tables = {f"embeddings_{name}": _by_graph(variants, of, "embedding") for name, of in _MEASURES.items()}
+    }
+    tables = {
+        f"embeddings_{name}": _by_graph(variants, of, "embedding") for name, of in _MEASURES.items()
+    }
     yield Content(numbers, tables, {"embeddings": by_row(rows, variants[0].models)})
 
 
 def _best_of(means: Mapping[str, Estimate], names: Iterable[str]) -> str | None:
     """The model with the highest mean, the first in a tie; None without any."""
-    return max((name for name in names if name in means), key=lambda name: means[name].mean, default=None)
+    return max(
+        (name for name in names if name in means), key=lambda name: means[name].mean, default=None
+    )
 
 
 def other_graphs(results: Results) -> Iterator[Content]:
-    """All graphs side by side: sizes, shared entities, and the same measures on each; nothing without other graphs."""
+    """All graphs side by side: sizes, shared entities, and the same measures on each;
+    nothing without other graphs.
+    """
     if not results.other_graphs:
         return
     others, like, ran = results.other_graphs, results.other_graphs[0].variant, list[ModelRuns]()
@@ -130,29 +197,62 @@ def other_graphs(results: Results) -> Iterator[Content]:
         ran.append(replace(graph.of_size(like.size), initializers=initializers))
     ran = [runs for runs in (*ran, *others) if len(runs.runs)]
     cells = {runs.title: _given_by_seed(runs) for runs in ran}
-    gains = {title: {pair: difference(by_seed(*(of_models[model] for model in pair))) for pair in _PAIRS
-                     if {*pair} <= set(of_models)} for title, of_models in cells.items()}  # fmt: skip
+    gains = {
+        title: {
+            pair: difference(by_seed(*(of_models[model] for model in pair)))
+            for pair in _PAIRS
+            if {*pair} <= set(of_models)
+        }
+        for title, of_models in cells.items()
+    }
     compared = {pair: [pairs[pair] for pairs in gains.values() if pair in pairs] for pair in _PAIRS}
-    pairs = [(pair, sum(points.low > 0 for points in of_graphs), sum(points.high < 0 for points in of_graphs),
-              len(of_graphs)) for pair, of_graphs in compared.items() if of_graphs]  # fmt: skip
+    pairs = [
+        (
+            pair,
+            sum(points.low > 0 for points in of_graphs),
+            sum(points.high < 0 for points in of_graphs),
+            len(of_graphs),
+        )
+        for pair, of_graphs in compared.items()
+        if of_graphs
+    ]
     graphs: list[Experiment | VariantRuns] = [*results.standalone, *others]
-    tables: dict[str, Any] = {"graphs": sizes(graphs), "graphs_shared": shared(graphs), "graphs_gains": [
-        {"graph": title} | {Column(f"{label(first)} minus {label(second)}", form=signed): points
-                            for (first, second), points in of_pairs.items()} for title, of_pairs in gains.items()
-    ]} | {f"graphs_{name}": _by_graph(ran, means) for name, means in _MEASURES.items()}  # fmt: skip
+    tables: dict[str, Any] = {
+        "graphs": sizes(graphs),
+        "graphs_shared": shared(graphs),
+        "graphs_gains": [
+            {"graph": title}
+            | {
+                Column(f"{label(first)} minus {label(second)}", form=signed): points
+                for (first, second), points in of_pairs.items()
+            }
+            for title, of_pairs in gains.items()
+        ],
+    } | {f"graphs_{name}": _by_graph(ran, means) for name, means in _MEASURES.items()}
     figure = by_row({"": {runs.title: runs.given_means for runs in ran}}, others[0].models)
     yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": figure})
 
 
 def sizes(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
-    """A row for each graph: counts, and the per cent of triples whose relation the tail's kind predicts."""
+    """A row for each graph: counts, and the per cent of triples whose relation
+    the tail's kind predicts.
+    """
     return [
-        {"graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
-         "relations": triples["relation"].nunique(), "entities": len(entities),
-         "kinds": ", ".join(f"{number} {kind}" for kind, number in entities["kind"].value_counts().items()),
-         "predicted by kind %": 100 * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples))}
-        for graph in graphs for entities, triples in [(graph.entities, graph.triples)]
-    ]  # fmt: skip
+        {
+            "graph": graph.title,
+            "observations": int(triples["count"].sum()),
+            "unique triples": len(triples),
+            "relations": triples["relation"].nunique(),
+            "entities": len(entities),
+            "kinds": ", ".join(
+                f"{number} {kind}" for kind, number in entities["kind"].value_counts().items()
+            ),
+            "predicted by kind %": 100
+            * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples)),
+        }
+        for graph in graphs
+        for entities, triples in [(graph.entities, graph.triples)]
+    ]
 
 
 def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
@@ -164,5 +264,7 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
 def shared(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
     """A matrix of graphs: the number of entity phrases that two graphs share."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
-    return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
-            for title, here in phrases.items()]  # fmt: skip
+    return [
+        {"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
+        for title, here in phrases.items()
+    ]
