@@ -15,7 +15,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 import isi
-from isi.bundle.stream import answer, take_step
+from isi.live.stream import answer, take_step
 
 WAITING = 100  #: Messages that may wait on a topic.
 
@@ -31,7 +31,7 @@ class LiveNode(Node):
         self.answers = self.create_publisher(String, "/isi/answers", WAITING)
         for topic in ("/isi/facts", "/isi/ask"):
             self.create_subscription(String, topic, self.respond, WAITING)
-        steps = home.inserter.preparation()
+        steps = home.groups.preparation()
         self.create_timer(0.1, lambda: take_step(steps))
 
     def respond(self, request: String) -> None:

@@ -1,26 +1,30 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``open`` gives the live embedding of a folder, to which a robot adds entities and facts, and which
-answers; ``of`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds new entities to
-arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
+``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
+which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
+new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
 They are imported on first use (types are in ``__init__.pyi``).
 """
 
 import importlib
+import warnings
 from typing import Any
 
-__all__ = ["InputError", "LiveEmbedding", "fit_new", "insert", "of", "open", "train"]
+#: Without ``open``: ``from isi import *`` leaves the builtin as it is.
+__all__ = ["InputError", "LiveEmbedding", "fit_new", "from_pykeen", "insert", "train"]
 
 #: Module and name there of each name here.
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
-    "LiveEmbedding": ("isi.bundle.live", "LiveEmbedding"),
+    "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
     "fit_new": ("isi.insertion.fit", "fit_new"),
+    "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),
-    "of": ("isi.pykeen.live", "of"),
-    "open": ("isi.bundle.live", "open_live"),
-    "train": ("isi.bundle.train", "train"),
+    "open": ("isi.live.embedding", "open_live"),
+    "train": ("isi.live.train", "train"),
 }
+#: Names of version 0.2, and what they are called now.
+_RENAMED = {"of": "from_pykeen"}
 
 
 def __dir__() -> list[str]:
@@ -31,6 +35,10 @@ def __getattr__(name: str) -> Any:
     if name in _WHERE:
         module, there = _WHERE[name]
         return getattr(importlib.import_module(module), there)
+    if name in _RENAMED:
+        now = _RENAMED[name]
+        warnings.warn(f"isi.{name} is now isi.{now}", DeprecationWarning, stacklevel=2)
+        return __getattr__(now)
     if name == "pykeen":
         return importlib.import_module("isi.pykeen")
     raise AttributeError(f"module 'isi' has no attribute {name!r}")

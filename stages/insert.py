@@ -7,7 +7,7 @@ An initializer that the experiment does not list leaves tables without rows; one
 import torch
 
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertResult, insert_stack, insert_tasks, is_listed
+from isi.experiment.insert import SessionResult, insert_stack, insert_tasks, is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES, Store, write_runs
 from isi.stage import StageContext, stage
@@ -18,7 +18,7 @@ from isi.tables.table import concat
 def insert(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     entry = params.experiments[experiment]
-    grid, results = list[GridPoints](), list[InsertResult]()
+    grid, results = list[GridPoints](), list[SessionResult]()
     if is_listed(entry.initializers, initializer):
         curves, grid = entry.full_curves, store.grid(stack_height(params.compute))
         full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from isi.bundle import folder
-from isi.bundle.folder import MODEL, Bundle, Manifest, WordSource
-from isi.bundle.query import OpenBundle
+from isi.live import folder
+from isi.live.folder import MODEL, Bundle, Manifest, WordSource
+from isi.live.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph
 
 NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]
@@ -69,9 +69,9 @@ def random_bundle(triples: int) -> Bundle:
     )
 
 
-def opened(bundle: Bundle | None = None, **changed: Any) -> OpenBundle:
+def opened(bundle: Bundle | None = None, **changed: Any) -> LoadedEmbedding:
     """A bundle (default: the small one) opened for queries."""
-    return OpenBundle(**vars(bundle or small(**changed)))
+    return LoadedEmbedding(**vars(bundle or small(**changed)))
 
 
 def word_file(path: Path, vectors: Mapping[str, Sequence[float]]) -> Path:

@@ -9,7 +9,7 @@ import pandas as pd
 from isi.config import Option
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertConfig, InsertResult, InsertTask
+from isi.experiment.insert import InsertConfig, InsertTask, SessionResult
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives
@@ -110,7 +110,7 @@ def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
     }
 
 
-def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
+def inserted_bytes(inserted: list[SessionResult]) -> dict[str, bytes]:
     """All results of insertion as bytes, sorted by seed, session, epoch and scope."""
     runs = pd.concat([result.runs for result in inserted]).sort_values(
         ["seed", "session", "epoch", "scope"]

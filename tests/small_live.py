@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isi.bundle.inserter import PREPARED
-from isi.bundle.journal import Change, Chosen
-from isi.bundle.live import LiveEmbedding
+from isi.live.embedding import LiveEmbedding
+from isi.live.groups import PREPARED
+from isi.live.journal import Change, Chosen
 from tests.small_bundle import random_bundle
 
 KINDS = ["object", "place"]
@@ -27,13 +27,13 @@ CURVES: dict[Any, Any] = {}  # of known entities; the same for all objects
 def chosen() -> list[Change | Chosen]:
     """The choices of initializers, made once."""
     made = LiveEmbedding(KNOWN)
-    return [made.inserter.choice(number, False) for number in PREPARED]
+    return [made.groups.choice(number, False) for number in PREPARED]
 
 
 def live_of(changes: Sequence[Change] = ()) -> LiveEmbedding:
     """The small bundle, with the choices and some changes."""
     live = LiveEmbedding(KNOWN, [*chosen(), *changes])
-    live.inserter._curves = CURVES
+    live.groups._curves = CURVES
     return live
 
 

@@ -10,12 +10,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.bundle.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
-from isi.bundle.names import find, plain, singulars
-from isi.bundle.query import Query, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.probability import PlattCurve, fit_platt
+from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
+from isi.live.loaded import Query, queries_of
+from isi.live.names import find, plain, singulars
 from tests.small_bundle import TRIPLES, opened
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)

@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
-from isi.bundle.folder import Bundle, InsertionRecord, read
 from isi.errors import InputError
 from isi.experiment.final_model import train_final, usual_epochs, whole_graph
+from isi.live.folder import Bundle, EntityRecord, read
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
@@ -25,7 +25,7 @@ from tests.small_graphs import random_graph
 from tests.small_grid import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
-RECORD = InsertionRecord(
+RECORD = EntityRecord(
     entity="lie on",
     insert_triples=[("bed", "hasAffordance", "lie on")],
     definition="to rest",

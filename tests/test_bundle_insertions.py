@@ -14,12 +14,12 @@ import pytest
 import torch
 
 import isi
-from isi.bundle.folder import WordSource, read
-from isi.bundle.inserter import TOLERANCE
-from isi.bundle.journal import Effect
-from isi.bundle.live import LiveEmbedding
-from isi.bundle.query import OpenBundle
 from isi.errors import InputError
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import WordSource, read
+from isi.live.groups import TOLERANCE
+from isi.live.journal import Effect
+from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     BETWEEN,
     KINDS,
@@ -142,7 +142,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
                 expected.why,
             )
             assert vector(bare, name).tobytes() == expected.entities[-1].tobytes()
-    assert [(each.facts, each.words) for each in bare.inserter.chosen.values()] == [
+    assert [(each.facts, each.words) for each in bare.groups.chosen.values()] == [
         (2, False),
         (3, False),
     ]
@@ -207,7 +207,7 @@ NAMED_AFTER_ROOMS = [
 
 
 @pytest.fixture(scope="module")
-def household() -> OpenBundle:
+def household() -> LoadedEmbedding:
     """The entities and triples of ``examples/home.csv``, with random vectors and without words."""
     triples = pd.read_csv(EXAMPLES / "home.csv", dtype=str).drop_duplicates()
     kinds = pd.read_csv(EXAMPLES / "home_kinds.csv", dtype=str).set_index("entity")["kind"]
@@ -238,7 +238,7 @@ def household() -> OpenBundle:
 @pytest.mark.parametrize("told", [True, False], ids=["a fact", "no facts"])
 @pytest.mark.parametrize("initializer", [None, "es", "mean"])
 def test_what_is_named_after_a_room_is_an_object_like_other_objects(
-    household: OpenBundle, initializer: str | None, told: bool
+    household: LoadedEmbedding, initializer: str | None, told: bool
 ) -> None:
     live, objects = LiveEmbedding(household), {"object"}
     for name, room in NAMED_AFTER_ROOMS:
@@ -259,7 +259,7 @@ def test_what_is_named_after_a_room_is_an_object_like_other_objects(
     ],
 )
 def test_a_place_of_known_things_is_a_room_if_it_is_named_like_one(
-    household: OpenBundle, name: str, kind: str
+    household: LoadedEmbedding, name: str, kind: str
 ) -> None:
     live = LiveEmbedding(household)
     live.insert(name, [("mug", "atLocation", name), ("book", "atLocation", name)])

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 import isi
-from isi.bundle.live import LiveEmbedding
-from isi.bundle.train import tables_of
 from isi.columns import triple_columns
 from isi.errors import InputError
+from isi.live.embedding import LiveEmbedding
+from isi.live.train import tables_of
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, small
 
 FACTS = [("jug", "atLocation", "kitchen"), ("jug", "hasAffordance", "turn on")]

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from isi.__main__ import main
-from isi.bundle.folder import read
 from isi.cli import lines
+from isi.live.folder import read
 from isi.tables import paths
 from tests.small_bundle import NAMES, files, small, word_file, worded, written
 
@@ -462,7 +462,7 @@ def test_help_loads_nothing_that_is_slow() -> None:
     code = (
         "import sys; from isi.__main__ import main\n"
         f"for command in {[[], *map(str.split, COMMANDS)]}: main([*command, '--help'])\n"
-        "print(sorted({'torch', 'pandas', 'gensim', 'isi.bundle.live'} & set(sys.modules)))"
+        "print(sorted({'torch', 'pandas', 'gensim', 'isi.live.embedding'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True

@@ -15,8 +15,8 @@ from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_tensors
 
 from isi.__main__ import main
-from isi.bundle.query import OpenBundle, open_bundle
 from isi.graph.graph import HEAD, TAIL
+from isi.live.loaded import LoadedEmbedding, open_bundle
 from tests.small_bundle import (
     BETWEEN,
     ENTITIES,
@@ -30,7 +30,7 @@ from tests.small_bundle import (
 )
 
 
-def imported(*arguments: str) -> OpenBundle:
+def imported(*arguments: str) -> LoadedEmbedding:
     main(["import", *arguments, "--out", "out"])
     return open_bundle(Path("out"))
 

@@ -10,15 +10,15 @@ import pytest
     ("module", "absent"),
     [
         ("isi.cli", {"torch", "pandas", "numpy"}),
-        ("isi.bundle.journal", {"torch", "pandas"}),
+        ("isi.live.journal", {"torch", "pandas"}),
         ("isi.cli.graph", {"torch"}),
-        ("isi.bundle.explain", {"pandas", "networkx", "jinja2"}),
+        ("isi.live.explain", {"pandas", "networkx", "jinja2"}),
     ],
 )
 def test_a_command_imports_nothing_slow_that_it_does_not_need(
     module: str, absent: set[str]
 ) -> None:
-    """``isi.bundle.explain`` has all that insert, observe, ask, nearest, remove and undo need."""
+    """``isi.live.explain`` has all that insert, observe, ask, nearest, remove and undo need."""
     code = f"import sys, {module}; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -432,7 +432,10 @@ def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout == f"set() {isi.__all__}\n"
-    assert (isi.insert.__module__, isi.open.__module__) == ("isi.insertion.api", "isi.bundle.live")
+    assert (isi.insert.__module__, isi.open.__module__) == (
+        "isi.insertion.api",
+        "isi.live.embedding",
+    )
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018
 

@@ -25,9 +25,9 @@ from hypothesis.stateful import (
 )
 
 import isi
-from isi.bundle.folder import write
-from isi.bundle.inserter import PREPARED
-from isi.bundle.live import LiveEmbedding
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import write
+from isi.live.groups import PREPARED
 from tests.small_live import KINDS, KNOWN, assert_same, chosen, live_of, seen
 
 NEW = [f"new {number}" for number in "abcdef"]
@@ -367,7 +367,7 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
         for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     ]
     assert [line["do"] for line in lines] == ["choose"] * len(PREPARED) + ["insert"]
-    assert list(isi.open(tmp_path / "home").inserter.chosen.values()) == chosen()
+    assert list(isi.open(tmp_path / "home").groups.chosen.values()) == chosen()
 
 
 @pytest.mark.parametrize(

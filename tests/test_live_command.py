@@ -21,10 +21,10 @@ import pandas as pd
 import pytest
 
 import isi
-from isi.bundle.folder import Bundle, Manifest, write
-from isi.bundle.journal import text_of
-from isi.bundle.stream import VERBS, Request, answer, serve, take_step
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
+from isi.live.folder import Bundle, Manifest, write
+from isi.live.journal import text_of
+from isi.live.stream import VERBS, Request, answer, serve, take_step
 from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
 from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
@@ -460,7 +460,7 @@ def test_vectors_that_were_stored_are_used_only_where_their_inputs_are_the_same(
         expected = seen(live)
     stored = home / "inserted.safetensors"
     opened = isi.open(home)
-    assert len(opened.inserter.stored) == 3
+    assert len(opened.groups.stored) == 3
     for name, row in opened.inserted.items():
         assert row.vector.tobytes() == expected[0][name].tobytes()
     content = stored.read_bytes()

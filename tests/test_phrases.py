@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.bundle import phrases
-from isi.bundle.folder import MODEL, InsertionRecord, WordSource
-from isi.bundle.phrases import (
+from isi.graph.words import read_vectors
+from isi.live import phrases
+from isi.live.folder import MODEL, EntityRecord, WordSource
+from isi.live.phrases import (
     HEAD_NOUN,
     LEAST,
     PhraseVectors,
@@ -27,7 +28,6 @@ from isi.bundle.phrases import (
     shipped,
     unit,
 )
-from isi.graph.words import read_vectors
 from isi.tables import paths
 from tests.small_bundle import NAMES, small, without_words
 from tools import distil_words
@@ -163,7 +163,7 @@ def test_a_bundle_without_words_gets_the_vocabulary_if_half_of_its_phrases_have_
 
 
 def test_the_definition_of_an_inserted_entity_stays_in_its_vector() -> None:
-    record = InsertionRecord(
+    record = EntityRecord(
         entity="lie on",
         insert_triples=[("lie on", "atLocation", "kitchen")],
         definition="to rest flat on a bed",
@@ -225,7 +225,7 @@ def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
 
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     code = (
-        "import sys; from isi.bundle.phrases import shipped; shipped().vector('mug'); "
+        "import sys; from isi.live.phrases import shipped; shipped().vector('mug'); "
         "print(*sys.modules)"
     )
     loaded = subprocess.run(

@@ -20,7 +20,7 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
-from isi.bundle.folder import read
+from isi.live.folder import read
 from isi.report import stats
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, dvc, set_param, stages_run
 from tools import workspace

@@ -204,7 +204,7 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
 ) -> None:
     """PyKEEN's rows 2r and 2r + 1 are those of relation r and of its inverse."""
     model = model_of("transe", {}, inverse)
-    done = isi.pykeen.inserted(model, inverse, NEW, initializer=initializer, margin=1.0)
+    done = isi.pykeen.compute_rows(model, inverse, NEW, initializer=initializer, margin=1.0)
     assert [(entity.insert_triples, entity.between) for entity in done.report()] == [(2, 1), (1, 1)]
     larger, more = isi.pykeen.enlarge(model, inverse, done)
     assert (more.num_triples, more.create_inverse_triples) == (inverse.num_triples + len(NEW), True)
@@ -252,7 +252,7 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
         for part in (model.entity_representations, model.relation_representations)
     ]
     apart = [both_ways(torch.from_numpy(ids)).numpy() for ids in (new, triples)]
-    facts_once = isi.pykeen.inserted(model, known, new, new=1)
+    facts_once = isi.pykeen.compute_rows(model, known, new, new=1)
     facts_twice = isi.insert(*tables, apart[0], new=1, model="distmult", known_triples=apart[1])
     once, twice = (
         next(each.known_ends for each in done.choice.candidates if each.initializer == "ridge")
@@ -266,7 +266,7 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
 def test_interference_ranks_as_pykeen_does(name: str, factory: Any, inverse: Any) -> None:
     for of in (factory, inverse):
-        done = isi.pykeen.inserted(
+        done = isi.pykeen.compute_rows(
             model_of(name, MODELS.get(name, {}), of), of, NEW, initializer="mean"
         )
         larger, more = isi.pykeen.enlarge(model_of(name, MODELS.get(name, {}), of), of, done)
@@ -285,7 +285,7 @@ def test_a_model_without_inverse_takes_initializers_that_need_none(name: str, fa
     words = np.random.default_rng(0).standard_normal((ENTITIES + 2, 5))
     kinds = ["a", "b"] * (ENTITIES // 2 + 1)
     model = model_of("rescal", {}, factory)
-    done = isi.pykeen.inserted(model, factory, NEW, words=words, kinds=kinds, initializer=name)
+    done = isi.pykeen.compute_rows(model, factory, NEW, words=words, kinds=kinds, initializer=name)
     assert done.initializer == name
 
 
@@ -361,7 +361,7 @@ def test_new_relations_get_the_next_rows_of_every_table(
     factory = request.getfixturevalue(of)
     model, ways = model_of(name, MODELS[name], factory), 1 + (of == "inverse")
     triples = [*NEW, ("cup", "near", "e1"), ("e2", "near", "e3")]
-    done = isi.pykeen.inserted(
+    done = isi.pykeen.compute_rows(
         model, factory, triples, new_relations=["near", "bare"], initializer="mean"
     )
     larger, more = isi.pykeen.enlarge(model, factory, done)
@@ -398,7 +398,7 @@ def test_new_relations_get_the_next_rows_of_every_table(
 def test_a_relation_and_its_inverse_are_fitted_as_two_relations(inverse: Any) -> None:
     model = model_of("complex", {}, inverse, steps=50)
     triples = [("e1", "near", "e2"), ("e5", "near", "e2"), ("e7", "near", "e3")]
-    done = isi.pykeen.inserted(model, inverse, triples, new_relations=["near"])
+    done = isi.pykeen.compute_rows(model, inverse, triples, new_relations=["near"])
     tables = [
         part[0]().detach()
         for part in (model.entity_representations, model.relation_representations)
@@ -582,7 +582,7 @@ def test_the_result_of_a_pipeline_stands_for_model_and_factory(factory: Any) -> 
 )
 def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> None:
     model = model_of("distmult", {}, factory)
-    done, expected = (isi.pykeen.inserted(model, factory, triples) for triples in (form, NEW))
+    done, expected = (isi.pykeen.compute_rows(model, factory, triples) for triples in (form, NEW))
     by_name = dict(zip(map(done.names.of, done.new), done.entities[ENTITIES:], strict=True))
     for name, row in zip(("cup", "mug"), expected.entities[ENTITIES:], strict=True):
         np.testing.assert_allclose(by_name[name], row, rtol=1e-4)
@@ -715,7 +715,9 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     inverse: Any,
 ) -> None:
     model = model_of("distmult", {}, inverse)
-    done = isi.pykeen.inserted(model, inverse, NEW, initializer="map", options={"strength": 0.2})
+    done = isi.pykeen.compute_rows(
+        model, inverse, NEW, initializer="map", options={"strength": 0.2}
+    )
     draws = done.hide()
     assert draws is not None
     assert done.curves == fit_curves(
@@ -739,7 +741,7 @@ def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> Non
     assert isinstance(larger, ERModel)
     for name, values in expected.state_dict().items():
         torch.testing.assert_close(larger.state_dict()[name], values)
-    done = isi.pykeen.inserted(wrap(model), factory, NEW, initializer="mean")
+    done = isi.pykeen.compute_rows(wrap(model), factory, NEW, initializer="mean")
     assert isi.pykeen.enlarge(wrap(model), factory, done)[0].num_entities == larger.num_entities
     assert isinstance(isi.pykeen.fit_new(wrap(larger), more, NEW, epochs=1), ERModel)
     before = [values.clone() for values in larger.state_dict().values()]
@@ -747,7 +749,9 @@ def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> Non
     assert any(
         not torch.equal(*pair) for pair in zip(before, larger.state_dict().values(), strict=True)
     )
-    assert set(isi.of(wrap(model), factory).base.entity_names) == factory.entity_to_id.keys()
+    assert (
+        set(isi.from_pykeen(wrap(model), factory).base.entity_names) == factory.entity_to_id.keys()
+    )
     assert read_model(wrap(model), factory.mapped_triples, None).entity.shape[1] == ENTITIES
 
 

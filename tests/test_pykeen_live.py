@@ -1,4 +1,4 @@
-"""``isi.of``: a live embedding of a PyKEEN model answers and inserts as the
+"""``isi.from_pykeen``: a live embedding of a PyKEEN model answers and inserts as the
 model and ``isi.pykeen`` do.
 """
 
@@ -63,7 +63,7 @@ def test_vectors_and_answers_are_those_of_the_model(
     known = factory(inverse)
     model = model_of(name, known, **options)
     before = deepcopy(model.state_dict())
-    live = isi.of(model, known, margin=0.0)
+    live = isi.from_pykeen(model, known, margin=0.0)
     number = len(live.base.triples)
     assert number == len(set(map(tuple, known.mapped_triples.tolist())))
     for slot, question in ((TAIL, {"head": "e2"}), (HEAD, {"tail": "e2"})):
@@ -86,7 +86,7 @@ def test_vectors_and_answers_are_those_of_the_model(
         }
     initializer = "neighbour_mean" if name == "rescal" else "map"
     live.insert("cup", FACTS, initializer=initializer)
-    done = isi.pykeen.inserted(
+    done = isi.pykeen.compute_rows(
         model, known, FACTS, new=["cup"], initializer=initializer, margin=0.0
     )
     vector = live.inserted["cup"].vector
@@ -106,7 +106,7 @@ def test_what_is_saved_answers_as_before(
 ) -> None:
     known = factory()
     kinds = {f"e{row}": ("place" if row % 2 else "object") for row in range(ENTITIES)}
-    live = isi.of(model_of(name, known, **options), known, kinds=kinds)
+    live = isi.from_pykeen(model_of(name, known, **options), known, kinds=kinds)
     live.insert("cup", FACTS)
     assert live.inserted["cup"].kind in ("place", "object")
     live.observe([("cup", "r2", "e7")])
@@ -133,12 +133,12 @@ def test_a_model_that_a_folder_cannot_hold_is_not_saved(
     tmp_path: Path, name: str, inverse: bool
 ) -> None:
     known = factory(inverse)
-    live = isi.of(model_of(name, known), known)
+    live = isi.from_pykeen(model_of(name, known), known)
     with pytest.raises(InputError, match=r"^save"):
         live.save(tmp_path / "home")
     assert not (tmp_path / "home").exists()
     with pytest.raises(InputError, match=r"^save"):  # there is no folder that it was opened from
-        isi.of(model_of("distmult", factory()), factory()).save()
+        isi.from_pykeen(model_of("distmult", factory()), factory()).save()
 
 
 def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None:
@@ -146,11 +146,11 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
     model = model_of("distmult", known)
     result = object.__new__(PipelineResult)
     result.model, result.training = model, known
-    assert isi.of(result).ask("e2", "r1") == isi.of(model, known).ask("e2", "r1")
+    assert isi.from_pykeen(result).ask("e2", "r1") == isi.from_pykeen(model, known).ask("e2", "r1")
     with pytest.raises(InputError, match="'factory'"):
-        isi.of(model, CoreTriplesFactory(known.mapped_triples, ENTITIES, RELATIONS))
+        isi.from_pykeen(model, CoreTriplesFactory(known.mapped_triples, ENTITIES, RELATIONS))
     with pytest.raises(InputError, match="'factory'"):
-        isi.of(model)
+        isi.from_pykeen(model)
 
 
 def test_kinds_that_match_no_label_are_named() -> None:
@@ -159,5 +159,7 @@ def test_kinds_that_match_no_label_are_named() -> None:
         UserWarning,
         match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
     ):
-        live = isi.of(model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"})
+        live = isi.from_pykeen(
+            model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"}
+        )
     assert live.base.kinds[live.base.entity_names.index("e1")] == "place"

@@ -56,7 +56,7 @@ APART = (
     "isi/cli",
     "isi/report",
     "isi/analyses",
-    "isi/bundle",
+    "isi/live",
     "isi/insertion",
     "isi/pykeen",
 )

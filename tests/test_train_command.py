@@ -17,8 +17,14 @@ import pytest
 import torch
 
 import isi
-from isi.bundle import folder
-from isi.bundle.train import (
+from isi.cli import main
+from isi.errors import InputError
+from isi.experiment.train import TrainConfig, warn_of_batch
+from isi.graph.graph import Graph, build_graph
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.insertion.choice import queries_of, random_ranks
+from isi.live import folder
+from isi.live.train import (
     described,
     frequencies,
     groups_of,
@@ -29,12 +35,6 @@ from isi.bundle.train import (
     train_bundle,
     with_kinds,
 )
-from isi.cli import main
-from isi.errors import InputError
-from isi.experiment.train import TrainConfig, warn_of_batch
-from isi.graph.graph import Graph, build_graph
-from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.insertion.choice import queries_of, random_ranks
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
 from isi.training.trainer import Training

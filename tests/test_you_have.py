@@ -21,8 +21,8 @@ from torch.nn.functional import normalize
 
 import isi
 from isi.__main__ import main
-from isi.bundle.query import open_bundle
 from isi.errors import InputError
+from isi.live.loaded import open_bundle
 from tests.documented import DOCS
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, write_openke
 

@@ -9,8 +9,8 @@ import torch
 from tabulate import tabulate
 from tqdm import tqdm
 
-from isi.bundle.live import LiveEmbedding
-from isi.bundle.query import open_bundle
+from isi.live.embedding import LiveEmbedding
+from isi.live.loaded import open_bundle
 from isi.tables import paths
 
 OBJECTS, MOST_FACTS = 80, 3
@@ -20,8 +20,8 @@ THRESHOLDS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 def main() -> None:
     torch.set_num_threads(1)
     known, rng = open_bundle(paths.final_model("ai2thor")), np.random.default_rng(0)
-    inserter = LiveEmbedding(known).inserter
-    choices = [inserter.choice(number, words=True) for number in range(1, MOST_FACTS + 1)]
+    groups = LiveEmbedding(known).groups
+    choices = [groups.choice(number, words=True) for number in range(1, MOST_FACTS + 1)]
     triples, rows = known.named_triples(), []
     for row in tqdm(
         rng.permutation(np.flatnonzero(np.array(known.kinds) == "object"))[:OBJECTS], "objects"

@@ -1,4 +1,4 @@
-"""Distil the word vectors that ship with the library, isi/bundle/words.safetensors,
+"""Distil the word vectors that ship with the library, isi/live/words.safetensors,
 from all-MiniLM-L6-v2.
 
     python -m tools.distil_words WINK WORDNET
@@ -23,8 +23,8 @@ import numpy as np
 import torch
 from safetensors.numpy import save
 
-from isi.bundle.phrases import VOCABULARY
 from isi.errors import InputError
+from isi.live.phrases import VOCABULARY
 from isi.process import errors_in_one_line
 from isi.tables.io import atomically
 from tools.embed_phrases import embed

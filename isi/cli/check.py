@@ -12,7 +12,6 @@ from pathlib import Path
 
 import isi.analyses
 import isi.sources
-from isi.bundle import folder as bundles
 from isi.errors import InputError
 from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
@@ -21,6 +20,7 @@ from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
+from isi.live import folder as bundles
 from isi.params import Params, load
 from isi.pipeline import makers
 from isi.tables import io, paths

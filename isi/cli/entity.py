@@ -23,11 +23,11 @@ from isi.errors import InputError, at
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.bundle.answers import Answer, Answers
-    from isi.bundle.explain import Explanation, Report
-    from isi.bundle.journal import Effect
-    from isi.bundle.live import LiveEmbedding
     from isi.insertion.interference import Interference
+    from isi.live.answers import Answer, Answers
+    from isi.live.embedding import LiveEmbedding
+    from isi.live.explain import Explanation, Report
+    from isi.live.journal import Effect
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
@@ -195,7 +195,7 @@ def compact(*, embedding: Embedding = DEFAULT) -> None:
 
 def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
     """List all changes since training, those that were undone included."""
-    from isi.bundle.journal import history
+    from isi.live.journal import history
 
     changes = history(_existing(embedding))
     listed = [
@@ -427,8 +427,8 @@ def _from_files(
     live: LiveEmbedding, files: Sequence[Path]
 ) -> tuple[list[str], list[list[str]], dict[str, str]]:
     """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
-    from isi.bundle.names import same_name
     from isi.graph.files import read_graph
+    from isi.live.names import same_name
 
     tables, _ = read_graph(files)
     kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
@@ -495,7 +495,7 @@ def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) 
     gc.disable()
     import torch
 
-    from isi.bundle.live import open_live
+    from isi.live.embedding import open_live
 
     gc.freeze()
     gc.enable()

@@ -5,10 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from isi.bundle.folder import write
-from isi.bundle.importer import PICKLE, of_tensors, read_labels, tensors_in
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.errors import InputError, at
+from isi.live.folder import write
+from isi.live.importer import PICKLE, of_tensors, read_labels, tensors_in
 from isi.models.model import MODELS
 
 

@@ -1,5 +1,5 @@
 """``isi live``: a process that has an embedding open,
-and answers requests in lines of JSON (``isi.bundle.stream``).
+and answers requests in lines of JSON (``isi.live.stream``).
 """
 
 from contextlib import suppress
@@ -24,10 +24,10 @@ def live(
 
     import torch
 
-    from isi.bundle.live import open_live
-    from isi.bundle.stream import answer_input, serve
+    from isi.live.embedding import open_live
+    from isi.live.stream import answer_input, serve
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
     with open_live(folder, vectors=vectors, journal=True) as opened, suppress(SystemExit):
-        steps = opened.inserter.preparation()
+        steps = opened.groups.preparation()
         asyncio.run(serve(opened, steps, socket)) if socket else answer_input(opened, steps)

@@ -48,9 +48,9 @@ def train(
     """Read files as ``isi graph`` does, train an embedding of their graph, and write a bundle."""
     import torch
 
-    from isi.bundle.folder import write
-    from isi.bundle.train import described, train_bundle
     from isi.graph.files import read_graph
+    from isi.live.folder import write
+    from isi.live.train import described, train_bundle
 
     torch.set_num_threads(1)  # so that equal commands write equal bytes
     tables, read = read_graph(files, reader, settings(set), min_count, seed)

@@ -114,7 +114,7 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
 
 
 @dataclass(frozen=True)
-class InsertResult:
+class SessionResult:
     """Results of insertion at a stack of grid points."""
 
     vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
@@ -122,13 +122,13 @@ class InsertResult:
     entities: pd.DataFrame  #: in the columns of ``INSERTED``, without ``kind``
 
 
-def insert_stack(*task: *InsertTask) -> InsertResult:
+def insert_stack(*task: *InsertTask) -> SessionResult:
     """Insert the novel entities of every session, each into Θ of the session before."""
     results = [result for _, result in insert_sessions(*task)]
     runs, entities = (
         pd.concat(getattr(result, name) for result in results) for name in ("runs", "entities")
     )
-    return InsertResult(np.concatenate([result.vectors for result in results], 1), runs, entities)
+    return SessionResult(np.concatenate([result.vectors for result in results], 1), runs, entities)
 
 
 def insert_sessions(
@@ -137,7 +137,7 @@ def insert_sessions(
     words: np.ndarray,
     joint: JointTargets,
     config: InsertConfig,
-) -> Iterator[tuple[Embedding, InsertResult]]:
+) -> Iterator[tuple[Embedding, SessionResult]]:
     """Insert and fine-tune session by session: yields each Θ and its measures, from epoch 0;
     ``words``: (E, w).
     """
@@ -169,7 +169,7 @@ def insert_sessions(
         runs = run_rows(points, number, [measure_rows(immediate), *watch.looks])
         yield (
             theta,
-            InsertResult(initial.vectors.cpu().numpy(), runs, run_rows(points, number, entities)),
+            SessionResult(initial.vectors.cpu().numpy(), runs, run_rows(points, number, entities)),
         )
 
 

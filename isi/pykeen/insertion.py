@@ -1,4 +1,4 @@
-"""``insert``: a copy of a model of PyKEEN with new entities; ``inserted`` and ``enlarge``:
+"""``insert``: a copy of a model of PyKEEN with new entities; ``compute_rows`` and ``enlarge``:
 its two steps.
 """
 
@@ -85,7 +85,7 @@ def insert(
         InputError: names the wrong argument or new entity, and the expected value.
     """
     model, factory, triples = of_result(model, factory, triples)
-    done = inserted(
+    done = compute_rows(
         model,
         factory,
         triples,
@@ -105,7 +105,7 @@ def insert(
     return enlarge(model, factory, done)
 
 
-def inserted(
+def compute_rows(
     model: PykeenModel | PipelineResult,
     factory: Any = None,
     triples: Any = None,

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import torch
 
-from isi.bundle.folder import Bundle
-from isi.bundle.importer import OTHERS, Labels, bundle_of
 from isi.errors import InputError
+from isi.live.folder import Bundle
+from isi.live.importer import OTHERS, Labels, bundle_of
 from isi.models.model import name_of
 from isi.pykeen.reading import read_model, unwrapped
 

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import isi
-from isi.bundle.folder import Bundle, Manifest, write
-from isi.bundle.journal import Change, Chosen
-from isi.bundle.live import LiveEmbedding
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import Bundle, Manifest, write
+from isi.live.journal import Change, Chosen
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]

@@ -18,11 +18,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.bundle.stream import answer
 from isi.errors import InputError
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
+from isi.live.stream import answer
 from isi.names import name_fault
 from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
 from isi.sources.recorder import Recording

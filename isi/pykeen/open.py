@@ -1,4 +1,4 @@
-"""``isi.of``: a live embedding of a PyKEEN model."""
+"""``isi.from_pykeen``: a live embedding of a PyKEEN model."""
 
 import warnings
 from collections.abc import Mapping
@@ -8,18 +8,18 @@ import numpy as np
 from pykeen.pipeline import PipelineResult
 from pykeen.triples import TriplesFactory
 
-from isi.bundle.folder import Manifest
-from isi.bundle.live import LiveEmbedding
-from isi.bundle.names import by_known_name, note_of_kinds, plain
-from isi.bundle.query import OpenBundle
 from isi.errors import InputError
 from isi.insertion.inverses import joined
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import Manifest
+from isi.live.loaded import LoadedEmbedding
+from isi.live.names import by_known_name, note_of_kinds, plain
 from isi.models.model import name_of
 from isi.pykeen.insertion import checked_labels, of_result
 from isi.pykeen.reading import PykeenModel, read_model
 
 
-def of(
+def from_pykeen(
     model: PykeenModel | PipelineResult,
     factory: TriplesFactory | None = None,
     *,
@@ -61,7 +61,7 @@ def of(
     if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
         warnings.warn(f"kinds: {note}", stacklevel=2)
     return LiveEmbedding(
-        OpenBundle(
+        LoadedEmbedding(
             manifest,
             read.entity[0].numpy(),
             read.relation[0].numpy(),

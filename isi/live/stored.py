@@ -17,8 +17,8 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from isi.bundle.folder import STORED
 from isi.errors import InputError
+from isi.live.folder import STORED
 from isi.tables.io import atomically
 
 VERSION = 1  #: Raised when an initializer computes other vectors from the same inputs.

@@ -12,14 +12,14 @@ import numpy as np
 import torch
 from torch.nn.functional import cosine_similarity
 
-from isi.bundle.answers import Answers, completed
-from isi.bundle.inserter import InsertedEntity, Inserter, Method
-from isi.bundle.journal import Additions, Change, NewEntity
-from isi.bundle.query import Fact, OpenBundle, Query, queries_of
 from isi.errors import InputError
 from isi.initializers import similarity
 from isi.insertion.api import init_context_of
 from isi.insertion.interference import Interference
+from isi.live.answers import Answers, completed
+from isi.live.groups import EntityGroups, InsertedEntity, Method
+from isi.live.journal import Additions, Change, NewEntity
+from isi.live.loaded import Fact, LoadedEmbedding, Query, queries_of
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
 #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -100,8 +100,8 @@ class Report:
 class Snapshot:
     """An embedding with inserted entities, as explanations read it."""
 
-    now: OpenBundle  #: with all inserted entities and the facts that hold
-    inserter: Inserter
+    now: LoadedEmbedding  #: with all inserted entities and the facts that hold
+    groups: EntityGroups
     additions: Additions
 
 
@@ -161,25 +161,25 @@ def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
     """Explain an inserted entity; ablations compare the ``top`` best answers
     to the queries that fit it.
     """
-    now, inserter, record = snapshot.now, snapshot.inserter, row.record
+    now, groups, record = snapshot.now, snapshot.groups, row.record
     name = record.entity
     shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     queries = queries_of(now, now.entity_ids[name], weights)
-    facts, base = record.insert_triples, inserter.base
+    facts, base = record.insert_triples, groups.base
     pieces = [
-        ("fact", " ".join(fact), inserter, [other for other in facts if other != fact])
+        ("fact", " ".join(fact), groups, [other for other in facts if other != fact])
         for fact in facts
     ]
     if row.words.vector is not None:
-        without_words = Inserter(replace(base, words=None), None, inserter.chosen)
+        without_words = EntityGroups(replace(base, words=None), None, groups.chosen)
         pieces.append(("words", name, without_words, facts))
     for indicator in shown:
         if indicator.weight is not None:
             fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
             rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
             pieces.append(
-                ("indicator", indicator.entity, replace(inserter, base=fewer, _curves={}), rest)
+                ("indicator", indicator.entity, replace(groups, base=fewer, _curves={}), rest)
             )
     without = [_ablation(snapshot, row, *piece, queries, top) for piece in pieces]
     without.sort(
@@ -195,7 +195,7 @@ def _ablation(
     row: InsertedEntity,
     left_out: str,
     piece: str,
-    inserter: Inserter,
+    groups: EntityGroups,
     facts: list[Fact],
     queries: Sequence[Query],
     top: int,
@@ -211,7 +211,7 @@ def _ablation(
         options=record.options,
         seed=record.seed,
     )
-    names = inserter.base.entity_ids.keys() | {record.entity}
+    names = groups.base.entity_ids.keys() | {record.entity}
     known = [fact for fact in facts if {fact[0], fact[2]} <= names]
     try:
         if (
@@ -222,7 +222,7 @@ def _ablation(
             raise InputError("", "", "no input is left")
         alone = Additions(retracted=dict(snapshot.additions.retracted))
         alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
-        changed = inserter.rows(alone, [record.entity])[record.entity]
+        changed = groups.insert_groups(alone, [record.entity])[record.entity]
     except InputError:  # nor does an initializer of words alone serve every model
         return Ablation(left_out, piece)
     place = now.entity_ids[record.entity]
@@ -254,22 +254,22 @@ def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     """The indicators of an inserted entity, by falling weight;
     without weights, the most similar known entities.
     """
-    inserter, name = snapshot.inserter, row.record.entity
-    known = inserter.base.entity_ids.keys() | {name}
+    groups, name = snapshot.groups, row.record.entity
+    known = groups.base.entity_ids.keys() | {name}
     facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
     method = Method(
         0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed
     )
-    words, known_triples = {name: row.words}, inserter.known_triples(snapshot.additions)
-    result = inserter.insert(method, [name], facts, words, [row.kind], known_triples)
+    words, known_triples = {name: row.words}, groups.known_triples(snapshot.additions)
+    result = groups.insert(method, [name], facts, words, [row.kind], known_triples)
     seen = init_context_of(
         result.embedding,
         torch.tensor(result.new),
         result.known,
         result.insert_triples,
         result.known_triples,
-        inserter.word_rows([name], words),
-        inserter.kind_ids([row.kind]),
+        groups.word_rows([name], words),
+        groups.kind_ids([row.kind]),
         0,
     )
     has_words, has_triples = (
@@ -303,7 +303,7 @@ def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     for entity in best.tolist():
         indicator = Indicator(
             id=entity,
-            entity=inserter.base.entity_names[entity],
+            entity=groups.base.entity_names[entity],
             weight=None if weight is None else float(weight[entity]),
             words=float(similar[entity]) if has_words and named[entity] else None,
             relations=float(related[entity]) if has_triples else None,

@@ -15,10 +15,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter
 
-from isi.bundle import folder as folders
-from isi.bundle.folder import JOURNAL, Bundle, ManifestSection, NamedTriple, Text
 from isi.config import Option, Seed
 from isi.errors import InputError, at, short, unwritable
+from isi.live import folder as folders
+from isi.live.folder import JOURNAL, Bundle, ManifestSection, NamedTriple, Text
 from isi.tables.io import atomically
 
 Fact = tuple[str, str, str]  #: Head, relation and tail by name.

@@ -23,10 +23,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from isi.bundle.folder import Bundle, Manifest
-from isi.bundle.live import LiveEmbedding
-from isi.bundle.names import by_known_name, note_of_kinds
-from isi.bundle.phrases import OF_MODEL, by_model, has_model
 from isi.columns import TRIPLE
 from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
@@ -54,6 +50,10 @@ from isi.insertion.arguments import (
     listed_triples,
 )
 from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import Bundle, Manifest
+from isi.live.names import by_known_name, note_of_kinds
+from isi.live.phrases import OF_MODEL, by_model, has_model
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName

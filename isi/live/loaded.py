@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.bundle.folder import MANIFEST, VECTORS, Bundle, read
-from isi.bundle.names import find
 from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import Names, checked_model, listed_triples, stack_of_one, table
+from isi.live.folder import MANIFEST, VECTORS, Bundle, read
+from isi.live.names import find
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -45,7 +45,7 @@ class Query(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class OpenBundle(Bundle):
+class LoadedEmbedding(Bundle):
     """A bundle with its scoring function."""
 
     scoring: Model | None = None  #: None: the model that the manifest names
@@ -291,11 +291,11 @@ def answers_in(triples: np.ndarray, query: Query) -> set[int]:
     return set(triples[of_query, query.slot].tolist())
 
 
-def open_bundle(folder: Path) -> OpenBundle:
+def open_bundle(folder: Path) -> LoadedEmbedding:
     """Read the bundle of a folder. An ``InputError`` refuses a broken one,
     or tables that do not fit the model.
     """
-    opened = OpenBundle(**vars(read(folder)))
+    opened = LoadedEmbedding(**vars(read(folder)))
     with at(folder / MANIFEST, "family"):
         opened.model  # noqa: B018  # checks the manifest
     with at(folder / VECTORS):
@@ -303,7 +303,9 @@ def open_bundle(folder: Path) -> OpenBundle:
     return opened
 
 
-def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float]) -> list[Query]:
+def queries_of(
+    opened: LoadedEmbedding, entity: int, indicators: Mapping[int, float]
+) -> list[Query]:
     """The queries that fit an entity: relations and slots in which it or enough similar
     entities have known answers.
 

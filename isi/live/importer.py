@@ -20,13 +20,13 @@ import pandas as pd
 import torch
 from safetensors.torch import load_file
 
-from isi.bundle.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
-from isi.bundle.names import plain
-from isi.bundle.query import OpenBundle
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.api import margin_of
 from isi.insertion.arguments import argument, array_of, checked_model
+from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
+from isi.live.loaded import LoadedEmbedding
+from isi.live.names import plain
 from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
@@ -112,7 +112,7 @@ def bundle_of(
     tables: Sequence[np.ndarray],
     labels: Labels,
     files: Sequence[Path],
-) -> OpenBundle:
+) -> LoadedEmbedding:
     """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
     checked, names = (
@@ -138,7 +138,9 @@ def bundle_of(
     )
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
-    bundle = OpenBundle(manifest, entities, relations, names[0], kinds, phrases, names[1], triples)
+    bundle = LoadedEmbedding(
+        manifest, entities, relations, names[0], kinds, phrases, names[1], triples
+    )
     with at(files[0]):
         bundle.embedding  # noqa: B018  # checks the width of relations
     return bundle

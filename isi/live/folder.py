@@ -28,7 +28,7 @@ from isi.errors import InputError, at, short, unwritable
 from isi.names import check_text, name_fault
 
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
-STORED = "inserted.safetensors"  #: Computed from the others (``isi.bundle.stored``).
+STORED = "inserted.safetensors"  #: Computed from the others (``isi.live.stored``).
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
 COLUMNS = {
     ENTITIES: ("entity", "kind", "phrase"),
@@ -72,7 +72,7 @@ class WordSource(ManifestSection):
     model: Text | None
 
 
-class InsertionRecord(ManifestSection):
+class EntityRecord(ManifestSection):
     """The input of an insertion, from which it can be repeated: ``initializer`` with ``options``;
     and the reason.
     """
@@ -96,7 +96,7 @@ class Manifest(ManifestSection):
     words: WordSource | None
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
     #: one per inserted entity; these have the last rows, in this order
-    inserted: list[InsertionRecord]
+    inserted: list[EntityRecord]
 
 
 class ManifestFile(Manifest):
@@ -126,7 +126,7 @@ class Bundle:
     #: shape: (E, v), float32; zero rows if missing; None if all are missing
     words: np.ndarray | None = None
 
-    def insertions(self) -> dict[str, InsertionRecord]:
+    def insertions(self) -> dict[str, EntityRecord]:
         """Records of insertions by entity name."""
         return {record.entity: record for record in self.manifest.inserted}
 
@@ -152,7 +152,7 @@ def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
     """Write a bundle, completely or not at all.
     It may replace an empty folder, or a bundle if no change is lost.
 
-    ``journal``: the changes that led to the bundle (``isi.bundle.journal``).
+    ``journal``: the changes that led to the bundle (``isi.live.journal``).
     """
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {

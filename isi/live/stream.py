@@ -21,13 +21,13 @@ from typing import Annotated, Any, Literal, NoReturn
 from pydantic import BeforeValidator, Field
 from pydantic_core import from_json, to_json
 
-from isi.bundle.answers import Answers
-from isi.bundle.folder import Text
-from isi.bundle.journal import Time
-from isi.bundle.live import LiveEmbedding
 from isi.config import Count, Option, Section, Seed, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
+from isi.live.answers import Answers
+from isi.live.embedding import LiveEmbedding
+from isi.live.folder import Text
+from isi.live.journal import Time
 from isi.process import STOPPING
 
 LONGEST = 2**20  #: Maximum number of bytes of a request to a socket.
@@ -254,7 +254,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def take_step(steps: Iterator[Callable[[], object]]) -> bool:
-    """Take the next step of a preparation (``Inserter.preparation``), if any is left;
+    """Take the next step of a preparation (``EntityGroups.preparation``), if any is left;
     a failure is logged.
     """
     step = next(steps, None)

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from safetensors.numpy import load_file
 
-from isi.bundle.folder import MODEL, Bundle, WordSource
 from isi.errors import InputError
+from isi.live.folder import MODEL, Bundle, WordSource
 from isi.tables import paths
 
 VOCABULARY = Path(__file__).with_name("words.safetensors")

@@ -18,9 +18,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from isi.bundle.query import Fact, OpenBundle, Query, answers_in
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.probability import PlattCurve, fit_platt
+from isi.live.loaded import Fact, LoadedEmbedding, Query, answers_in
 
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers
 #: about hidden objects of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
@@ -76,7 +76,7 @@ Curve = Callable[[Tensor], Tensor]  #: From scores, (N,), to probabilities.
 
 
 def answer(
-    opened: OpenBundle,
+    opened: LoadedEmbedding,
     query: Query,
     most: int,
     curve: Curve | None,
@@ -128,7 +128,7 @@ def answer(
 
 
 def answer_relation(
-    opened: OpenBundle,
+    opened: LoadedEmbedding,
     head: int,
     tail: int,
     most: int,
@@ -160,7 +160,7 @@ def answer_relation(
     return Answers((names[head], "?", names[tail]), rows[:most])
 
 
-def completed(opened: OpenBundle, query: Query, answer: int) -> Fact:
+def completed(opened: LoadedEmbedding, query: Query, answer: int) -> Fact:
     """The triple of a query and its answer, by name."""
     ends = (query.given, answer) if query.slot == TAIL else (answer, query.given)
     return (
@@ -174,7 +174,7 @@ def _probabilities(curve: Curve | None, scores: Tensor) -> list[Any]:
     return [None] * len(scores) if curve is None else curve(scores).tolist()
 
 
-def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
+def fit_curve(opened: LoadedEmbedding, relation: int, slot: int) -> PlattCurve | None:
     """The curve for a relation and the slot of the answer, from known triples;
     None if the relation has none.
     """

@@ -20,14 +20,18 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 
-from isi.bundle import folder as folders
-from isi.bundle import journal as journals
-from isi.bundle import stored
-from isi.bundle.answers import Answers, Curve, answer, answer_relation, fit_curve
-from isi.bundle.explain import Explanation, Report, Snapshot, explain, report
-from isi.bundle.folder import Bundle
-from isi.bundle.inserter import InsertedEntity, Inserter, with_rows
-from isi.bundle.journal import (
+from isi.errors import InputError, at
+from isi.graph.graph import HEAD, TAIL
+from isi.insertion.arguments import TripleForms
+from isi.insertion.interference import Interference, measure
+from isi.live import folder as folders
+from isi.live import journal as journals
+from isi.live import stored
+from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
+from isi.live.explain import Explanation, Report, Snapshot, explain, report
+from isi.live.folder import Bundle
+from isi.live.groups import EntityGroups, InsertedEntity, with_rows
+from isi.live.journal import (
     Alteration,
     Change,
     Chosen,
@@ -36,14 +40,10 @@ from isi.bundle.journal import (
     Line,
     NewEntity,
 )
-from isi.bundle.names import bare, check_new, find, known_as, plain
-from isi.bundle.phrases import SAME, phrase_vectors
-from isi.bundle.query import Fact, OpenBundle, Query, as_facts, open_bundle
-from isi.bundle.stored import StoredVector
-from isi.errors import InputError, at
-from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import TripleForms
-from isi.insertion.interference import Interference, measure
+from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
+from isi.live.names import bare, check_new, find, known_as, plain
+from isi.live.phrases import SAME, phrase_vectors
+from isi.live.stored import StoredVector
 from isi.names import clean
 
 #: Changes, after which the computed vectors are written, in case the process is killed.
@@ -76,7 +76,7 @@ class LiveEmbedding:
         """Use ``isi.open``. ``lines``: those of the journal;
         None: the bundle's own records of insertions.
         """
-        opened = bundle if isinstance(bundle, OpenBundle) else OpenBundle(**vars(bundle))
+        opened = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
         records = opened.manifest.inserted
         listed = list(journals.from_records(opened)) if lines is None else list(lines)
         numbered = [
@@ -97,19 +97,21 @@ class LiveEmbedding:
             manifest = known.manifest.model_copy(update={"words": phrases.origin})
             known, self._words = replace(known, manifest=manifest), phrases.known
         #: the known entities, with the triples that the embedding was trained on
-        self.base: OpenBundle = known if phrases is None else replace(known, words=phrases.known)
+        self.base: LoadedEmbedding = (
+            known if phrases is None else replace(known, words=phrases.known)
+        )
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
-        self.inserter, self._known_curves = (
-            Inserter(self.base, phrases, chosen),
+        self.groups, self._known_curves = (
+            EntityGroups(self.base, phrases, chosen),
             dict[tuple[int, int], Curve | None](),
         )
-        self.inserter.stored = stored.read(folder) if folder else {}
+        self.groups.stored = stored.read(folder) if folder else {}
         file = folder / folders.JOURNAL if folder and lines is not None else None
         self.additions = journals.replayed(
             self.changes, self.base, file, [number for _, number in numbered]
         )
-        self._rows = self.inserter.rows(self.additions, self.additions.entities.keys())
+        self._rows = self.groups.insert_groups(self.additions, self.additions.entities.keys())
         self._rows = {name: self._rows[name] for name in self.additions.entities}
         self._fact_ids = self._ids_now(self.additions.facts)
         self._journal, self._pending, self._on_disk = journal, list[Line](), len(lines or ())
@@ -173,7 +175,7 @@ class LiveEmbedding:
                     "",
                     f"expected each new entity once: {first!r:.80} is the same name",
                 )
-            words = self.inserter.words(name, NewEntity())
+            words = self.groups.words(name, NewEntity())
             same = words.nearest is not None and (words.cosine or 0.0) > SAME
             check_new(
                 name,
@@ -309,7 +311,7 @@ class LiveEmbedding:
                 "compact", "", "expected an embedding that was opened with journal=True"
             )
         changes = journals.compacted(self.changes, self._written_facts)
-        lines: list[Line] = [*self.inserter.chosen.values(), *changes]
+        lines: list[Line] = [*self.groups.chosen.values(), *changes]
         gone = len(self.changes) - len(changes)
         # without lines, the entities in the folder count
         is_unread = self._written_entities and not lines
@@ -317,7 +319,7 @@ class LiveEmbedding:
             return 0
         if self._journal:
             self._journal.replace(lines)
-            self._listed = len(self.inserter.chosen)
+            self._listed = len(self.groups.chosen)
         self.changes, self.additions = changes, journals.additions_of(changes)
         self._number_facts()
         return gone
@@ -328,7 +330,7 @@ class LiveEmbedding:
 
         Without it, the first insertion with a number of facts makes the choice for this number.
         """
-        for step in self.inserter.preparation():
+        for step in self.groups.preparation():
             step()
 
     # -- answers -----------------------------------------------------------------------------------
@@ -398,7 +400,7 @@ class LiveEmbedding:
         )
 
     def _snapshot(self) -> Snapshot:
-        return Snapshot(self.now, self.inserter, self.additions)
+        return Snapshot(self.now, self.groups, self.additions)
 
     def interference(
         self, entities: Sequence[str] = (), most: int = 256, show: int = 5
@@ -436,10 +438,10 @@ class LiveEmbedding:
     @cached_property
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3)."""
-        return self.inserter.known_triples(self.additions)
+        return self.groups.known_triples(self.additions)
 
     @cached_property
-    def now(self) -> OpenBundle:
+    def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
         base, rows = self.base, list(self._rows.values())
         names, words = [row.record.entity for row in rows], base.words
@@ -475,7 +477,7 @@ class LiveEmbedding:
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
             # the journal retracts
             trained_too = np.concatenate([self.base.triples, self._fact_ids])
-            lines: list[Line] = [*self.inserter.chosen.values(), *self.changes]
+            lines: list[Line] = [*self.groups.chosen.values(), *self.changes]
             folders.write(
                 path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
             )
@@ -504,9 +506,9 @@ class LiveEmbedding:
         vectors = dict[str, StoredVector]()
         for row in self._rows.values():
             vectors[row.key] = StoredVector(row.vector, row.record.fallback)
-        if self.folder and vectors and vectors.keys() != self.inserter.stored.keys():
+        if self.folder and vectors and vectors.keys() != self.groups.stored.keys():
             stored.write(self.folder, vectors)
-            self.inserter.stored = vectors
+            self.groups.stored = vectors
 
     def __enter__(self) -> Self:
         return self
@@ -531,7 +533,7 @@ class LiveEmbedding:
         stamped = change if change.time else change.model_copy(update={"time": journals.now()})
         altered = self.additions.apply(stamped)
         try:
-            computed = self.inserter.rows(self.additions, self._touched(altered))
+            computed = self.groups.insert_groups(self.additions, self._touched(altered))
             self._append([stamped])
         except BaseException:
             self.additions.revert(stamped, altered)
@@ -593,7 +595,7 @@ class LiveEmbedding:
 
     def _append(self, changes: Sequence[Change]) -> None:
         """List choices that are new, and changes, in the journal if it is open."""
-        choices = list(self.inserter.chosen.values())
+        choices = list(self.groups.chosen.values())
         lines: list[Change | Chosen] = [*choices[self._listed :], *changes]
         if self._journal and lines:
             self._journal.append(lines)
@@ -622,7 +624,7 @@ class LiveEmbedding:
             if (relation, slot) not in self._known_curves:
                 self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
             return self._known_curves[relation, slot]
-        curves = self.inserter.curves(self._rows[self.now.entity_names[entity]])
+        curves = self.groups.curves(self._rows[self.now.entity_names[entity]])
         return (
             None
             if curves is None
@@ -660,7 +662,7 @@ def _checked_change(do: str, **fields: Any) -> Change:
         return Change.model_validate({"do": do, **fields})
 
 
-def _added_later(changes: Sequence[Change], known: OpenBundle) -> set[Fact]:
+def _added_later(changes: Sequence[Change], known: LoadedEmbedding) -> set[Fact]:
     """The triples of a bundle that changes have added:
     those that a change adds before any removes them.
     """

@@ -13,12 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from isi.bundle.folder import InsertionRecord
-from isi.bundle.journal import Additions, Chosen, NewEntity
-from isi.bundle.names import plain
-from isi.bundle.phrases import PhraseVector, PhraseVectors
-from isi.bundle.query import Fact, OpenBundle
-from isi.bundle.stored import StoredVector, digest_of, key_of
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.insertion import api
@@ -27,6 +21,12 @@ from isi.insertion.choice import HIDDEN, hide
 from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.result import Inserted
+from isi.live.folder import EntityRecord
+from isi.live.journal import Additions, Chosen, NewEntity
+from isi.live.loaded import Fact, LoadedEmbedding
+from isi.live.names import plain
+from isi.live.phrases import PhraseVector, PhraseVectors
+from isi.live.stored import StoredVector, digest_of, key_of
 from isi.models.stack import Embedding, without_denormals
 
 #: Numbers of facts for which an initializer is chosen. The choice for the largest one serves
@@ -53,19 +53,19 @@ class Method(NamedTuple):
 class InsertedEntity:
     """An inserted entity as it stands: its record, its vector, its words and its kind."""
 
-    record: InsertionRecord  #: its facts are sorted
+    record: EntityRecord  #: its facts are sorted
     vector: np.ndarray  #: shape: (d,)
-    key: str  #: of all inputs of the vector (``isi.bundle.stored``)
+    key: str  #: of all inputs of the vector (``isi.live.stored``)
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
 
 
 @dataclass(eq=False)
-class Inserter:
+class EntityGroups:
     """Inserts entities into a bundle of known entities, each from its own facts and words alone."""
 
-    base: OpenBundle
+    base: LoadedEmbedding
     phrases: PhraseVectors | None
     #: by number of facts, and whether with words
     chosen: dict[tuple[int, bool], Chosen] = field(default_factory=dict)
@@ -86,7 +86,9 @@ class Inserter:
         tables = base.entities, base.relations, base.triples, base.words
         return key_of(about, digest_of(*tables))
 
-    def rows(self, additions: Additions, names: Collection[str]) -> dict[str, InsertedEntity]:
+    def insert_groups(
+        self, additions: Additions, names: Collection[str]
+    ) -> dict[str, InsertedEntity]:
         """The entities ``names``, and all that share facts with them,
         inserted from all their facts.
 
@@ -194,7 +196,7 @@ class Inserter:
         rows = dict[str, InsertedEntity]()
         for name in names:
             about = additions.entities[name]
-            record = InsertionRecord(
+            record = EntityRecord(
                 entity=name,
                 insert_triples=facts[name],
                 definition=about.definition,
