@@ -18,12 +18,11 @@ from torch.nn import Module
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
-from isi.insertion import api
 from isi.insertion.inverses import both_ways
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.distance import RotatE, TransE, TransEL1
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
@@ -194,12 +193,12 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     if len(forms) == 1 and (closed := _closed_form(model.interaction, tables)):
         make, rows = closed
         embedding = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-        return replace(embedding, model=make(api.margin_of(embedding, triples, margin)))
+        return replace(embedding, model=make(margin_of(embedding, triples, margin)))
     interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
     rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
     scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
     scored = replace(
-        scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
+        scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
     )
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
