@@ -308,7 +308,7 @@ class Results:
     """
 
     params: Params
-    #: params, versions and hashes, by title
+    #: params and versions, by title
     run: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]

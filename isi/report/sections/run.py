@@ -2,13 +2,10 @@
 and the params and counts of the run.
 """
 
-import json
 import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +32,6 @@ _PACKAGES = (
 )
 #: Sections of params that the report's list of params omits.
 UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
-_SOURCES = ("isi", "stages", "data/raw")  # hashed as a whole
 #: The page's words for fallbacks.
 _FALLBACKS = {"centroid": "mean of all known vectors", "es": "ES", "rs": "RS"}
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
@@ -196,7 +192,7 @@ def names(text: str, phrase: str) -> bool:
 
 
 def run(results: Results) -> Iterator[Content]:
-    """Counts by experiment, then hashes, params and versions of the run."""
+    """Counts by experiment, then params and versions of the run."""
     experiments = results.experiments
     coverage = pd.concat(experiment.coverage for experiment in experiments.values())
     sets = {
@@ -223,32 +219,12 @@ def run(results: Results) -> Iterator[Content]:
 
 
 def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
-    """Hashes, params and versions; no time, place or name of a machine,
-    so that equal runs have equal reports.
+    """Params and versions; no time, place, machine or hash of the code,
+    so that equal results have equal reports.
     """
     values = params.model_dump(exclude=set(UNUSED), exclude_unset=True)
-    files = sorted(
-        path
-        for source in _SOURCES
-        for path in Path(source).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
-    )
-    hashes = {
-        "code and shipped inputs": sha256(
-            b"".join(str(path).encode() + path.read_bytes() for path in files)
-        ),
-        "params": sha256(json.dumps(values, sort_keys=True).encode()),
-    }
-    recorded = {
-        name: settings.get("sha256") for name, settings in (values.get("sources") or {}).items()
-    }
     versions = {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
-    return {
-        "Hashes (SHA-256)": {name: code.hexdigest() for name, code in hashes.items()}
-        | {f"recording of {name}": code for name, code in recorded.items() if code},
-        "Params": dict(_flat(values)),
-        "Versions": versions,
-    }
+    return {"Params": dict(_flat(values)), "Versions": versions}
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
