@@ -69,7 +69,7 @@ def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
         '<a class="term" href="#term-seed">seeds</a>.'
     )
     html = page.marked_up(page.MARKDOWN.render, marker, set(), "- <b>\n- nan [nan, nan]")
-    assert html.split() == "<ul> <li>&lt;b&gt;</li> <li>–</li> </ul>".split()
+    assert html.split() == ["<ul>", "<li>&lt;b&gt;</li>", "<li>–</li>", "</ul>"]
 
 
 @pytest.mark.parametrize(
