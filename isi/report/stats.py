@@ -70,13 +70,10 @@ def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
     }
 
 
-def means(
-    rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100
-) -> dict[str, float]:
-    """Mean of a column times ``scale`` for each group, without an interval."""
-    return {
-        str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()
-    }
+def means(rows: pd.DataFrame, column: str, scale: float = 100) -> dict[str, float]:
+    """Mean of a column times ``scale`` for each model, without an interval."""
+    by_model = rows.groupby("model")[column].mean().items()
+    return {str(model): scale * float(mean) for model, mean in by_model}
 
 
 def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
@@ -151,15 +148,15 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
 
 
 def by_label(
-    models: Sequence[str], columns: Mapping[Any, Any], header: str = "model"
+    models: Iterable[str], columns: Mapping[Any, Any], header: str = "model"
 ) -> dict[Any, list[Any]]:
     """Columns of a table with a row for each model:
     its label, then its values in ``columns`` (None if it has none).
     """
-    cells = {
-        column: [of_model.get(model) for model in models] for column, of_model in columns.items()
-    }
-    return {header: list(map(label, models)), **cells}
+    table: dict[Any, list[Any]] = {header: list(map(label, models))}
+    for column, of_model in columns.items():
+        table[column] = [of_model.get(model) for model in models]
+    return table
 
 
 def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> dict[Any, Any]:

@@ -353,9 +353,12 @@ def _by_epoch(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) ->
         curves[JOINT] = runs.mrr_star[JOINT, 0, size][:, [place]] / 100
         for model, curve in curves.items():
             seeds, epochs = np.indices(curve.shape)
-            columns = {"seed": seeds, "epoch": epochs, "mrr_star": curve.astype(float)}
-            rows = pd.DataFrame({name: values.ravel() for name, values in columns.items()})
-            frames.append(rows.assign(model=model, scope=title))
+            columns = {
+                "seed": seeds.ravel(),
+                "epoch": epochs.ravel(),
+                "mrr_star": curve.ravel().astype(float),
+            }
+            frames.append(pd.DataFrame(columns).assign(model=model, scope=title))
     rows = pd.concat(frames)
     rows["mrr_star"] = rows["mrr_star"].mask(rows["mrr_star"] < 0)  # no queries
     return by_epoch(rows, runs.case.initializers, list(pairs), results.params.convergence.margin)
