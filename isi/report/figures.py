@@ -18,13 +18,14 @@ from matplotlib.container import Container
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from isi.report.stats import over_seeds
+from isi.report.stats import Estimates, Values, over_seeds, where
 from isi.report.tables import Estimate
 from isi.report.words import (
     HALVES,
     JOINT,
     SCOPES,
     WORDS,
+    Names,
     capitalized,
     colour,
     controls,
@@ -51,7 +52,6 @@ _PARTS = ("#bdbdbd", "#9ecae1", "#a1d99b", "#fdae6b")
 _LABELLED = 4  #: Least width (points) of a part that has its number above it.
 #: Start of the ``gid`` of what the page shows only on demand.
 OPTIONAL = "optional"
-Names = Sequence[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def by_size(
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
-            rows = runs[(runs["scope"] == scope) & (runs["model"] == model)]
+            rows = where(runs, scope=scope, model=model)
             if len(rows):  # lines are shifted apart in x; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
                 aside, control = (
@@ -208,7 +208,7 @@ def by_epoch(
             band = 0 if controls([model]) else 0.1
             with_band(
                 panel,
-                shown[shown["model"] == model],
+                where(shown, model=model),
                 "epoch",
                 "mrr_star",
                 100,
@@ -253,7 +253,7 @@ def with_band(
 
 
 def by_row(
-    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]],
+    rows_of: Mapping[str, Mapping[str, Estimates]],
     models: Names,
     xlabel: str = "MRR* (points)",
 ) -> Canvas:
@@ -292,7 +292,7 @@ def by_row(
 
 
 def composed(
-    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]],
+    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Values, Estimate | None]],
     models: Names,
 ) -> Canvas:
     """Bars of parts (points), one after the other; by title:

@@ -24,6 +24,7 @@ from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
+from isi.report.stats import where
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import BASELINE, HALVES, JOINT, TEMPLATES, WORDS, joined, label
 from isi.tables.io import atomically
@@ -272,7 +273,7 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
         runs = experiment.curves
-        ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == experiment.max_epochs)]
+        ended = where(runs, scope="known_closed", epoch=experiment.max_epochs)
         numbers["drop_percent"] = stats.values(
             finetuning.interference_percent(experiment.immediate)
         )
@@ -325,7 +326,7 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
         runs = experiment.curves[experiment.curves["model"] != JOINT]
         for scope in ("all", "novel_heldout", "known", "known_closed"):
             rows = (
-                runs[runs["scope"] == scope]
+                where(runs, scope=scope)
                 .groupby(["epoch", "model"])["mrr_star"]
                 .mean()
                 .unstack("model")

@@ -29,6 +29,10 @@ from isi.report.figures import Figure
 from isi.report.stats import LEVEL, values
 from isi.report.tables import ReportTable
 
+Numbers = dict[str, Any]  #: Values for a template, by name.
+Tables = dict[str, Any]  #: Rows (``ReportTable.of``) by name of table.
+Figures = dict[str, Canvas]
+
 
 @dataclass(frozen=True)
 class Content:
@@ -177,6 +181,7 @@ def _named(part: str, content: Content) -> Block:
     return Block(kind, " ".join(caption.split()), title, folded, item)
 
 
+Contents = Iterator[Content]
 _ENVIRONMENT = Environment(
     loader=PackageLoader("isi.report", "templates/sections"),
     undefined=StrictUndefined,

@@ -2,22 +2,30 @@
 and the transfer (section 6.3).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, product
 from math import nan
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.graph.graph import MinedSource, new_entities
 from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_epoch
-from isi.report.section import Content, of_each_graph
-from isi.report.stats import CELL, Pair, compare, difference, epochs_summary, pairs_table
-from isi.report.tables import Column, Estimate
+from isi.report.section import Content, Contents, Figures, Numbers, Tables, of_each_graph
+from isi.report.stats import (
+    CELL,
+    Estimates,
+    Pair,
+    compare,
+    difference,
+    epochs_summary,
+    pairs_table,
+    where,
+)
+from isi.report.tables import Cells, Column, Rows
 from isi.report.words import (
     BASELINE,
     FINETUNE_ONLY,
@@ -25,6 +33,7 @@ from isi.report.words import (
     JOINT,
     SCOPE,
     SCOPES,
+    Names,
     contenders,
     isi,
     label,
@@ -51,17 +60,17 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     of_sizes["triples queried"], of_sizes["sets"] = groups["queries"].mean(), groups.size()
     heldout = experiment.epochs().get("novel_heldout", {})
     best = min((name for name in isi(heldout)), key=lambda name: heldout[name], default=None)
-    numbers: dict[str, Any] = {
+    numbers: Numbers = {
         "best": [],
         "rates": None,
         "curves_drawn": len(experiment.curves) > 0,
         "saved": best and BASELINE in heldout and (heldout[BASELINE], heldout[best], best),
     }
-    tables: dict[str, Any] = {
+    tables: Tables = {
         "table2_convergence": table2(epochs, initializers, paper),
         "convergence_by_size": stats.ordered_rows(of_sizes, initializers, "initializer"),
     }
-    figures = dict[str, Canvas]()
+    figures = Figures()
     if len(experiment.curves):
         lines = best_epochs(experiment.curves, initializers)
         numbers["best"] = [line for line in lines if line[2] < line[4]]
@@ -72,19 +81,19 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     if "rate_sweep" in experiment.analyses and swept:
         main = experiment.of_size(sweep.size).runs.assign(factor=AS_CHOSEN)
         runs = pd.concat([main, experiment.analyses["rate_sweep"]])
-        by_factor = experiment.converged(runs[runs["model"].isin(swept)], ["model", "factor"])
+        by_factor = experiment.converged(where(runs, model=swept), ["model", "factor"])
         numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGING}
         tables["convergence_by_rate"] = by_rate(by_factor, swept)
     return Content(numbers, tables, figures)
 
 
-def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
+def best_epochs(runs: pd.DataFrame, initializers: Names) -> list[tuple[Any, ...]]:
     """Held-out MRR* (points): model, best mean, its epoch, last mean, its epoch,
     difference last minus best.
     """
-    heldout, lines = runs[runs["scope"] == "novel_heldout"], []
+    heldout, lines = where(runs, scope="novel_heldout"), []
     for model in of_role(initializers, "isi", "baseline"):
-        by_epoch = 100 * heldout[heldout["model"] == model].pivot_table("mrr_star", "epoch", "seed")
+        by_epoch = 100 * where(heldout, model=model).pivot_table("mrr_star", "epoch", "seed")
         if len(by_epoch):
             means, last = by_epoch.mean(axis=1), int(by_epoch.index.max())
             best = int(by_epoch.index.to_numpy()[means.to_numpy().argmax()])
@@ -93,9 +102,7 @@ def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[A
     return lines
 
 
-def table2(
-    epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Any]
-) -> dict[Any, list[Any]]:
+def table2(epochs: pd.DataFrame, initializers: Names, paper: Mapping[str, Any]) -> Cells:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
     beside = {"mean": "mean", "std": "deviation"}
@@ -109,7 +116,7 @@ def table2(
     return stats.by_label(initializers, columns, "initializer")
 
 
-def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
+def by_rate(epochs: pd.DataFrame, initializers: Names) -> Cells:
     """A table of epochs to convergence at one size,
     with columns for each factor on the fine-tuning rate.
     """
@@ -118,7 +125,7 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list
     summary["median"] = groups["epochs"].median()
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
     rows = list(product((scope for scope in CONVERGING if scope in ran), initializers))
-    table: dict[Any, list[Any]] = {
+    table: Cells = {
         SCOPE: [scope for scope, _ in rows],
         "initializer": [label(model) for _, model in rows],
     }
@@ -127,11 +134,11 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list
     return table
 
 
-def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dict[float, str]:
+def orders(epochs: pd.DataFrame, initializers: Names, scope: str) -> dict[float, str]:
     """Labels in order of mean epochs, as text, for each factor on the fine-tuning rate;
     "=" joins equal means.
     """
-    means = epochs[epochs["scope"] == scope].groupby(["factor", "model"])["epochs"].mean()
+    means = where(epochs, scope=scope).groupby(["factor", "model"])["epochs"].mean()
     lines = {}
     for factor in means.index.unique("factor"):
         listed = pd.Series(
@@ -175,7 +182,7 @@ def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
     if "finetune_only" not in experiment.analyses:
         return experiment.curves
     runs: pd.DataFrame = experiment.analyses["finetune_only"]
-    shown = runs[(runs["size"] == experiment.curve_size) & (runs["scope"] == "known_closed")]
+    shown = where(runs, size=experiment.curve_size, scope="known_closed")
     return pd.concat([experiment.curves, shown.assign(model=FINETUNE_ONLY)], ignore_index=True)
 
 
@@ -183,7 +190,7 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
     """Runs in ``EARLIER`` minus MRR* of Θ⁰, which equals any initializer's MRR*
     in known_closed at epoch 0.
     """
-    shown = runs[runs["scope"].isin(EARLIER)]
+    shown = where(runs, scope=EARLIER)
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
     before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
@@ -203,7 +210,7 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     in points, by scope.
     """
     epoch, pairs = runs["epoch"].max(), {}
-    last = runs[runs["epoch"] == epoch]
+    last = where(runs, epoch=epoch)
     ran = list(dict.fromkeys(last["model"]))
     for scope in EARLIER:
         queried = set(last.loc[last["scope"] == scope, "model"])
@@ -229,7 +236,7 @@ def end_comparisons(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str,
     return lines
 
 
-def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
+def interference(runs: pd.DataFrame, models: Names) -> Rows:
     """Rows by model and scope of MRR* (points) about earlier knowledge:
     lowest, immediately, at the last epoch.
     """
@@ -245,7 +252,7 @@ def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, An
     return rows
 
 
-def transfer(results: Results) -> Iterator[Content]:
+def transfer(results: Results) -> Contents:
     """Transfer: entities of a second source are inserted into an embedding of the
     first source (section 6.3).
     """
@@ -256,10 +263,10 @@ def transfer(results: Results) -> Iterator[Content]:
         base, triples = results.source_title(settings.graph.source), experiment.triples
         size, *_ = settings.sessions.sizes
         means, drops = experiment.mrr_star.get("all", {}), stats.values(interference_percent(runs))
-        of_joint = runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]
+        of_joint = where(runs, scope="novel_heldout", model=JOINT)
         of_others = triples.loc[triples["source"] == extend.source, "relation"]
         of_mean = means.get("mean", nan)
-        numbers: dict[str, Any] = {
+        numbers: Numbers = {
             "experiment": experiment,
             "base": base,
             "size": size,
@@ -281,13 +288,13 @@ def transfer(results: Results) -> Iterator[Content]:
             settings.sessions.steps * size,
         )
         tables = {f"{name}_mined": mined, f"{name}_immediate": _beside(experiment, paper)}
-        figures = dict[str, Canvas]()
+        figures = Figures()
         if len(experiment.curves):
             curves = with_finetune_only(experiment)
             pairs = at_the_end(curves)
             numbers["ended"] = end_comparisons(pairs)
             tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
-            known = curves[curves["scope"] == "known"]
+            known = where(curves, scope="known")
             rows = pd.concat([known, since_before(curves[curves["scope"] != "known"])])
             ylabels = ["MRR* (points)", _CHANGE]
             drawn = by_epoch(rows, lines_of(experiment), EARLIER, ylabels=ylabels)
@@ -323,7 +330,7 @@ def mining_steps(
     base: str,
     minimum: int,
     inserted: int,
-) -> list[dict[str, Any]]:
+) -> Rows:
     """Rows of counts: the ``steps`` of mining the source ``seen``, its objects that ``base`` lacks,
     candidates, |ξ|.
     """
@@ -341,7 +348,7 @@ def mining_steps(
     return [{"": step, "count": count} for step, count in counts.items()]
 
 
-def interference_percent(runs: pd.DataFrame) -> dict[str, Estimate]:
+def interference_percent(runs: pd.DataFrame) -> Estimates:
     """Interference by initializer: per cent by which MRR* in ``known`` is below
     MRR* in ``known_closed``.
     """

@@ -16,12 +16,12 @@ from isi.initializers.api import INITIALIZERS
 from isi.report import stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch, legend, panels
-from isi.report.section import Content
+from isi.report.section import Content, Contents, Figures, Tables
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
-from isi.report.stats import mean_of
-from isi.report.tables import Column
-from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label
+from isi.report.stats import Values, mean_of, where
+from isi.report.tables import Column, Rows
+from isi.report.words import BASELINE, JOINT, TEMPLATES, Names, isi, label
 
 #: The rows of the table of all numbers; the file says how they are written.
 ROWS = TEMPLATES / "paper_rows.yaml"
@@ -32,7 +32,7 @@ AGREES = 0.1
 class Row(NamedTuple):
     """A number of the paper beside this run's; NaN: there is none."""
 
-    where: str
+    place: str  #: in the paper
     what: str
     paper: float
     ours: float
@@ -43,7 +43,7 @@ class Row(NamedTuple):
         return comparison(self.paper, self.ours)
 
 
-def paper(results: Results) -> Iterator[Content]:
+def paper(results: Results) -> Contents:
     """The paper's numbers beside those of each standalone experiment; nothing without one."""
     if not results.standalone:
         return
@@ -52,11 +52,11 @@ def paper(results: Results) -> Iterator[Content]:
     columns = [
         Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
-    rows, table = rows_of(results, first), list[dict[Any, Any]]()
+    rows, table = rows_of(results, first), Rows()
     for row, *of_others in zip(rows, *(rows_of(results, other) for other in others), strict=True):
         numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
         table.append(
-            {"where": row.where, "what": row.what}
+            {"where": row.place, "what": row.what}
             | dict(zip(columns, numbers, strict=True))
             | {"this run is": row.compared, "note": row.note}
         )
@@ -85,9 +85,9 @@ def _scatter(rows: Sequence[Row]) -> Canvas:
     with a colour for each part of the paper.
     """
     canvas, (axes,) = panels(1, 1, 4.4, 6.4)
-    for where in dict.fromkeys(row.where for row in rows):
-        pairs = np.array([(row.paper, row.ours) for row in rows if row.where == where])
-        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=where)
+    for place in dict.fromkeys(row.place for row in rows):
+        pairs = np.array([(row.paper, row.ours) for row in rows if row.place == place])
+        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=place)
     axes.set_xscale("symlog", linthresh=1)
     axes.set_yscale("symlog", linthresh=1)
     axes.axline((1, 1), (10, 10), color="#999999", lw=1)
@@ -96,7 +96,7 @@ def _scatter(rows: Sequence[Row]) -> Canvas:
     return canvas
 
 
-def own_graph(results: Results) -> Iterator[Content]:
+def own_graph(results: Results) -> Contents:
     """The standalone graphs side by side, and where ISI is significantly below the
     mean of an entity's kind.
     """
@@ -141,7 +141,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
         "first": results.standalone[0].title,
     }
     rows = list[Row]()
-    for where, titles, key, *ours_key in config.read(ROWS)["rows"]:
+    for section, titles, key, *ours_key in config.read(ROWS)["rows"]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
         parts = titles if isinstance(titles, dict) else {"": titles}
@@ -153,7 +153,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
                 value, note = value
             text = (f"{labels.get(name, name)}: {title}" if name else title).format(**filled)
             of_paper, of_run = (nan if each is None else float(each) for each in (number, value))
-            rows.append(Row(where, text, of_paper, of_run, note))
+            rows.append(Row(section, text, of_paper, of_run, note))
     return rows
 
 
@@ -205,7 +205,7 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def fewer_epochs(experiment: Experiment) -> dict[str, float]:
+def fewer_epochs(experiment: Experiment) -> Values:
     """Per cent by which each initializer's mean epochs to convergence are
     below Xavier's (section 6.2).
     """
@@ -255,7 +255,7 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         found["training"] = {name: choices.best(folds, choice, name) for name in choice}
     for swept, runs in results.analysis("sweep", experiment, moved):
         epochs = swept.converged(runs, ["model", "k"])
-        means = choices.means_of(runs[runs["epoch"] == 0], epochs, models)
+        means = choices.means_of(where(runs, epoch=0), epochs, models)
         mrr_star = means[Column("MRR*", "all")].dropna()
         found["indicators"] = choices.picked_sizes(means)
         for model in mrr_star.index.unique("model"):
@@ -265,7 +265,7 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     """Table 2 in one scope, by model: mean and standard deviation of the epochs to convergence."""
-    rows = experiment.convergence[experiment.convergence["scope"] == scope]
+    rows = where(experiment.convergence, scope=scope)
     return (
         rows.groupby("model")["epochs"]
         .agg(["mean", "std"])
@@ -274,9 +274,7 @@ def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     )
 
 
-def _judged(
-    results: Results, models: Sequence[str], *experiments: Experiment | None
-) -> dict[str, Any]:
+def _judged(results: Results, models: Names, *experiments: Experiment | None) -> dict[str, Any]:
     """Table 3 by model: how many of the answers shown are affordances, and how many are plausible,
     unlikely, wrong.
     """
@@ -292,10 +290,10 @@ def _judged(
 
 #: The name of a row, MRR* over all queries right after insertion, and epochs to convergence, by
 #: model.
-Line = tuple[str, Mapping[str, float], Mapping[str, float]]
+Line = tuple[str, Values, Values]
 
 
-def causes(results: Results) -> Iterator[Content]:
+def causes(results: Results) -> Contents:
     """Causes of the gap to the paper: a row for each changed setting;
     Figure 3b and Table 2 for full curves.
     """
@@ -311,7 +309,7 @@ def causes(results: Results) -> Iterator[Content]:
         return
     paper, margin = results.paper["convergence"]["epochs"], results.params.convergence.margin
     xavier, of_isi = Column(label(BASELINE), "epochs"), Column("ISI", "epochs")
-    rows = list[dict[Any, Any]]()
+    rows = Rows()
     for name, now, later in _lines(results, first, variants):
         base = now.get(BASELINE, nan)
         mean, mean_epochs = (
@@ -349,7 +347,7 @@ def causes(results: Results) -> Iterator[Content]:
         "of_epochs": slowest["row"],
         "isi_epochs": [row[of_isi] for row in (slowest, theirs)],
     }
-    tables, figures = dict[str, Any](causes=[*rows, theirs]), dict[str, Canvas]()
+    tables, figures = Tables(causes=[*rows, theirs]), Figures()
     for runs in curves:
         tables[f"convergence_{runs.id}"] = table2(runs.convergence, runs.initializers, paper)
         drawn = by_epoch(runs.runs, runs.initializers, CURVES, margin=margin)
@@ -369,7 +367,7 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
         yield _line(f"{largest} novel entities, {share:.0f} % of all", first.of_size(largest))
     yield "entity prediction alone", _line("", main, "mrr_star_entity")[1], {}
     if main.queries is not None:
-        true = main.queries[(main.queries["scope"] == "all") & (main.queries["filter"] == "true")]
+        true = where(main.queries, scope="all", filter="true")
         means = stats.means(stats.combined(true, ["model", "size", "seed"]), "mrr_star")
         yield "all true triples left out of the candidates", means, {}
     for runs in variants:
@@ -381,5 +379,5 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
 
 
 def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
-    now, later = (rows[rows["scope"] == "all"] for rows in (runs.immediate, runs.convergence))
+    now, later = (where(rows, scope="all") for rows in (runs.immediate, runs.convergence))
     return title, stats.means(now, column), stats.means(later, "epochs", scale=1)

@@ -4,7 +4,7 @@ which fits, what it leaves, and the figures drawn under it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import product
 from typing import Any
@@ -20,10 +20,10 @@ from isi.report import readings as fits
 from isi.report.data import Results
 from isi.report.figures import by_epoch, legend, panels, with_band
 from isi.report.readings import CaseRuns, Fit, PaperResult
-from isi.report.section import Content
-from isi.report.stats import by_label, ratios
+from isi.report.section import Content, Contents, Figures, Tables
+from isi.report.stats import Values, by_label, ratios
 from isi.report.stats import mean_of as mean_over
-from isi.report.tables import Column, Estimate
+from isi.report.tables import Column, Estimate, Rows
 from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label, line_style
 
 #: What the paper's words say, and the readings of the table of graphs.
@@ -79,7 +79,7 @@ def chosen(results: Results) -> Reading:
 
 def of_the_papers_graph(
     contents: Callable[[Results], Content],
-) -> Callable[[Results], Iterator[Content]]:
+) -> Callable[[Results], Contents]:
     """Decorate a section's function: without the case ``MAIN``, the section has no content."""
     return lambda results: iter([contents(results)] if MAIN in results.readings else [])
 
@@ -90,7 +90,7 @@ def paper_results(results: Results) -> Content:
     fit, reading = fit_of(results), chosen(results)
     place, ours = place_of(reading), place_of(fits.OURS)
     orders = same_orders(fit, place)
-    rows = list[dict[str, Any]]()
+    rows = Rows()
     for row, result in enumerate(fit.results):
         word = "not explained"
         if fit.within[row, place]:
@@ -204,7 +204,7 @@ def _half(fit: Fit, kept: int) -> dict[str, Any]:
 def gaps(results: Results) -> Content:
     """How much of each gap the reading, the conditions and the graph explain."""
     cases, reading = results.readings, chosen(results)
-    rows = list[dict[str, Any]]()
+    rows = Rows()
     for result in fit_of(results).results:
         batches, today, theirs = (cases.get(name) for name in STEPS.get(result.case, [""] * 3))
         if batches and today and theirs:
@@ -228,14 +228,14 @@ def _measured(result: PaperResult, runs: CaseRuns, reading: Reading) -> float:
     return float(result.measured(runs, places, weights)[0, 0])
 
 
-def on_three_graphs(results: Results) -> Iterator[Content]:
+def on_three_graphs(results: Results) -> Contents:
     """MRR* right after insertion of every model under named readings on each graph,
     with intervals.
     """
     cases = {name: results.readings[name] for name in GRAPHS if name in results.readings}
     if not cases:
         return
-    tables = dict[str, Any]()
+    tables = Tables()
     for name, runs in cases.items():
         tables[f"readings_{name}"] = [
             {"reading": title}
@@ -273,7 +273,7 @@ def drawn(results: Results) -> Content:
     with this project's as the second form.
     """
     reading, cases = chosen(results), results.readings
-    tables, figures = dict[str, Any](), dict[str, Canvas]()
+    tables, figures = Tables(), Figures()
     pairs = {"the chosen reading": reading, "this project's": fits.OURS}
     if "sweep" in cases:
         figures["figure2_readings"] = _by_indicators(cases["sweep"], pairs)
@@ -424,11 +424,11 @@ def _decay(results: Results, cases: Mapping[str, CaseRuns], reading: Reading) ->
     return by_label(models, columns | {"paper": {name: numbers["mean"] for name, numbers in paper}})
 
 
-def _centre(runs: CaseRuns, pairs: Mapping[str, Reading]) -> dict[str, dict[str, float]]:
+def _centre(runs: CaseRuns, pairs: Mapping[str, Reading]) -> dict[str, Values]:
     """By reading, mean MRR* on the paper's graph of Xavier, ISI and the joint model,
     and what the mean has of it.
     """
-    gained = dict[str, dict[str, float]]()
+    gained = dict[str, Values]()
     for title, reading in pairs.items():
         means = {model: of_model(runs, model, reading).mean for model in runs.models}
         base, reached = means[BASELINE], mean_over(means, isi(means))
