@@ -5,7 +5,7 @@ which may be a memory-mapped file.
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,14 +16,13 @@ from isi.graph.graph import HEAD, TAIL
 from isi.insertion import arguments
 from isi.insertion.api import batches, choose, in_order_of_ids, init_context_of
 from isi.insertion.arguments import Names, Triple, argument, stack_of_one, table
-from isi.insertion.workers import EntityParts
 from isi.models.model import Model
 from isi.models.stack import NotFinite, without_denormals
 
 
 @without_denormals()
 def insert_rows(
-    entities: np.ndarray | EntityParts,
+    entities: np.ndarray,
     relations: np.ndarray,
     triples: Sequence[Triple] | np.ndarray,
     *,
@@ -44,8 +43,7 @@ def insert_rows(
 
     Args:
         entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to
-            it); or of ``isi.insertion.workers.on_workers``, which leaves them to the workers of a
-            Dask cluster.
+            it).
         triples: ids, each with one new entity; ``new``: number n of new entities, whose ids are E,
             E + 1, ....
         initializer: one that needs no words or kinds; see ``isi.insert`` for all other arguments.
@@ -54,15 +52,9 @@ def insert_rows(
         InputError: names the wrong argument and the expected value.
     """
     check(seed, Seed, "", "argument 'seed'")
-    rows = (
-        cast(torch.Tensor, entities)
-        if isinstance(entities, EntityParts)
-        else table(entities, "entities")
-    )
-    known, names = (
-        rows.shape[-2],
-        arguments.all_names(Names("entity_names", rows.shape[-2], None), new, "new"),
-    )
+    rows = table(entities, "entities")
+    known = rows.shape[-2]
+    names = arguments.all_names(Names("entity_names", known, None), new, "new")
     if names.number == known:
         raise InputError("argument 'new'", "", "expected at least one new entity")
     given = arguments.checked_arguments(
