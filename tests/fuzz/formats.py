@@ -19,13 +19,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.errors import InputError
+from isi.extras import procthor_houses
+from isi.extras.recorder import Recording
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.live.stream import answer
 from isi.names import name_fault
-from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
-from isi.sources.recorder import Recording
+from isi.sources import KINDS, OBSERVATIONS, Source
 from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
