@@ -99,11 +99,6 @@ GRAPHML = """<?xml version='1.0' encoding='utf-8'?>
 </graph>
 </graphml>
 """
-JSONLD = """[
- {"@id": "urn:x:mug", "@type": ["urn:x:Cup"], "urn:x:at": [{"@id": "urn:x:kitchen"}],
-  "http://www.w3.org/2000/01/rdf-schema#label": [{"@value": "coffee mug"}]}
-]
-"""
 TRIPLES_CSV = (
     b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\n"
     b"bowl,hasAffordance,fill,2\n"
@@ -451,7 +446,6 @@ def _formats() -> dict[str, Format]:
         "GraphML": _source(
             {"home.graphml": GRAPHML.encode()}, reader="graphml", path="home.graphml"
         ),
-        "RDF, JSON-LD": _source({"home.jsonld": JSONLD.encode()}, reader="rdf", path="home.jsonld"),
         "table without a header": _source(
             {"train.txt": b'mug\tat\tkitchen\n"tv 55"""\tat\thall\n'},
             reader="table",

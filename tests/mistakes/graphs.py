@@ -196,10 +196,5 @@ EXPORT_CASES = [
         "export --embedding home --format turtle --out home",
         "home",
     ),
-    Typed(
-        "a file where the folder is to be",
-        "export --embedding home --format property-csv --out log.csv",
-        "log.csv/nodes.csv",
-    ),
     Typed("no name of a file", "export --embedding home --format turtle --out .", "."),
 ]
