@@ -17,7 +17,7 @@ from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
 from isi.analyses.readings import ReadingCase, ReadingConfig
-from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
+from isi.analyses.trajectory import NovelSet, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, suggestion
@@ -273,7 +273,6 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     for study, place, listed, names in (
         ("sweep", "initializers", params.sweep.initializers, known),
         ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
-        ("trajectory", "experiments: its initializers", TRACED, known),
     ):
         if studies[study].experiments:
             yield f"{study}.{place}", listed, names

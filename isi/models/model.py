@@ -36,6 +36,10 @@ class Model(ABC):
     #: whether vectors are complex numbers, real halves before imaginary ones
     complex_vectors: ClassVar[bool] = False
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
+    #: options of a training that is not given any, as ``isi train``
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    #: place among the models that ``isi train`` compares; None: it trains this one if named
+    compared: ClassVar[int | None] = None
 
     def width(self, dimension: int) -> int:
         """Length of a relation's row for vectors of ``dimension``;
@@ -196,14 +200,27 @@ class EmbeddingParams(Section):
     init_range: Positive
 
 
-def register_model(name: str) -> Callable[[M], M]:
-    """Register a dataclass as a model under a name; its fields are the options."""
+def register_model(
+    name: str, *, defaults: Mapping[str, Any] | None = None, compared: int | None = None
+) -> Callable[[M], M]:
+    """Register a dataclass as a model under a name; its fields are the options.
+
+    ``defaults`` and ``compared``: see ``Model``; a registered class inherits neither.
+    """
 
     def register(kind: M) -> M:
+        kind.defaults, kind.compared = defaults or {}, compared
         MODELS.register(name, kind)
         return kind
 
     return register
+
+
+def compared_models() -> list[str]:
+    """The names of the models that ``isi train`` compares, in order."""
+    places = {name: MODELS.get(name).compared for name in MODELS.names()}
+    listed = [(place, name) for name, place in places.items() if place is not None]
+    return [name for _, name in sorted(listed)]
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
