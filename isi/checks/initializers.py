@@ -133,11 +133,10 @@ def stack_has_no_effect(subject: Subject) -> Iterator[str]:
 
 def held_out_triples_have_no_effect(subject: Subject) -> Iterator[str]:
     """Validation and test triples (``trained`` is false) are not used."""
-    context = subject.context
-    hidden = ~context.trained.any(0)
-    triples = torch.where(hidden[:, None], context.triples.roll(1, 0), context.triples)
-    changed = subject(replace(context, triples=triples))
-    yield from gap("with other ones, a vector", changed.vectors, subject.first.vectors)
+    alone = select(subject.context, torch.tensor([0]))
+    used, triples = alone.trained[0, :, None], alone.triples
+    changed = subject(replace(alone, triples=torch.where(used, triples, triples.flip(0))))
+    yield from gap("with other ones, a vector", changed.vectors, subject.first.vectors[:1])
 
 
 def weights_are_of_known_entities(subject: Subject) -> Iterator[str]:
