@@ -3,7 +3,8 @@
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
-``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are in ``__init__.pyi``).
+``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
+in ``__init__.pyi``).
 """
 
 import importlib

@@ -31,7 +31,7 @@ from isi.models.stack import mapped, select, without_denormals
 
 
 @dataclass(frozen=True)
-class Subject:
+class CheckedInitializer:
     """An initializer with options, and the input of its first call."""
 
     registered: Registered
@@ -78,13 +78,18 @@ def check_initializer(
 
     Raises:
         InputError: names the first check that fails, what it expects, and what was found.
+
+    Example:
+        >>> import isi
+        >>> isi.check_initializer("es", {"k": 3})[:3]
+        ['listed_options_are_valid', 'result_has_its_shapes', 'result_is_the_same_again']
     """
     registered = _registered(initializer)
     name = f"initializer {registered.name!r}"
     given = {**registered.defaults, **(options or {})}
     with at(name):
         checked = keywords(registered.function, given, "options")
-    subject = Subject(registered, checked, sample_context(DistMult()))
+    subject = CheckedInitializer(registered, checked, sample_context(DistMult()))
     return run_checks(name, CHECKS, subject)
 
 
@@ -97,24 +102,24 @@ def _registered(initializer: Any) -> Registered:
         expected = "expected a name, a function or its registration"
         raise InputError("argument 'initializer'", "", f"{expected}, got {short(initializer)}")
     every = [INITIALIZERS.get(name) for name in INITIALIZERS.names()]
-    own = (each for each in every if each.function is initializer)
+    listed = (each for each in every if each.function is initializer)
     name = getattr(initializer, "__name__", "").strip("<>")
-    return next(own, None) or Registered(name, initializer, name)
+    return next(listed, None) or Registered(name, initializer, name)
 
 
-def result_has_its_shapes(subject: Subject) -> Iterator[str]:
+def result_has_its_shapes(subject: CheckedInitializer) -> Iterator[str]:
     """Vectors (M, n, d), fallbacks (M, n) and weights (M, n, E) are finite numbers."""
     fallback = subject.first.fallback
     if not ((fallback >= 0) & (fallback < len(FALLBACKS))).all():
         yield f"a fallback is no place in FALLBACKS: {fallback.tolist()}"
 
 
-def result_is_the_same_again(subject: Subject) -> Iterator[str]:
+def result_is_the_same_again(subject: CheckedInitializer) -> Iterator[str]:
     """A second call with the same context gives the same bytes (random numbers: context.draw)."""
     yield from _changes("the second call", subject(subject.context), subject.first)
 
 
-def context_stays_as_it_is(subject: Subject) -> Iterator[str]:
+def context_stays_as_it_is(subject: CheckedInitializer) -> Iterator[str]:
     """Known vectors and all other parts of the context keep their values."""
     context = mapped(subject.context, torch.clone)
     subject(context)
@@ -123,7 +128,7 @@ def context_stays_as_it_is(subject: Subject) -> Iterator[str]:
         yield from changed_bits(name, tensor, before[name])
 
 
-def stack_has_no_effect(subject: Subject) -> Iterator[str]:
+def stack_has_no_effect(subject: CheckedInitializer) -> Iterator[str]:
     """A model has the same bytes in any place of any stack."""
     for models in ([0], [2, 1]):
         alone = subject(select(subject.context, torch.tensor(models)))
@@ -131,7 +136,7 @@ def stack_has_no_effect(subject: Subject) -> Iterator[str]:
         yield from _changes(f"a stack of models {models}", alone, chosen)
 
 
-def held_out_triples_have_no_effect(subject: Subject) -> Iterator[str]:
+def held_out_triples_have_no_effect(subject: CheckedInitializer) -> Iterator[str]:
     """Validation and test triples (``trained`` is false) are not used."""
     alone = select(subject.context, torch.tensor([0]))
     used, triples = alone.trained[0, :, None], alone.triples
@@ -139,7 +144,7 @@ def held_out_triples_have_no_effect(subject: Subject) -> Iterator[str]:
     yield from gap("with other ones, a vector", changed.vectors, subject.first.vectors[:1])
 
 
-def weights_are_of_known_entities(subject: Subject) -> Iterator[str]:
+def weights_are_of_known_entities(subject: CheckedInitializer) -> Iterator[str]:
     """Weights, if any, are of known entities and sum to 1; a centroid is their mean vector."""
     context, result = subject.context, subject.first
     if result.weights is None:
@@ -153,7 +158,7 @@ def weights_are_of_known_entities(subject: Subject) -> Iterator[str]:
         yield from gap("a centroid", result.vectors, weights @ context.theta0.entity)
 
 
-def kinds_may_be_used_or_missing(subject: Subject) -> Iterator[str]:
+def kinds_may_be_used_or_missing(subject: CheckedInitializer) -> Iterator[str]:
     """It works where indicators are of the new entity's kind, and where kinds are missing."""
     context = replace(subject.context, by_kind=True)
     missing = replace(context, kinds=torch.full_like(context.kinds, -1))
@@ -162,7 +167,7 @@ def kinds_may_be_used_or_missing(subject: Subject) -> Iterator[str]:
     yield from ()
 
 
-def missing_data_are_replaced(subject: Subject) -> Iterator[str]:
+def missing_data_are_replaced(subject: CheckedInitializer) -> Iterator[str]:
     """New entities without the words or triples that it needs get finite vectors, by a fallback."""
     lacking = {"words": _without_words, "insert_triples": _without_triples}
     for need, without in lacking.items():
@@ -171,7 +176,7 @@ def missing_data_are_replaced(subject: Subject) -> Iterator[str]:
     subject(_without_words(_without_triples(subject.context)))
 
 
-def needs_are_what_it_uses(subject: Subject) -> Iterator[str]:
+def needs_are_what_it_uses(subject: CheckedInitializer) -> Iterator[str]:
     """What ``needs`` lists changes the vectors, and it works without what is not listed."""
     whole = subject.first
     lacking = {"words": _without_words, "insert_triples": _without_triples}
@@ -187,7 +192,7 @@ def needs_are_what_it_uses(subject: Subject) -> Iterator[str]:
                 _works_with(subject, model)
 
 
-def listed_options_are_valid(subject: Subject) -> Iterator[str]:
+def listed_options_are_valid(subject: CheckedInitializer) -> Iterator[str]:
     """Each setting in ``grid`` and ``calibration`` changes options that it has, to valid values."""
     registered = subject.registered
     for option, values in (registered.grid or {}).items():
@@ -212,7 +217,7 @@ CHECKS = [
 ]
 
 
-def _works_with(subject: Subject, model: Model) -> None:
+def _works_with(subject: CheckedInitializer, model: Model) -> None:
     try:
         subject(sample_context(model, 1))
     except NoRelationMap as error:
@@ -230,12 +235,12 @@ def _without_triples(context: InitContext) -> InitContext:
     return replace(context, observed=torch.zeros_like(context.observed))
 
 
-def _changes(what: str, found: InitResult, expected: InitResult) -> Iterator[str]:
+def _changes(where: str, result: InitResult, expected: InitResult) -> Iterator[str]:
     for part in ("vectors", "fallback"):
-        yield from changed_bits(f"{part}: {what}", getattr(found, part), getattr(expected, part))
+        yield from changed_bits(f"{part}: {where}", getattr(result, part), getattr(expected, part))
 
 
 def _tensors(context: InitContext) -> dict[str, Tensor]:
-    own = {part.name: getattr(context, part.name) for part in fields(context)}
+    parts = {part.name: getattr(context, part.name) for part in fields(context)}
     tables = {"theta0.entity": context.theta0.entity, "theta0.relation": context.theta0.relation}
-    return tables | {name: value for name, value in own.items() if isinstance(value, Tensor)}
+    return tables | {name: value for name, value in parts.items() if isinstance(value, Tensor)}

@@ -28,7 +28,7 @@ UNEVEN = (5, 13, 30)
 
 
 @dataclass(frozen=True)
-class Subject:
+class CheckedModel:
     """A model, and a length of vectors that it can have."""
 
     model: Model
@@ -56,11 +56,16 @@ def check_model(model: str | Model, options: Mapping[str, Any] | None = None) ->
 
     Raises:
         InputError: names the first check that fails, what it expects, and what was found.
+
+    Example:
+        >>> import isi
+        >>> isi.check_model("transe", {"squared": False})[:2]
+        ['options_are_fields', 'width_is_a_number_of_columns']
     """
     checked = _model(model, options or {})
     name = f"model {model!r}" if isinstance(model, str) else f"model {type(checked).__name__}"
     with at(name):
-        subject = Subject(checked, dimension_of(checked))
+        subject = CheckedModel(checked, dimension_of(checked))
     return run_checks(name, CHECKS, subject)
 
 
@@ -74,7 +79,7 @@ def _model(model: Any, options: Mapping[str, Any]) -> Model:
     return model
 
 
-def options_are_fields(subject: Subject) -> Iterator[str]:
+def options_are_fields(subject: CheckedModel) -> Iterator[str]:
     """A model is a frozen dataclass, and equal options make equal models."""
     model: Any = subject.model
     about = getattr(model, "__dataclass_params__", None)
@@ -84,7 +89,7 @@ def options_are_fields(subject: Subject) -> Iterator[str]:
         yield "a copy differs"
 
 
-def width_is_a_number_of_columns(subject: Subject) -> Iterator[str]:
+def width_is_a_number_of_columns(subject: CheckedModel) -> Iterator[str]:
     """``width`` gives the length of a relation's row, and ``uniform`` tables have it."""
     width = subject.model.width(subject.dimension)
     if not isinstance(width, int) or width < 1:
@@ -95,7 +100,7 @@ def width_is_a_number_of_columns(subject: Subject) -> Iterator[str]:
         yield "a score of initial vectors is not finite"
 
 
-def all_ways_to_score_agree(subject: Subject) -> Iterator[str]:
+def all_ways_to_score_agree(subject: CheckedModel) -> Iterator[str]:
     """A triple has one score, alone, among all heads, tails or relations, in tables and lists."""
     theta = subject.random
     ids = _all_ids(STACK, ENTITIES)
@@ -116,7 +121,7 @@ def all_ways_to_score_agree(subject: Subject) -> Iterator[str]:
         yield from gap(way, scores, expected)
 
 
-def gradients_are_those_of_the_score(subject: Subject) -> Iterator[str]:
+def gradients_are_those_of_the_score(subject: CheckedModel) -> Iterator[str]:
     """The gradients of ``scores``, in tables and lists, are those of ``score`` by autograd."""
     theta, ids = subject.random, _all_ids(STACK, ENTITIES)
     slopes = torch.randn(ids[0].shape, generator=torch.Generator().manual_seed(1)).double()
@@ -126,12 +131,14 @@ def gradients_are_those_of_the_score(subject: Subject) -> Iterator[str]:
     expected = torch.autograd.grad(total, (free.entity, free.relation))
     for form, triples in _forms(theta).items():
         scores, backward = subject.model.scores(theta.entity, theta.relation, triples)
-        found = backward(slopes.reshape(scores.shape))
-        for name, gradient, right in zip(("entities", "relations"), found, expected, strict=True):
+        gradients = backward(slopes.reshape(scores.shape))
+        for name, gradient, right in zip(
+            ("entities", "relations"), gradients, expected, strict=True
+        ):
             yield from gap(f"the gradient of {name} in {form}", gradient, right)
 
 
-def zero_vectors_have_finite_gradients(subject: Subject) -> Iterator[str]:
+def zero_vectors_have_finite_gradients(subject: CheckedModel) -> Iterator[str]:
     """Scores and gradients of rows of zeros, as novel entities have at first, are finite."""
     theta = subject.random
     entity = torch.zeros_like(theta.entity)
@@ -142,7 +149,7 @@ def zero_vectors_have_finite_gradients(subject: Subject) -> Iterator[str]:
             yield f"in {form}, some are not"
 
 
-def maps_undo_each_other(subject: Subject) -> Iterator[str]:
+def maps_undo_each_other(subject: CheckedModel) -> Iterator[str]:
     """A head mapped there, back and there again is as mapped once; so is a tail, back first."""
     model = subject.model
     if not model.invertible:
@@ -155,7 +162,7 @@ def maps_undo_each_other(subject: Subject) -> Iterator[str]:
     yield from gap("inverse(transform(inverse(t)))", again, back)
 
 
-def linear_score_is_a_product(subject: Subject) -> Iterator[str]:
+def linear_score_is_a_product(subject: CheckedModel) -> Iterator[str]:
     """If ``linear``, f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩."""
     theta, model = subject.random, subject.model
     if not model.linear:
@@ -167,7 +174,7 @@ def linear_score_is_a_product(subject: Subject) -> Iterator[str]:
     yield from gap("⟨h, transform_tail(t, r)⟩", (head * back).sum(-1), score)
 
 
-def distance_has_a_margin(subject: Subject) -> Iterator[str]:
+def distance_has_a_margin(subject: CheckedModel) -> Iterator[str]:
     """If ``distance``, f is the option ``margin`` minus a distance of at least 0."""
     theta, model = subject.random, subject.model
     if not model.distance:
@@ -180,7 +187,7 @@ def distance_has_a_margin(subject: Subject) -> Iterator[str]:
         yield "a score exceeds the margin"
 
 
-def stack_has_no_effect(subject: Subject) -> Iterator[str]:
+def stack_has_no_effect(subject: CheckedModel) -> Iterator[str]:
     """Scores, gradients and maps of a model have the same bytes in any place of any stack."""
     for entities in UNEVEN:
         theta = subject.embedding(4, entities)
@@ -189,11 +196,11 @@ def stack_has_no_effect(subject: Subject) -> Iterator[str]:
         for models in ([1], [3, 0, 2]):
             chosen = torch.tensor(models)
             for name, alone in _results(select(stack, chosen)).items():
-                what = f"{name} of models {models} of {entities} entities"
-                yield from changed_bits(what, alone, together[name][chosen])
+                label = f"{name} of models {models} of {entities} entities"
+                yield from changed_bits(label, alone, together[name][chosen])
 
 
-def compiled_updates_are_those_of_batches(subject: Subject) -> Iterator[str]:
+def compiled_updates_are_those_of_batches(subject: CheckedModel) -> Iterator[str]:
     """If compiled for batches of one observation, an epoch gives the numbers of any other batch."""
     if not is_compiled(subject.model, 1):
         return
@@ -213,7 +220,7 @@ def compiled_updates_are_those_of_batches(subject: Subject) -> Iterator[str]:
         yield from gap(f"the table {name}", *tables)
 
 
-CHECKS: list[Callable[[Subject], Iterator[str]]] = [
+CHECKS: list[Callable[[CheckedModel], Iterator[str]]] = [
     options_are_fields,
     width_is_a_number_of_columns,
     all_ways_to_score_agree,

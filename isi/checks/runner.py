@@ -32,16 +32,16 @@ def run_checks(name: str, checks: Sequence[Check[T]], subject: T) -> list[str]:
     return [check.__name__ for check in checks]
 
 
-def gap(what: str, found: Tensor, expected: Tensor) -> Iterator[str]:
+def gap(label: str, values: Tensor, expected: Tensor) -> Iterator[str]:
     """A problem if numbers differ by more than rounding, or in shape."""
-    if found.shape != expected.shape:
-        yield f"{what} has the shape {tuple(found.shape)}, not {tuple(expected.shape)}"
-    elif not torch.allclose(found, expected, rtol=1e-4, atol=1e-5):
-        largest = (found - expected).abs().max().item()
-        yield f"{what} differs by up to {largest:.2g}"
+    if values.shape != expected.shape:
+        yield f"{label} has the shape {tuple(values.shape)}, not {tuple(expected.shape)}"
+    elif not torch.allclose(values, expected, rtol=1e-4, atol=1e-5):
+        largest = (values - expected).abs().max().item()
+        yield f"{label} differs by up to {largest:.2g}"
 
 
-def changed_bits(what: str, found: Tensor, expected: Tensor) -> Iterator[str]:
+def changed_bits(label: str, values: Tensor, expected: Tensor) -> Iterator[str]:
     """A problem if any number differs in any bit."""
-    if not torch.equal(found, expected):
-        yield f"{what} differs"
+    if not torch.equal(values, expected):
+        yield f"{label} differs"

@@ -70,6 +70,6 @@ def insert_triples(graph: Graph, known: Tensor, splits: Tensor, novel: Tensor) -
         head_known, tail_known = (known[model, graph.triples[:, end]] for end in (HEAD, TAIL))
         usable = (head_known ^ tail_known) & (splits[model] == TRAIN)
         for place, entity in enumerate(ids):
-            own = (graph.triples[:, [HEAD, TAIL]] == entity).any(1) & usable
-            rows += [(model, place, triple) for triple in own.nonzero()[:, 0].tolist()]
+            mine = (graph.triples[:, [HEAD, TAIL]] == entity).any(1) & usable
+            rows += [(model, place, triple) for triple in mine.nonzero()[:, 0].tolist()]
     return torch.tensor(rows)

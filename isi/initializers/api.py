@@ -249,6 +249,15 @@ def initializer(
 ) -> Callable[[Initializer], Initializer]:
     """Register a function whose parameters after the context are its options;
     ``about``: fields of ``Registered``, which ``InputError`` names where one is wrong.
+
+    Example:
+        >>> from isi.initializers.api import InitContext, InitResult, initializer, without_weights
+        >>> @initializer("origin", label="Origin")
+        ... def origin(context: InitContext) -> InitResult:
+        ...     models, new = context.novel.shape
+        ...     return without_weights(context.theta0.entity.new_zeros(models, new, 2))
+        >>> INITIALIZERS.get("origin").label
+        'Origin'
     """
 
     def register(function: Initializer) -> Initializer:

@@ -219,6 +219,13 @@ def train(
     ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
     ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
     learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
+
+    Example:
+        >>> import isi
+        >>> facts = [("cup", "in", "kitchen"), ("pan", "in", "kitchen"), ("bed", "in", "bedroom")]
+        >>> home = isi.train(facts, model="distmult", dimension=4)
+        >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
+        (5, 'kitchen')
     """
     tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
     if kinds:

@@ -27,6 +27,15 @@ class Model(ABC):
 
     Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w =
     ``width(d)``.
+
+    Example:
+        >>> import torch
+        >>> from isi.models.bilinear import DistMult
+        >>> head, relation, tail = torch.tensor([[1.0, 2.0], [3.0, -1.0], [1.0, 0.5]])
+        >>> DistMult().score(head, relation, tail)
+        tensor(2.)
+        >>> DistMult().transform(head, relation)
+        tensor([ 3., -2.])
     """
 
     linear: ClassVar[bool] = False  #: whether f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
@@ -206,6 +215,16 @@ def register_model(
     """Register a dataclass as a model under a name; its fields are the options.
 
     ``defaults`` and ``compared``: see ``Model``; a registered class inherits neither.
+
+    Example:
+        >>> from dataclasses import dataclass
+        >>> from isi.models.distance import TransE
+        >>> @register_model("near", defaults={"margin": 1.0})
+        ... @dataclass(frozen=True)
+        ... class Near(TransE):
+        ...     pass
+        >>> make_model("near", {"margin": 3.0}, "models.near")
+        Near(margin=3.0, squared=False)
     """
 
     def register(kind: M) -> M:
@@ -226,6 +245,10 @@ def compared_models() -> list[str]:
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
     """The model registered under a name, with options;
     ``InputError`` at the key if name or options do not fit.
+
+    Example:
+        >>> make_model("transe", {"margin": 2.0}, "models.transe")
+        TransE(margin=2.0, squared=False)
     """
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))

@@ -244,8 +244,8 @@ def _without_margin() -> Iterator[Model]:
     for name, squared in product(MODELS.names(), (False, True)):
         kind: Any = MODELS.get(name)
         options = {"margin": 0.0, "squared": squared}
-        own = {option.name: options.get(option.name) for option in fields(kind)}
-        given = {option: value for option, value in own.items() if value is not None}
+        listed = {option.name: options.get(option.name) for option in fields(kind)}
+        given = {option: value for option, value in listed.items() if value is not None}
         with suppress(TypeError):  # of an option without a default
             yield kind(**{**kind.defaults, **given})
 
