@@ -21,9 +21,10 @@ from isi.initializers.api import (
 )
 from isi.initializers.paper import hybrid_similarity
 from isi.initializers.similarity import insert_triple_ends, nearest_by_words, word_similarity
-from isi.models.bilinear import DistMult
+from isi.models.bilinear import BlockModel, DistMult
 from isi.models.distance import TransE
 from isi.models.model import Model
+from isi.training.trainer import is_compiled
 
 
 def nearest(context: InitContext) -> InitResult:
@@ -269,3 +270,16 @@ def test_a_model_is_checked_with_its_options_by_name() -> None:
         isi.check_model("transe", {"margin": -1.0})
     with pytest.raises(InputError, match=r"expected a name or a model .*DistMult"):
         isi.check_model(DistMult)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Fifth(BlockModel):
+    """An own block model: a fifth of its coordinates are scalars."""
+
+    linear = True
+    scalars = 20
+
+
+def test_an_own_block_model_is_compiled_and_gives_the_same_numbers() -> None:
+    assert is_compiled(Fifth(), 1)
+    assert isi.check_model(Fifth())[-1] == "compiled_updates_are_those_of_batches"
