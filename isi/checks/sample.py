@@ -13,7 +13,7 @@ from isi.models.stack import uniform
 
 ENTITIES, RELATIONS, TRIPLES, NOVEL, WORDS, KINDS = 40, 3, 150, 3, 6, 4
 WORDLESS = 3  #: A known entity without a word vector.
-DIMENSIONS = range(12, 200)  #: The first that a model can have is used.
+DIMENSIONS = range(12, 400, 4)  #: The first that a model can have is used.
 
 
 def dimension_of(model: Model) -> int:
@@ -24,7 +24,7 @@ def dimension_of(model: Model) -> int:
         except InputError:
             continue
         return dimension
-    raise InputError("", "", f"expected a dimension from 12 to {DIMENSIONS[-1]} to be possible")
+    raise InputError("", "", "expected a multiple of 4 from 12 to 396 to be a possible dimension")
 
 
 def sample_graph() -> Graph:

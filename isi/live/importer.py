@@ -285,7 +285,7 @@ def _refuse_sum_of_moduli(model: str, tensors: Mapping[str, np.ndarray]) -> None
     which store the range of their angles.
     """
     for name in tensors:
-        if model == "rotate" and name.endswith("embedding_range"):
+        if MODELS.get(model).angles and name.endswith("embedding_range"):
             expected = (
                 "expected RotatE with a Euclidean norm; this one's distance is the sum of moduli"
             )
@@ -310,7 +310,8 @@ def _table(
             )
             raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
     whole = np.concatenate([tensors[part] for part in parts], axis=1)
-    if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
+    kind = MODELS.get(model)
+    if parts[0].endswith(OF_PYKEEN) and kind.complex_vectors:
         if whole.shape[1] % 2:
             expected = (
                 "expected rows that alternate real and imaginary parts, "
@@ -319,7 +320,7 @@ def _table(
             raise InputError("", parts[0], expected)
         whole = whole[:, ::2] + 1j * whole[:, 1::2]
     if np.iscomplexobj(whole):
-        angles = model == "rotate" and slot == "relations"
+        angles = kind.angles and slot == "relations"
         whole = np.angle(whole) if angles else np.concatenate([whole.real, whole.imag], axis=1)
     return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
 
