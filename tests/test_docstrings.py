@@ -27,7 +27,6 @@ NO_EXAMPLE = {
     "isi.insertion.large.insert_rows",
     "isi.insertion.result.Entity",
     "isi.insertion.result.Inserted",
-    "isi.insertion.workers.on_workers",
     *(
         f"isi.live.embedding.LiveEmbedding.{name}"
         for name in ("ask_query", "close", "now", "prepare")
