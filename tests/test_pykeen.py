@@ -26,6 +26,7 @@ from torch.nn.functional import softplus
 from torch.optim import SGD, Adam
 
 from isi.initializers.api import INITIALIZERS
+from isi.insertion.engine import Method
 from isi.insertion.inverses import adapted, both_ways
 from isi.insertion.probability import fit_curves
 from isi.models.model import MODELS as OURS
@@ -291,12 +292,12 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
     facts_once = isi.pykeen.compute_rows(model, known, new, new=1)
     facts_twice = isi.insert(*tables, apart[0], new=1, model="distmult", known_triples=apart[1])
     once, twice = (
-        next(each.known_ends for each in done.choice.candidates if each.initializer == "ridge")
+        next(each.known_ends for each in done.selection.candidates if each.initializer == "ridge")
         for done in (facts_once, facts_twice)
-        if done.choice
+        if done.selection
     )
-    assert twice > 1.3 * facts_twice.choice.random_mrr  # type: ignore[union-attr]
-    assert once < facts_once.choice.random_mrr  # type: ignore[union-attr]
+    assert twice > 1.3 * facts_twice.selection.random_mrr  # type: ignore[union-attr]
+    assert once < facts_once.selection.random_mrr  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
@@ -756,10 +757,10 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     )
     draws = done.hide()
     assert draws is not None
-    assert done.curves == fit_curves(
-        draws, adapted(INITIALIZERS.get("map"), done.model), done.options
-    )
-    assert done.curves != fit_curves(draws, INITIALIZERS.get("map"), done.options)
+    plain = INITIALIZERS.get("map")
+    both_ways = Method(adapted(plain, done.model), done.options, why="")
+    assert done.curves == fit_curves(draws, both_ways)
+    assert done.curves != fit_curves(draws, Method(plain, done.options, why=""))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from torch import Tensor
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, touches
-from isi.initializers.api import InitContext, context_of
+from isi.initializers.api import InitContext
+from isi.insertion.engine import context_in_session
 from isi.models.model import Model
 from isi.models.stack import uniform
 
@@ -60,7 +61,7 @@ def sample_context(model: Model, models: int = 3) -> InitContext:
     words[WORDLESS] = 0
     theta0 = uniform(known, RELATIONS, model, dimension_of(model), 1.0, 0, keys)
     given = insert_triples(graph, known, splits, novel)
-    return context_of(theta0, before, novel, given, words, 0, keys)
+    return context_in_session(theta0, before, novel, given, words, 0, keys)
 
 
 def insert_triples(graph: Graph, known: Tensor, splits: Tensor, novel: Tensor) -> Tensor:

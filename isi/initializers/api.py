@@ -16,7 +16,6 @@ from torch import Tensor
 
 from isi.config import Name, Plugins, keywords
 from isi.errors import InputError, at
-from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model
 from isi.models.stack import Embedding, check_finite
 from isi.random import stream
@@ -93,52 +92,6 @@ class InitContext:
             distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()
         ]
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
-
-
-def context_of(
-    theta: Embedding,
-    before: Session,
-    novel: Tensor,
-    insert_triples: Tensor,
-    words: Tensor,
-    root: int,
-    keys: Tensor,
-    listed: Tensor | None = None,
-) -> InitContext:
-    """The input of an initializer; ``insert_triples``, (T, 3), sorted:
-    model, place in ``novel``, triple id.
-
-    Ids are rows of ``listed``, (I, 3); None: of the graph's triples.
-    """
-    model, place, triple = insert_triples.T
-    slot = model * novel.shape[1] + place
-    # within its entity; slots ascend
-    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)
-    longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
-    is_tail = tail == novel[model, place]
-
-    def padded(values: Tensor) -> Tensor:
-        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
-        table[model, place, number] = values
-        return table
-
-    return InitContext(
-        theta0=theta,
-        known=before.entities,
-        eligible=before.trained(),
-        novel=novel,
-        words=words,
-        kinds=before.graph.kinds,
-        other=padded(torch.where(is_tail, head, tail)),
-        relation=padded(relation),
-        novel_is_tail=padded(is_tail),
-        observed=padded(torch.ones_like(is_tail)),
-        triples=before.graph.triples,
-        trained=before.members(TRAIN),
-        root=root,
-        keys=keys,
-    )
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from isi.config import Seed, check
 from isi.errors import InputError, short
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, TripleForms, stack_of_one, table
+from isi.insertion.engine import trained_session
 from isi.models.model import Model
 from isi.models.stack import NotFinite, without_denormals
 from isi.training.batches import Negatives, is_dense, training_data
@@ -101,7 +102,7 @@ def fit_new(
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
     theta = stack_of_one(rows, given.relations, given.model)
-    session = arguments.trained_session(np.concatenate([given.triples, given.known_triples]), theta)
+    session = trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {
         "batch_size": batch_size,
         "learning_rate": learning_rate,

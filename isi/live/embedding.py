@@ -34,11 +34,11 @@ from isi.live.groups import EntityGroups, InsertedEntity, with_rows
 from isi.live.journal import (
     Alteration,
     Change,
-    Chosen,
     Effect,
     Journal,
     Line,
     NewEntity,
+    Selected,
 )
 from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
 from isi.live.names import bare, check_new, find, known_as, plain
@@ -105,7 +105,7 @@ class LiveEmbedding:
         self.base: LoadedEmbedding = (
             known if phrases is None else replace(known, words=phrases.known)
         )
-        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
+        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Selected)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
         self.groups, self._known_curves = (
             EntityGroups(self.base, phrases, chosen),
@@ -353,7 +353,7 @@ class LiveEmbedding:
                 "compact", "", "expected an embedding that was opened with journal=True"
             )
         changes = journals.compacted(self.changes, self._written_facts)
-        lines: list[Line] = [*self.groups.chosen.values(), *changes]
+        lines: list[Line] = [*self.groups.selected.values(), *changes]
         gone = len(self.changes) - len(changes)
         # without lines, the entities in the folder count
         is_unread = self._written_entities and not lines
@@ -361,7 +361,7 @@ class LiveEmbedding:
             return 0
         if self._journal:
             self._journal.replace(lines)
-            self._listed = len(self.groups.chosen)
+            self._listed = len(self.groups.selected)
         self.changes, self.additions = changes, journals.additions_of(changes)
         self._number_facts()
         return gone
@@ -566,7 +566,7 @@ class LiveEmbedding:
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
             # the journal retracts
             trained_too = np.concatenate([self.base.triples, self._fact_ids])
-            lines: list[Line] = [*self.groups.chosen.values(), *self.changes]
+            lines: list[Line] = [*self.groups.selected.values(), *self.changes]
             folders.write(
                 path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
             )
@@ -684,8 +684,8 @@ class LiveEmbedding:
 
     def _append(self, changes: Sequence[Change]) -> None:
         """List choices that are new, and changes, in the journal if it is open."""
-        choices = list(self.groups.chosen.values())
-        lines: list[Change | Chosen] = [*choices[self._listed :], *changes]
+        choices = list(self.groups.selected.values())
+        lines: list[Change | Selected] = [*choices[self._listed :], *changes]
         if self._journal and lines:
             self._journal.append(lines)
         elif not self._journal:

@@ -26,6 +26,7 @@ from tqdm import tqdm
 from isi.columns import TRIPLE
 from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
+from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.evaluation.ranking import padded_ids
 from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
@@ -49,7 +50,6 @@ from isi.insertion.arguments import (
     column_names,
     listed_triples,
 )
-from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Bundle, Manifest
 from isi.live.names import by_known_name, note_of_kinds
@@ -498,7 +498,7 @@ def test_measures(
             "quality is unknown"
         )
         return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
-    queries = queries_of(graph, padded_ids(splits == TEST))
+    queries = end_queries(graph, padded_ids(splits == TEST))
     learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
     others = (
         reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)),
@@ -515,7 +515,7 @@ def test_measures(
     return {"test_triples": number, **measures, "warning": None if clear else nothing}
 
 
-def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
+def reciprocal_ranks(queries: EndQueries, scores: Tensor) -> Tensor:
     """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E);
     one number for each query.
     """
@@ -523,7 +523,7 @@ def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
     return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
 
 
-def frequencies(graph: Graph, trained: Tensor, queries: Queried) -> Tensor:
+def frequencies(graph: Graph, trained: Tensor, queries: EndQueries) -> Tensor:
     """Each entity's number of triples in a mask, (T,), in the slot and relation of each query;
     shape (2, M, Q, E).
     """

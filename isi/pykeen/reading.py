@@ -20,10 +20,9 @@ from torch.nn import Module
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
-from isi.insertion import api
 from isi.insertion.inverses import both_ways
 from isi.models.model import MODELS, Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
@@ -198,10 +197,10 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     closed = closed_form(scored, entity.shape[1]) if len(forms) == 1 else None
     if closed and (own_rows := model_rows(closed, rows)) is not None:
         embedding = Embedding(entity[None].float(), own_rows[None].float(), closed)
-        margin = api.margin_of(embedding, triples, margin)
+        margin = margin_of(embedding, triples, margin)
         return replace(embedding, model=with_margin(closed, margin))
     scored = replace(
-        scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
+        scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
     )
     return Embedding(entity[None].float(), rows[None].float(), scored)
 

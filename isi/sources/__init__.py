@@ -84,9 +84,7 @@ class Reader:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-#: The module ``recorder`` is not imported: it loads the package ``ai2thor`` and registers no
-#: reader.
-READERS: config.Plugins[Reader] = config.Plugins("isi.sources", skipped=["recorder"])
+READERS: config.Plugins[Reader] = config.Plugins("isi.sources")
 
 
 def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:
