@@ -62,6 +62,11 @@ class InitContext:
     by_kind: bool = False
 
     @property
+    def worded(self) -> Tensor:
+        """Mask of the entities with a word vector; shape (E,), bool."""
+        return (self.words != 0).any(-1)
+
+    @property
     def candidates(self) -> Tensor:
         """Eligible entities that may be indicators of each novel one;
         shape (M, n, E), or (M, 1, E) if all may.
