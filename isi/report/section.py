@@ -192,13 +192,11 @@ _ENVIRONMENT = Environment(
 _FILTERS = (
     words.joined,
     words.with_values,
-    words.listed_epochs,
     words.label,
     words.described,
     words.capitalized,
     words.isi,
     words.contenders,
-    words.controls,
 )
 _ENVIRONMENT.filters |= {function.__name__: function for function in _FILTERS} | {
     "num": format,
