@@ -18,8 +18,6 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from isi.params import load, load_beyond
-from isi.process import errors_in_one_line
 from tests.mistakes import assert_names, of_pykeen
 from tests.mistakes.calls import Called, Typed, lay_out
 from tests.mistakes.commands import COMMAND_CASES
@@ -41,7 +39,7 @@ from tests.small_embedding import call, fit
 PROGRAMS: dict[str, tuple[str, list[Typed]]] = {
     "isi": ("isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
     "stages.record": ("record: ", RECORD_CASES),
-    "isi.params": ("", PARAMS_CASES),
+    "stages.check_params": ("", PARAMS_CASES),
     "tools.headline": ("headline: ", HEADLINE_CASES),
     "tools.sources": ("", SOURCES_CASES),
     **{name: ("", cases) for name, cases in OTHER_CASES.items()},
@@ -100,10 +98,6 @@ def _run(module: str, arguments: list[str]) -> None:
         patch.setattr(sys, "argv", [module, *arguments])
         if module == "isi":
             main(arguments)
-        elif module == "isi.params":  # pydantic resolves its types in the module of that name
-            with errors_in_one_line("params"):
-                load_beyond(load())
-            sys.exit(0)
         else:
             runpy.run_module(module, run_name="__main__")
 

@@ -5,6 +5,7 @@ imports, params, locks and arguments of every stage.
 import ast
 import operator
 import re
+import tomllib
 from collections.abc import Iterator
 from functools import reduce
 from itertools import product
@@ -97,6 +98,13 @@ def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
     assert not [pattern for pattern in shipped if not list(ROOT.glob(pattern))]
 
 
+def entry_points_of(package: str) -> list[Path]:
+    """The modules outside a package of plug-ins that this project adds to it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    added = project["entry-points"].get(package.replace("/", "."), {})
+    return [Path(*module.split(".")).with_suffix(".py") for module in added.values()]
+
+
 def code_of(name: str) -> list[Path]:
     """The files of code that a stage depends on."""
     return [Path(dep) for dep in STAGES[name]["deps"] if dep.split("/")[0] in ("isi", "stages")]
@@ -112,7 +120,7 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_m
     for package, key in PLUGINS.items():
         if (key in keys and Path(package, "__init__.py") in files) or name == "explore":
             assert Path(package) in depended
-            files = files | closure(*Path(package).rglob("*.py"))
+            files = files | closure(*Path(package).rglob("*.py"), *entry_points_of(package))
     if Path("isi/report/section.py") in files:  # pages.yaml names the modules of sections
         files = files | closure(*Path("isi/report/sections").glob("*.py"))
     missing = [file for file in files if not any(file.is_relative_to(dep) for dep in depended)]

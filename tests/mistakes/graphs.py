@@ -1,4 +1,4 @@
-"""Mistakes in command lines about graphs (``isi graph``, ``export``, ``check``)."""
+"""Mistakes in command lines about graphs (``isi graph``, ``export``)."""
 
 from pathlib import Path
 
@@ -195,11 +195,6 @@ EXPORT_CASES = [
         "a folder where the file is to be",
         "export --embedding home --format turtle --out home",
         "home",
-    ),
-    Typed(
-        "a file where the folder is to be",
-        "export --embedding home --format property-csv --out log.csv",
-        "log.csv/nodes.csv",
     ),
     Typed("no name of a file", "export --embedding home --format turtle --out .", "."),
 ]
