@@ -3,7 +3,7 @@ colours and alternative texts.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
@@ -92,29 +92,44 @@ def in_words(canvas: Canvas) -> str:
     """
     texts = []
     for axes in canvas.axes:
-        names = [] if axes.get_ylabel() else [text.get_text() for text in axes.get_yticklabels()]
-        rows = {name: list[str]() for name in names}
-        lines = []
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            line: Any = handle[0] if isinstance(handle, Container) else handle
-            if not isinstance(line, Line2D):
-                points = np.array([[line.get_width(), line.get_y()]] if rows else []).reshape(-1, 2)
-            else:
-                points = np.asarray(line.get_xydata(), dtype=float)
-            for value, level in points if rows else []:
-                list(rows.values())[round(level)].append(f"{name} {value:.1f}")
-            heights = points[~np.isnan(points).any(1), 1]
-            if len(heights) and not rows:
-                start = f"from {heights[0]:.1f} to " if len(np.unique(heights)) > 1 else ""
-                lines.append(f"{name} {start}{heights[-1]:.1f}")
-        if rows:
-            lines = ["; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())]
         sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
         titles = [axes.get_title().replace("\n", ", ")]
         titles += [f"{side}: {text}" for side, text in sides if text]
-        parts = capitalized("; ".join(filter(None, titles))), ", ".join(lines)
-        texts += [f"{'. '.join(filter(None, parts))}."] if any(parts) else []
+        names = [] if axes.get_ylabel() else [text.get_text() for text in axes.get_yticklabels()]
+        numbers = _values_of_rows(axes, names) if names else _ends_of_lines(axes)
+        parts = [capitalized("; ".join(filter(None, titles))), numbers]
+        if any(parts):
+            texts.append(f"{'. '.join(filter(None, parts))}.")
     return " ".join(texts)
+
+
+def _entries(axes: Axes) -> Iterator[tuple[str, Any]]:
+    """The names in a panel's legend, each with its line or bar."""
+    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+        yield name, handle[0] if isinstance(handle, Container) else handle
+
+
+def _values_of_rows(axes: Axes, names: Names) -> str:
+    rows = {name: list[str]() for name in names}
+    of_level = list(rows.values())
+    for name, drawn in _entries(axes):
+        is_line = isinstance(drawn, Line2D)
+        points = drawn.get_xydata() if is_line else [(drawn.get_width(), drawn.get_y())]
+        for value, level in points:
+            of_level[round(level)].append(f"{name} {value:.1f}")
+    return "; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())
+
+
+def _ends_of_lines(axes: Axes) -> str:
+    lines = []
+    for name, line in _entries(axes):
+        if isinstance(line, Line2D):
+            points = np.asarray(line.get_xydata(), dtype=float)
+            heights = points[~np.isnan(points).any(1), 1]
+            if len(heights):
+                start = f"from {heights[0]:.1f} to " if len(np.unique(heights)) > 1 else ""
+                lines.append(f"{name} {start}{heights[-1]:.1f}")
+    return ", ".join(lines)
 
 
 def by_size(

@@ -19,6 +19,12 @@ from isi.report.words import Names, colour, isi, label
 
 #: Arrays of ``TRAJECTORY``, by name: the path of one entity.
 Traces = Mapping[str, np.ndarray]
+#: Marker, size, colour and name of what Figure 1 shows.
+_LEGEND = (
+    ("o", 2.5, "#b5bac2", "known entity"),
+    ("^", 5, "#555555", "indicator"),
+    ("*", 11, "#555555", "novel entity as inserted"),
+)
 
 
 def trajectory(results: Results) -> Contents:
@@ -51,14 +57,6 @@ def trajectory(results: Results) -> Contents:
         yield Content(numbers, {"trajectory": rows}, {"figure1_trajectory": drawn})
 
 
-#: Marker, size, colour and name of what Figure 1 shows.
-_LEGEND = (
-    ("o", 2.5, "#b5bac2", "known entity"),
-    ("^", 5, "#555555", "indicator"),
-    ("*", 11, "#555555", "novel entity as inserted"),
-)
-
-
 def _drawn(
     traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series
 ) -> Canvas:
@@ -66,7 +64,7 @@ def _drawn(
     a star marks the entity's initial vector.
     """
     centre, axes, _ = plane(vectors)
-    drawn = {name: (of - centre) @ axes.T for name, of in traces.items() if name[-5:] == ".path"}
+    drawn = {name: (traces[f"{name}.path"] - centre) @ axes.T for name in titles}
     entities, known = (traces["theta0"] - centre) @ axes.T, (vectors - centre) @ axes.T
     models, methods = list(titles), isi(titles)
     groups = [*([model] for model in methods), [model for model in models if model not in methods]]
@@ -75,12 +73,12 @@ def _drawn(
         panel.plot(*known.T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
         for model in group:
             title = label(model) if len(group) > 1 else ""
-            _path(panel, drawn[f"{model}.path"], title, colour(model, models))
+            _path(panel, drawn[model], title, colour(model, models))
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
             points, color = entities[chosen], colour(model, models)
             for point in points:
-                ends = np.stack([point, drawn[f"{model}.path"][0]])
+                ends = np.stack([point, drawn[model][0]])
                 panel.plot(*ends.T, color=color, lw=0.4, alpha=0.5, zorder=2)
             _indicators(panel, points, names[chosen].tolist(), color)
         panel.set(xticks=[], yticks=[])
