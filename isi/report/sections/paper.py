@@ -250,17 +250,17 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         results.params.settings[0].model_dump(),
         list(results.params.sweep.initializers),
     )
-    found = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
+    picked = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
     for _, folds in results.analysis("cross_validation", experiment, moved):
-        found["training"] = {name: choices.best(folds, choice, name) for name in choice}
+        picked["training"] = {name: choices.best(folds, choice, name) for name in choice}
     for swept, runs in results.analysis("sweep", experiment, moved):
         epochs = swept.converged(runs, ["model", "k"])
         means = choices.means_of(where(runs, epoch=0), epochs, models)
         mrr_star = means[Column("MRR*", "all")].dropna()
-        found["indicators"] = choices.picked_sizes(means)
+        picked["indicators"] = choices.picked_sizes(means)
         for model in mrr_star.index.unique("model"):
-            found["best_indicators"][model] = int(mrr_star[model].idxmax())
-    return found
+            picked["best_indicators"][model] = int(mrr_star[model].idxmax())
+    return picked
 
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
