@@ -24,9 +24,9 @@ from isi.errors import InputError, at, cut
 from isi.insertion.arguments import argument, array_of, checked_model
 from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
-from isi.live.names import plain
 from isi.models.model import MODELS
 from isi.models.stack import margin_of
+from isi.names import plain
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies
