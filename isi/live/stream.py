@@ -68,7 +68,7 @@ class Request(Section):
         raise NotImplementedError
 
 
-class Change(Request):
+class ChangeRequest(Request):
     """A request that changes the embedding."""
 
     time: Time | None = None
@@ -80,7 +80,7 @@ class Change(Request):
         return {"time": self.time, "source": self.source}
 
 
-class Insert(Change):
+class Insert(ChangeRequest):
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
     facts: list[Fact] = Field([])
@@ -98,7 +98,7 @@ class Insert(Change):
         return vars(live.insert(list(self.insert), facts, **about))
 
 
-class Observe(Change):
+class Observe(ChangeRequest):
     observe: list[Fact]
     upsert: bool = False
 
@@ -106,7 +106,7 @@ class Observe(Change):
         return vars(live.observe(self.observe, upsert=self.upsert, **self.stamp))
 
 
-class Move(Change):
+class Move(ChangeRequest):
     move: Fact
     instead_of: Text | None = None
 
@@ -115,7 +115,7 @@ class Move(Change):
         return vars(live.move(head, relation, tail, instead_of=self.instead_of, **self.stamp))
 
 
-class Remove(Change):
+class Remove(ChangeRequest):
     remove: Names
     facts: list[Fact] = Field([])
 
@@ -123,7 +123,7 @@ class Remove(Change):
         return vars(live.remove(self.remove, self.facts, **self.stamp))
 
 
-class Undo(Change):
+class Undo(ChangeRequest):
     undo: Literal[True]
 
     def result(self, live: LiveEmbedding) -> Result:
@@ -138,8 +138,8 @@ class Ask(Request):
     def result(self, live: LiveEmbedding) -> Result:
         results = []
         for head, relation, tail in self.ask:
-            found = live.ask(head, relation, tail, self.top)
-            results.append({"query": found.query, "sure": found.sure, "answers": found.answers})
+            best = live.ask(head, relation, tail, self.top)
+            results.append({"query": best.query, "sure": best.sure, "answers": best.answers})
         return results[0] if len(results) == 1 else {"results": results}
 
 
