@@ -15,7 +15,7 @@ from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
 from isi.analyses.readings import ReadingCase, ReadingConfig
-from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
+from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, suggestion
@@ -238,6 +238,9 @@ def check_params(params: Params) -> None:
         settings_of(settings, f"sources.{name}")
     for name, options in params.initializers.items():
         options_of(name, options, f"initializers.{name}")
+    if params.trajectory.experiments and not traced(params.initializers):
+        expected = "expected no experiments, since initializers lists none whose path is shown"
+        raise InputError("", "trajectory.experiments", expected)
     for name, options in params.sweep.initializers.items():
         options_of(name, {**options, "k": params.sweep.k[0]}, f"sweep.initializers.{name}")
     models = {
@@ -270,7 +273,6 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     for study, place, listed, names in (
         ("sweep", "initializers", params.sweep.initializers, known),
         ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
-        ("trajectory", "experiments: its initializers", TRACED, known),
     ):
         if studies[study].experiments:
             yield f"{study}.{place}", listed, names

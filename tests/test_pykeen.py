@@ -1,7 +1,7 @@
 """``isi.pykeen.insert`` against PyKEEN itself: scores, ranks, saving and further training."""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,8 @@ from isi.initializers.api import INITIALIZERS
 from isi.insertion.engine import Method
 from isi.insertion.inverses import adapted, both_ways
 from isi.insertion.probability import fit_curves
+from isi.models.model import MODELS as OURS
+from isi.models.model import Model, register_model
 from isi.pykeen import InteractionModel, read_model
 from isi.pykeen.insertion import nearly_known
 
@@ -136,6 +138,40 @@ def test_a_model_scores_in_our_terms_what_it_scores_itself(
     torch.testing.assert_close(ours - ours.mean(), theirs - theirs.mean(), rtol=1e-4, atol=1e-5)
     if not read.model.linear:  # the margin is between true and corrupted triples
         assert ours.mean() > 0 > read.score_tails(head, relation).mean()
+
+
+@dataclass(frozen=True)
+class Rescal(Model):
+    """A user's model: f = hᵀRt, with R as a row of d² numbers."""
+
+    def width(self, dimension: int) -> int:
+        return dimension**2
+
+    def score(self, head: torch.Tensor, relation: torch.Tensor, tail: torch.Tensor) -> torch.Tensor:
+        return (self.transform(head, relation) * tail).sum(-1)
+
+    def transform(self, vectors: torch.Tensor, relation: torch.Tensor) -> torch.Tensor:
+        return (vectors[..., None, :] @ self.matrix(relation))[..., 0, :]
+
+    def inverse(self, vectors: torch.Tensor, relation: torch.Tensor) -> torch.Tensor:
+        return torch.linalg.solve(self.matrix(relation), vectors[..., None, :], left=False)[
+            ..., 0, :
+        ]
+
+    def matrix(self, relation: torch.Tensor) -> torch.Tensor:
+        return relation.unflatten(-1, (round(relation.shape[-1] ** 0.5), -1))
+
+
+def test_a_model_of_a_users_own_serves_where_it_scores_as_pykeens(
+    factory: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OURS, "_registered", dict(OURS._registered))
+    register_model("rescal")(Rescal)
+    model = model_of("rescal", {}, factory)
+    read = read_model(model, factory.mapped_triples, None)
+    assert read.model == Rescal()
+    ours = read.score(*factory.mapped_triples.T[:, None])[0]
+    torch.testing.assert_close(ours, scores(model, factory.mapped_triples), rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize(("name", "options"), CLOSED + OTHERS, ids=id_of)

@@ -68,6 +68,14 @@ def fit_new(
 
     Raises:
         InputError: names the wrong argument and the expected value, or says that training diverged.
+
+    Example:
+        >>> import isi, numpy as np
+        >>> entities = np.array([[1.0, 0.0], [0.0, 1.0], [0.1, 0.1]])  # the last one is new
+        >>> relations = np.array([[1.0, 1.0]])
+        >>> fitted, _ = isi.fit_new(entities, relations, [(2, 0, 0)], new=1, model="distmult")
+        >>> bool((fitted[:2] == entities[:2]).all()), bool(fitted[2, 0] > fitted[2, 1])
+        (True, True)
     """
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")

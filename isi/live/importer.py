@@ -228,7 +228,7 @@ def _table(values: np.ndarray, slot: str, model: str, of_pykeen: bool) -> np.nda
             raise InputError("", "", f"{expected}, got rows of {values.shape[1]} numbers")
         values = values[:, ::2] + 1j * values[:, 1::2]
     if np.iscomplexobj(values):
-        angles = model == "rotate" and slot == "relations"
+        angles = MODELS.get(model).angles and slot == "relations"
         halves = [values.real, values.imag]
         values = np.angle(values) if angles else np.concatenate(halves, axis=1)
     kind = np.float64 if values.dtype == np.float64 else np.float32

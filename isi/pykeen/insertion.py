@@ -77,6 +77,17 @@ def insert(
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
+
+    Example:
+        >>> import isi, numpy as np
+        >>> from pykeen.models import DistMult
+        >>> from pykeen.triples import TriplesFactory
+        >>> facts = np.array([("cup", "in", "kitchen"), ("bed", "in", "bedroom")])
+        >>> factory = TriplesFactory.from_labeled_triples(facts)
+        >>> model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
+        >>> larger, more = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")])
+        >>> larger.num_entities, more.num_triples
+        (5, 3)
     """
     model, factory, triples = of_result(model, factory, triples)
     done = compute_rows(
@@ -109,6 +120,11 @@ def compute_rows(
     With a model of inverse triples, each triple counts in both directions. In the result, as in
     PyKEEN's predictions, tails are scored by the relation and heads by its inverse; a row of
     ``relations`` joins both.
+
+    Example:
+        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
+        >>> rows.entities.shape, rows.entity_names[-1]
+        ((5, 4), 'mug')
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
@@ -176,6 +192,12 @@ def enlarge(
 ) -> tuple[PykeenModel, CoreTriplesFactory]:
     """Copies of a model and its factory, with the vectors,
     labels and triples of new entities and relations.
+
+    Example:
+        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
+        >>> larger, more = isi.pykeen.enlarge(model, factory, rows)
+        >>> larger.num_entities, more.entity_to_id["mug"]
+        (5, 4)
     """
     larger = deepcopy(unwrapped(model))
     larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)

@@ -15,7 +15,7 @@ from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.readings import READINGS
-from isi.analyses.trajectory import TRACED, TRAJECTORY
+from isi.analyses.trajectory import TRAJECTORY, traced
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.experiment.insert import is_listed
@@ -447,12 +447,9 @@ def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns
 def _experiment(params: Params, name: str) -> Experiment:
     initializers, table = params.initializers_of(name), partial(_table, name)
     models = [*initializers, JOINT]
-    traced = [
-        "entity",
-        "known",
-        "theta0",
-        *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators")),
-    ]
+    parts = ["entity", "known", "theta0"]
+    for model in traced(params.initializers):
+        parts += [f"{model}.path", f"{model}.indicators"]
     readers: dict[str, Callable[[], Any]] = {
         "affordances": lambda: table(AFFORDANCES).rename(columns={"initializer": "model"}),
         "sweep": lambda: table(INDICATOR_SWEEP, params.sweep.initializers, "initializer"),
@@ -462,8 +459,7 @@ def _experiment(params: Params, name: str) -> Experiment:
             MODEL_COMPARISON, params.compare_models.models, column="family"
         ),
         "trajectory": lambda: {
-            part: tensor.numpy()
-            for part, tensor in TRAJECTORY.read(traced, experiment=name).items()
+            part: tensor.numpy() for part, tensor in TRAJECTORY.read(parts, experiment=name).items()
         },
         "explorer": lambda: explorer.read(params, name),
         "query_breakdown": lambda: table(USED_COORDINATES),
