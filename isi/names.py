@@ -5,6 +5,7 @@ arguments and bundles.
 import re
 import unicodedata
 from collections.abc import Sequence
+from functools import lru_cache
 
 from isi.errors import cut, short
 
@@ -37,6 +38,17 @@ def clean(name: str) -> str:
     if not name.isascii():
         name = SPACE.sub(" ", INVISIBLE.sub("", unicodedata.normalize("NFC", name)))
     return name.strip(" ")
+
+
+@lru_cache(2**16)
+def plain(name: str) -> str:
+    """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
+    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", clean(name)).split()).casefold()
+
+
+def bare(name: str) -> str:
+    """What spellings of one name have in common: its letters without case, spaces and hyphens."""
+    return plain(name).replace(" ", "")
 
 
 def name_fault(name: object) -> str | None:

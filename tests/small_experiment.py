@@ -2,14 +2,15 @@
 for tests of commands.
 """
 
-import pandas as pd
-import torch
-import yaml
+from dataclasses import replace
+from pathlib import Path
 
-from isi.experiment.store import JOINT
+import numpy as np
+import pandas as pd
+
 from isi.graph import graph as tables
-from isi.tables import paths
 from tests.observing import TRIPLE
+from tests.small_bundle import small, written
 
 MADE = "a_test"
 ENTITIES = pd.DataFrame(
@@ -34,28 +35,32 @@ TRIPLES = pd.DataFrame(
 #: Vectors of the entities, and of atLocation and hasAffordance, for DistMult: f(h, r, t) = Σ h·r·t.
 VECTORS = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [0.0, 3.0]]
 RELATIONS = [[0.0, 1.0], [1.0, 0.0]]
+LABELS = ["atLocation", "hasAffordance"]
 
 
 def write_experiment() -> None:
-    """Write the files of an experiment: params, graph, and the joint models of seeds 4 and 7."""
-    params = {
-        "embedding": {"model": "distmult", "dimension": 2, "init_range": 0.1},
-        "models": {"distmult": {}},
-    }
-    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-    write_graph(ENTITIES, TRIPLES)
-    other = torch.flip(torch.tensor(VECTORS), [-1])
-    tensors = {
-        "entity": torch.stack([torch.tensor(VECTORS), other]),
-        "relation": torch.tensor([RELATIONS, RELATIONS]),
-        "known": torch.tensor([[True] * 5, [True] * 4 + [False]]),
-        "seed": torch.tensor([4, 7]),
-    }
-    JOINT.write(tensors, MADE, experiment="home")
-
-
-def write_graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """Write the tables of a graph for the experiment ``home``."""
-    named = entities.assign(source="home", phrase=entities["entity"].str.lower())
+    """Write the graph of the experiment ``home``."""
+    named = ENTITIES.assign(source="home", phrase=ENTITIES["entity"].str.lower())
     tables.ENTITIES.write(named, MADE, experiment="home")
-    tables.TRIPLES.write(triples.assign(source="home"), MADE, experiment="home")
+    tables.TRIPLES.write(TRIPLES.assign(source="home"), MADE, experiment="home")
+
+
+def write_model(folder: Path) -> None:
+    """Write the bundle of a model of the same graph."""
+    names = ENTITIES["entity"].tolist()
+    triples = [
+        (names.index(head), LABELS.index(relation), names.index(tail))
+        for head, relation, tail in TRIPLES[TRIPLE].itertuples(index=False)
+    ]
+    bundle = small(
+        entities=np.array(VECTORS, np.float32),
+        relations=np.array(RELATIONS, np.float32),
+        entity_names=names,
+        kinds=ENTITIES["kind"].tolist(),
+        phrases=[name.lower() for name in names],
+        relation_names=LABELS,
+        triples=np.array(triples),
+        words=None,
+    )
+    manifest = bundle.manifest.model_copy(update={"words": None})
+    written(folder, replace(bundle, manifest=manifest))

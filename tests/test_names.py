@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
-from isi.live.names import find, plain, same_name
-from isi.names import clean, name_fault
+from isi.live.names import find, same_name
+from isi.names import clean, name_fault, plain
 from isi.sources import CHANGED
 from tests.observing import TRIPLE, observe, refused, written
 from tests.small_bundle import NAMES, opened, small

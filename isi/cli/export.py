@@ -18,15 +18,11 @@ import numpy as np
 import pandas as pd
 import torch
 from cyclopts import Parameter
-from torch import Tensor
 
 from isi import config
 from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
-from isi.config import check, value_of
 from isi.errors import InputError, extra, suggestion
-from isi.experiment.agreement import has_shape
-from isi.experiment.store import JOINT, Store
 from isi.graph.graph import (
     ENTITIES,
     GRAPH_ENTITIES,
@@ -37,7 +33,6 @@ from isi.graph.graph import (
     TRIPLES,
     Graph,
 )
-from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
 from isi.sources.names import ENTITY
 from isi.tables import paths
@@ -80,15 +75,9 @@ def export(
         int,
         Parameter(
             validator=FROM_ZERO,
-            help="predicted tails per head and relation, known triples excluded",
+            help="with --embedding: predicted tails per head and relation, but known triples",
         ),
     ] = 0,
-    seed: Annotated[
-        int | None,
-        Parameter(
-            validator=FROM_ZERO, help="seed of the joint model that predicts; default: the first"
-        ),
-    ] = None,
     labels: Annotated[
         bool, Parameter(help="in RDF, also write kinds and phrases of entities")
     ] = False,
@@ -98,13 +87,9 @@ def export(
         raise InputError(out, "", "expected a name without .gz: the output is not compressed")
     if (embedding is None) == (experiment is None):
         raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
-    if seed is not None and experiment is None:
-        raise InputError("--seed", "", "expected an experiment, which has a model for each seed")
-    exported = (
-        of_bundle(embedding, predictions)
-        if embedding
-        else of_experiment(str(experiment), predictions, seed)
-    )
+    if predictions and embedding is None:
+        raise InputError("--predictions", "", "expected --embedding DIR, whose model predicts")
+    exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment))
     files = FORMATS[format](exported, out, labels)
     for path, content in files.items():
         if content is None:
@@ -128,10 +113,8 @@ class GraphExport:
     predictions: pd.DataFrame  #: columns head, relation, tail, score, rank; empty unless requested
 
 
-def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
-    """A graph of either pipeline, with predictions if ``most`` > 0;
-    InputError if unknown, or no model can predict.
-    """
+def of_experiment(experiment: str) -> GraphExport:
+    """A graph of either pipeline; InputError if it is unknown."""
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
     if not files[0].exists():
@@ -144,16 +127,8 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
             )
             raise InputError("EXPERIMENT", "", expected)
         files = files if experiment in experiments and not second[0].exists() else second
-    if most and files == second:
-        expected = (
-            "expected an experiment of params.yaml: a graph of beyond/params.yaml has no model"
-        )
-        raise InputError("--predictions", experiment, expected)
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
-    predictions = (
-        by_joint_model(Store(experiment), most, seed) if most else pd.DataFrame(columns=PREDICTED)
-    )
-    return GraphExport(experiment, entities, triples, predictions)
+    return GraphExport(experiment, entities, triples, pd.DataFrame(columns=PREDICTED))
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
@@ -165,86 +140,36 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
     triples = pd.DataFrame(opened.named_triples(), columns=TRIPLE).assign(count=1)
-    not_predicted = np.concatenate([opened.triples, opened.retracted])
-    ids, kinds = (
-        torch.from_numpy(not_predicted),
-        torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64")),
-    )
-    graph = Graph(
-        opened.entity_names,
-        opened.relation_names,
-        ids,
-        torch.ones(len(ids), dtype=torch.int64),
-        kinds,
-    )
-    predictions = best_tails(
-        graph, opened.embedding, torch.ones(len(entities), dtype=torch.bool), most
-    )
-    return GraphExport(
-        name if NAME.fullmatch(name) else "embedding", entities, triples, predictions
-    )
+    not_predicted = torch.from_numpy(np.concatenate([opened.triples, opened.retracted]))
+    kinds = torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
+    counts = torch.ones(len(not_predicted), dtype=torch.int64)
+    graph = Graph(opened.entity_names, opened.relation_names, not_predicted, counts, kinds)
+    predictions = best_tails(graph, opened.embedding, most)
+    name = name if NAME.fullmatch(name) else "embedding"
+    return GraphExport(name, entities, triples, predictions)
 
 
-def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """Predictions (``best_tails``) of the joint model of ``seed`` (None: the first);
-    InputError for an unknown seed.
-    """
-    graph, path, values = (
-        store.graph(),
-        JOINT.path(experiment=store.experiment),
-        config.read(paths.PARAMS),
-    )
-    tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
-    entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()
-    if seed is not None and seed not in seeds:
-        raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds))}")
-    place = 0 if seed is None else seeds.index(seed)
-    params = check(values.get("embedding"), EmbeddingParams, "embedding")
-    model = make_model(
-        params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}"
-    )
-    shapes = (
-        (len(graph.entities), entity.shape[-1]),
-        (len(graph.relations), model.width(entity.shape[-1])),
-    )
-    for name, table, shape in zip(("entity", "relation"), (entity, relation), shapes, strict=True):
-        has_shape(path, name, table.numpy(), (len(seeds), *shape))
-    return best_tails(
-        graph, Embedding(entity[[place]], relation[[place]], model), known[place], most
-    )
-
-
-def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
+def best_tails(graph: Graph, embedding: Embedding, most: int) -> pd.DataFrame:
     """Link prediction: for each relation and head, the ``most`` best tails,
     without triples of the graph.
 
-    The heads of a relation are all entities of the kinds that its triples have as heads. Heads and
-    tails are restricted to ``known``, (E,), bool. Ranks start at 1; ties go to the lower entity id.
+    The heads of a relation are all entities of the kinds that its triples have as heads. Ranks
+    start at 1; ties go to the lower entity id.
     """
     names, rows = np.array(graph.entities, dtype=object), list[tuple[Any, ...]]()
-    for relation in range(len(graph.relations) if most else 0):
+    for relation, label in enumerate(graph.relations if most else ()):
         triples = graph.triples[graph.triples[:, RELATION] == relation]
-        heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]) & known)[:, 0]
-        for part in torch.split(heads, max(1, BUDGET // len(known))):
+        heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]))[:, 0]
+        for part in torch.split(heads, max(1, BUDGET // len(names))):
             scores = embedding.score_tails(part[None], torch.full_like(part, relation)[None])[0]
             present = triples[torch.isin(triples[:, HEAD], part)]
-            scores[:, ~known] = -torch.inf
-            scores[
-                torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]
-            ] = -torch.inf
+            known = torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]
+            scores[known] = -torch.inf
             best = scores.sort(dim=-1, descending=True, stable=True)
             values, tails = best.values[:, :most].numpy(), best.indices[:, :most].numpy()
-            row, place = np.nonzero(values > -np.inf)
-            columns = (
-                names[part[row]],
-                names[tails[row, place]],
-                values[row, place].tolist(),
-                (place + 1).tolist(),
-            )
-            rows += [
-                (head, graph.relations[relation], *others)
-                for head, *others in zip(*columns, strict=True)
-            ]
+            for row, place in np.argwhere(values > -np.inf).tolist():
+                head, tail = names[part[row]], names[tails[row, place]]
+                rows.append((head, label, tail, values[row, place].item(), place + 1))
     return pd.DataFrame(rows, columns=PREDICTED)
 
 

@@ -41,10 +41,10 @@ from isi.live.journal import (
     Selected,
 )
 from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
-from isi.live.names import bare, check_new, find, known_as, plain
+from isi.live.names import check_new, find, known_as
 from isi.live.phrases import SAME, phrase_vectors
 from isi.live.stored import StoredVector
-from isi.names import clean
+from isi.names import bare, clean, plain
 
 #: Changes, after which the computed vectors are written, in case the process is killed.
 STORED_EVERY = 100

@@ -24,10 +24,10 @@ from isi.insertion.selection import named, one_score, select
 from isi.live.folder import EntityRecord
 from isi.live.journal import Additions, NewEntity, Selected
 from isi.live.loaded import Fact, LoadedEmbedding
-from isi.live.names import plain
 from isi.live.phrases import PhraseVector, PhraseVectors
 from isi.live.stored import StoredVector, digest_of, key_of
 from isi.models.stack import without_denormals
+from isi.names import plain
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
 #: with more.

@@ -24,9 +24,9 @@ from isi.errors import InputError, at, cut
 from isi.insertion.arguments import argument, array_of, checked_model
 from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
-from isi.live.names import plain
 from isi.models.model import MODELS
 from isi.models.stack import margin_of
+from isi.names import plain
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies
@@ -200,15 +200,15 @@ def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
     read = {file: read_tensors(file) for file in files}
     tables = []
     for slot, names in NAMES.items():
-        found = [(file, name) for file in read for name in names if name in read[file]]
-        if len(found) != 1:
+        tables_named = [(file, name) for file in read for name in names if name in read[file]]
+        if len(tables_named) != 1:
             expected = f"expected one tensor {' or '.join(names)}"
             others = sorted({name for tensors in read.values() for name in tensors})[:LISTED]
-            got = ", ".join(f"{name} of {file}" for file, name in found) or ", ".join(others)
-            choose = "; choose with --tensors FILE" * (len(found) > 1)
+            got = ", ".join(f"{name} of {file}" for file, name in tables_named) or ", ".join(others)
+            choose = "; choose with --tensors FILE" * (len(tables_named) > 1)
             place = " ".join(map(str, read))
             raise InputError(place, "", f"{expected}, got {got[:200] or 'no tensor'}{choose}")
-        ((file, name),) = found
+        ((file, name),) = tables_named
         with at(file, name):
             of_pykeen = name.endswith(OF_PYKEEN)
             tables.append(_table(read[file][name], slot, model, of_pykeen))

@@ -2,17 +2,15 @@
 suggestions.
 """
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from functools import lru_cache
 from typing import Annotated
 
 from pydantic import AfterValidator
 
 from isi.config import check
 from isi.errors import InputError
-from isi.names import check_name, clean
+from isi.names import bare, check_name, plain
 
 #: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
 SUGGESTED, LISTED = 3, 8
@@ -37,12 +35,6 @@ def check_new(name: str, known: Sequence[str], like: str | None, new: bool) -> N
         raise InputError(repr(name)[:80], "", expected)
 
 
-@lru_cache(2**16)
-def plain(name: str) -> str:
-    """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
-    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", clean(name)).split()).casefold()
-
-
 def singulars(name: str) -> set[str]:
     """The plain form of a name, and what its last word may be the plural of."""
     text = plain(name)
@@ -60,11 +52,6 @@ def same_name(first: str, second: str) -> bool:
     invisible characters.
     """
     return bare(first) == bare(second)
-
-
-def bare(name: str) -> str:
-    """What all names that are the same (``same_name``) have in common."""
-    return plain(name).replace(" ", "")
 
 
 def known_as(text: str, names: Collection[str]) -> str | None:

@@ -1,7 +1,7 @@
 """Requests to a live embedding as lines of JSON, from standard input or a Unix socket,
 and the line that answers each.
 
-A request has one key of ``VERBS``, perhaps more keys of ``Request``, and perhaps an ``id``, which
+A request has one key of ``VERBS``, perhaps what goes with this verb, and perhaps an ``id``, which
 the answer repeats: ``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``. docs/live.md lists
 them.
 """
@@ -24,7 +24,6 @@ from pydantic_core import from_json, to_json
 from isi.config import Count, Option, Section, Seed, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
-from isi.live.answers import Answers
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Text
 from isi.live.journal import Time
@@ -56,26 +55,34 @@ Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
 EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
 
 
+Result = Mapping[str, Any]  #: The fields of an answer.
+
+
 class Request(Section):
-    """A request without its ``id``; the keys are named after methods of
-    ``LiveEmbedding`` and their parameters.
+    """A request without its ``id``: a verb and what may go with it, named after a method of
+    ``LiveEmbedding`` and its parameters.
     """
 
+    def result(self, live: LiveEmbedding) -> Result:
+        """Do what is asked; the fields of the answer."""
+        raise NotImplementedError
+
+
+class ChangeRequest(Request):
+    """A request that changes the embedding."""
+
+    time: Time | None = None
+    source: Text | None = None
+
+    @property
+    def stamp(self) -> dict[str, Any]:
+        """When it was made, and what reported it."""
+        return {"time": self.time, "source": self.source}
+
+
+class Insert(ChangeRequest):
     #: names alone, or tails by name and relation
-    insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)] = Field({})
-    observe: list[Fact] = Field([])
-    move: list[Text] = Field([], min_length=3, max_length=3)
-    remove: Names = Field([])
-    undo: Literal[True] = True
-    #: one query, or several
-    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)] = (
-        Field([])
-    )
-    nearest: Text = ""
-    explain: Text = ""
-    interference: Names = Field([])
-    history: Literal[True] = True
-    compact: Literal[True] = True
+    insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
     facts: list[Fact] = Field([])
     definition: EachText = None
     kind: EachText = None
@@ -84,91 +91,110 @@ class Request(Section):
     seed: Seed = 0
     new: bool = False
     upsert: bool = False
+
+    def result(self, live: LiveEmbedding) -> Result:
+        facts = [*listed_triples(self.insert), *self.facts]
+        about = self.model_dump(exclude={"insert", "facts"})
+        return vars(live.insert(list(self.insert), facts, **about))
+
+
+class Observe(ChangeRequest):
+    observe: list[Fact]
+    upsert: bool = False
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return vars(live.observe(self.observe, upsert=self.upsert, **self.stamp))
+
+
+class Move(ChangeRequest):
+    move: Fact
     instead_of: Text | None = None
-    time: Time | None = None
-    source: Text | None = None
+
+    def result(self, live: LiveEmbedding) -> Result:
+        head, relation, tail = self.move
+        return vars(live.move(head, relation, tail, instead_of=self.instead_of, **self.stamp))
+
+
+class Remove(ChangeRequest):
+    remove: Names
+    facts: list[Fact] = Field([])
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return vars(live.remove(self.remove, self.facts, **self.stamp))
+
+
+class Undo(ChangeRequest):
+    undo: Literal[True]
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return vars(live.undo(**self.stamp))
+
+
+class Ask(Request):
+    #: one query, or several
+    ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)]
     top: Count = 10
 
-    @property
-    def stamp(self) -> dict[str, Any]:
-        """When a change was made, and what reported it."""
-        return {"time": self.time, "source": self.source}
+    def result(self, live: LiveEmbedding) -> Result:
+        results = []
+        for head, relation, tail in self.ask:
+            best = live.ask(head, relation, tail, self.top)
+            results.append({"query": best.query, "sure": best.sure, "answers": best.answers})
+        return results[0] if len(results) == 1 else {"results": results}
 
 
-Result = Mapping[str, Any]  #: The fields of an answer.
-_ABOUT = {"definition", "kind", "initializer", "options", "seed", "new", "upsert"}
+class Nearest(Request):
+    nearest: Text
+    top: Count = 10
+
+    def result(self, live: LiveEmbedding) -> Result:
+        listed = live.nearest(self.nearest, self.top)
+        return {"nearest": [{"entity": name, "cosine": cosine} for name, cosine in listed]}
 
 
-def _insert(live: LiveEmbedding, given: Request) -> Result:
-    facts = [*listed_triples(given.insert), *given.facts]
-    about = given.model_dump(include=_ABOUT)
-    return vars(live.insert(list(given.insert), facts, **about, **given.stamp))
+class Explain(Request):
+    explain: Text
+    top: Count = 10
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return {"explain": live.explain(self.explain, self.top)}
 
 
-def _observe(live: LiveEmbedding, given: Request) -> Result:
-    return vars(live.observe(given.observe, upsert=given.upsert, **given.stamp))
+class InterferenceOf(Request):
+    interference: Names
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return {"interference": live.interference(self.interference)}
 
 
-def _move(live: LiveEmbedding, given: Request) -> Result:
-    head, relation, tail = given.move
-    effect = live.move(head, relation, tail, instead_of=given.instead_of, **given.stamp)
-    return vars(effect)
+class History(Request):
+    history: Literal[True]
+
+    def result(self, live: LiveEmbedding) -> Result:
+        rows = [change.model_dump(mode="json", exclude_defaults=True) for change in live.history]
+        return {"history": rows}
 
 
-def _remove(live: LiveEmbedding, given: Request) -> Result:
-    return vars(live.remove(given.remove, given.facts, **given.stamp))
+class Compact(Request):
+    compact: Literal[True]
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return {"compacted": live.compact()}
 
 
-def _undo(live: LiveEmbedding, given: Request) -> Result:
-    return vars(live.undo(**given.stamp))
-
-
-def _ask(live: LiveEmbedding, given: Request) -> Result:
-    results = [
-        _answers(live.ask(head, relation, tail, given.top)) for head, relation, tail in given.ask
-    ]
-    return results[0] if len(results) == 1 else {"results": results}
-
-
-def _answers(best: Answers) -> Result:
-    return {"query": best.query, "sure": best.sure, "answers": best.answers}
-
-
-def _nearest(live: LiveEmbedding, given: Request) -> Result:
-    listed = live.nearest(given.nearest, given.top)
-    return {"nearest": [{"entity": name, "cosine": cosine} for name, cosine in listed]}
-
-
-def _explain(live: LiveEmbedding, given: Request) -> Result:
-    return {"explain": live.explain(given.explain, given.top)}
-
-
-def _interference(live: LiveEmbedding, given: Request) -> Result:
-    return {"interference": live.interference(given.interference)}
-
-
-def _history(live: LiveEmbedding, _: Request) -> Result:
-    rows = [change.model_dump(mode="json", exclude_defaults=True) for change in live.history]
-    return {"history": rows}
-
-
-def _compact(live: LiveEmbedding, _: Request) -> Result:
-    return {"compacted": live.compact()}
-
-
-#: By verb, what computes the fields of the answer to a request.
-VERBS: dict[str, Callable[[LiveEmbedding, Request], Result]] = {
-    "insert": _insert,
-    "observe": _observe,
-    "move": _move,
-    "remove": _remove,
-    "undo": _undo,
-    "ask": _ask,
-    "nearest": _nearest,
-    "explain": _explain,
-    "interference": _interference,
-    "history": _history,
-    "compact": _compact,
+#: Requests by verb, the key that each of them must have.
+VERBS: dict[str, type[Request]] = {
+    "insert": Insert,
+    "observe": Observe,
+    "move": Move,
+    "remove": Remove,
+    "undo": Undo,
+    "ask": Ask,
+    "nearest": Nearest,
+    "explain": Explain,
+    "interference": InterferenceOf,
+    "history": History,
+    "compact": Compact,
 }
 
 
@@ -183,15 +209,12 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
         with at("request"):
             request = _parsed(line)
             label = _label(request)
-            given = check(request, Request, "", "")
-            if len(verbs := VERBS.keys() & request.keys()) != 1:
-                raise InputError(
-                    "", "", f"expected one of {', '.join(VERBS)}, got {short(list(request))}"
-                )
-            verb = verbs.pop()
-            if "facts" in request and verb not in ("insert", "remove"):
-                raise InputError("", "facts", f"expected them with insert or remove, got {verb}")
-        result = VERBS[verb](live, given)
+            verbs = [verb for verb in VERBS if verb in request]
+            if len(verbs) != 1:
+                expected = f"expected one of {', '.join(VERBS)}"
+                raise InputError("", "", f"{expected}, got {short(list(request))}")
+            given = check(request, VERBS[verbs[0]], "", "")
+        result = given.result(live)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}

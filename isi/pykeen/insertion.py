@@ -24,7 +24,7 @@ from isi.insertion.arguments import Names, all_names, argument, listed_triples, 
 from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
-from isi.names import clean
+from isi.names import bare
 from isi.pykeen import reading
 from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of, unwrapped
 
@@ -326,7 +326,7 @@ def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     lengths = {length for form in spellings for length in (len(form) - 1, len(form), len(form) + 1)}
     near = dict[str, str]()
     for other in known:
-        if len(_plain(other)) in lengths:
+        if len(bare(other)) in lengths:
             for form in _spellings(other) & spellings.keys():
                 label = spellings[form]
                 if [c for c in label if c.isdigit()] == [c for c in other if c.isdigit()]:
@@ -334,11 +334,7 @@ def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     return near
 
 
-def _plain(label: str) -> str:
-    return clean(label).casefold().translate({ord(mark): None for mark in " -_"})
-
-
 def _spellings(label: str) -> set[str]:
     """A label without case and marks, and all texts that lack one of its characters."""
-    plain = _plain(label)
+    plain = bare(label)
     return {plain, *(plain[:place] + plain[place + 1 :] for place in range(len(plain)))}

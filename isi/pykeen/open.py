@@ -13,8 +13,9 @@ from isi.insertion.inverses import pack
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Manifest
 from isi.live.loaded import LoadedEmbedding
-from isi.live.names import by_known_name, note_of_kinds, plain
+from isi.live.names import by_known_name, note_of_kinds
 from isi.models.model import name_of
+from isi.names import plain
 from isi.pykeen.insertion import checked_labels, of_result
 from isi.pykeen.reading import PykeenModel, read_model
 

@@ -5,21 +5,15 @@ from pathlib import Path
 import pandas as pd
 
 from isi.graph import graph as tables
-from isi.tables import paths
 from tests.example_tables import change_table
 from tests.mistakes.calls import Typed, params, put
 from tests.small_bundle import NAMES, small, written
-from tests.small_experiment import ENTITIES, TRIPLES, write_experiment, write_graph
+from tests.small_experiment import write_experiment
 
 HOUSES = (
     "--reader mp3d_houses --set category=mpcat40 --set 'rooms={k: kitchen}' --set vocabulary=v.yaml"
 )
 TURTLE = "export home --format turtle --out x"
-
-
-def smaller() -> None:
-    write_experiment()
-    write_graph(ENTITIES[:4], TRIPLES[:3])
 
 
 def misnamed() -> None:
@@ -29,20 +23,6 @@ def misnamed() -> None:
         tables.ENTITIES.path(experiment="home"),
         lambda rows: rows.replace("fill", "fi\tll"),
     )
-
-
-def misspelt() -> None:
-    write_experiment()
-    paths.PARAMS.write_text(
-        "embedding: {model: distmlt, dimension: 2, init_range: 0.1}\n", encoding="utf-8"
-    )
-
-
-def elsewhere() -> None:
-    write_experiment()
-    folder = tables.GRAPH_ENTITIES.path(graph="there").parent
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    tables.ENTITIES.path(experiment="home").parent.rename(folder)
 
 
 def texts() -> None:
@@ -149,35 +129,7 @@ EXPORT_CASES = [
         "data/graph/transfer/entities.parquet|missing",
     ),
     Typed("a number that is none", f"{TURTLE} --predictions many", "--predictions", status=2),
-    Typed(
-        "a seed of an embedding",
-        "export --embedding home --format turtle --out x --seed 1",
-        "--seed",
-    ),
-    Typed(
-        "a seed without a model",
-        f"{TURTLE} --predictions 1 --seed 5",
-        "data/embeddings/home/joint.safetensors|seed 5",
-        before=write_experiment,
-    ),
-    Typed(
-        "a model of another graph",
-        f"{TURTLE} --predictions 1",
-        "data/embeddings/home/joint.safetensors",
-        before=smaller,
-    ),
-    Typed(
-        "an unknown family in params",
-        f"{TURTLE} --predictions 1",
-        "params.yaml|models.distmlt",
-        before=misspelt,
-    ),
-    Typed(
-        "predictions of a graph of the second pipeline",
-        "export there --format turtle --out x --predictions 1",
-        "--predictions|there",
-        before=elsewhere,
-    ),
+    Typed("predictions without a model", f"{TURTLE} --predictions 1", "--predictions"),
     Typed(
         "a name that no XML can hold",
         "export --embedding home --format graphml --out x",
