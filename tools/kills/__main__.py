@@ -6,7 +6,7 @@ random moment. Further runs have a limit on the size of files, or a full file sy
 them, another run must give every output byte for byte as an undisturbed run does, and must leave no
 process and no temporary file.
 
-python -m tests.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
+python -m tools.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
 
 import argparse
@@ -25,7 +25,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from tests.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
+from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
 TABLE = Path("docs/benchmarks/kills.csv")
 
@@ -129,7 +129,7 @@ def table(faults: Sequence[Fault]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
     parser.add_argument(
         "--disks",
