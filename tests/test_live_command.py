@@ -116,34 +116,69 @@ def test_each_request_has_an_answer(home: Path) -> None:
     assert_same(seen(again), seen(live))
 
 
-BAD: list[Any] = [
-    [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True},
-    {"histor": True}, {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]},
-    {"observe": [["e1", "inn", "e2"]]}, {"observe": [], "facts": [UNKNOWN[0]]},
-    {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]}, {"observe": "e1 in e2"}, {"observe": [5]},
-    {"observe": None}, {"observe": [["new a", "in", None]]}, {"insert": "new a"},
-    {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
-    {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}},
-    {"insert": "a\tb"}, {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "none"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "map",
-     "options": {"strength": -1.0}},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}, {"remove": "e1"},
-    {"remove": "new a"}, {"remove": True, "facts": [["e1", "in", "e2"]]}, {"undo": True},
-    {"ask": ["e1", "in", "e2"]}, {"ask": [None, None, "e2"]}, {"ask": ["e1", "in", None], "top": 0},
-    {"ask": ["e1", "in", None], "tops": 3}, {"ask": ["e1", "in"]}, {"nearest": "nobody"},
-    {"nearest": ["e1"]}, {"explain": 5},
-]  # fmt: skip
+#: Requests that are refused, as a client sends them.
+BAD = f"""
+[]
+5
+null
+"undo"
+{{}}
+{{"id": 1}}
+{{"undo": false}}
+{{"undo": true}}
+{{"undo": true, "history": true}}
+{{"undo": true, "source": "a\\tb"}}
+{{"histor": true}}
+{{"observe": null}}
+{{"observe": [5]}}
+{{"observe": "e1 in e2"}}
+{{"observe": [["e1", "in"]]}}
+{{"observe": [["e1", "in", "e99"]]}}
+{{"observe": [["e1", "inn", "e2"]]}}
+{{"observe": [["new a", "in", null]]}}
+{{"observe": [], "facts": {json.dumps(UNKNOWN[:1])}}}
+{{"observe": {json.dumps(UNKNOWN[:1])}, "source": "two\\nlines"}}
+{{"move": {json.dumps(UNKNOWN[0])}, "facts": {json.dumps(UNKNOWN[1:2])}}}
+{{"insert": 5}}
+{{"insert": "a\\tb"}}
+{{"insert": "new a"}}
+{{"insert": "e1", "facts": []}}
+{{"insert": ["x", 5]}}
+{{"insert": {{"x": 5}}}}
+{{"insert": {{"x": {{"in": [5]}}}}}}
+{{"insert": "new a", "facts": [["e1", "in", "e2"]]}}
+{{"insert": "new a", "facts": [["new a", "in", "new b"]]}}
+{{"insert": ["new a", "new a"], "facts": [["new a", "in", "e1"]]}}
+{{"insert": ["new a", "New_A"], "facts": [["new a", "in", "e1"], ["New_A", "in", "e1"]]}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": {{"new": "object"}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "definition": {{"new": "a thing"}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "none"}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "rs", "options": {{"k": 0}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}}
+{{"remove": "e1"}}
+{{"remove": "new a"}}
+{{"remove": true, "facts": [["e1", "in", "e2"]]}}
+{{"ask": ["e1", "in"]}}
+{{"ask": ["e1", "in", "e2"]}}
+{{"ask": [null, null, "e2"]}}
+{{"ask": ["e1", "in", null], "top": 0}}
+{{"ask": ["e1", "in", null], "tops": 3}}
+{{"nearest": "nobody"}}
+{{"nearest": ["e1"]}}
+{{"explain": 5}}
+{{"explain": "e1"}}
+""".strip().splitlines()
 
 
 def test_a_bad_request_is_refused_in_one_line_and_changes_nothing(home: Path) -> None:
     live, journal = live_of(), (home / "journal.jsonl").read_bytes()
     for request in BAD:
-        refused = json.loads(answer(live, json.dumps(request).encode()))
+        refused = json.loads(answer(live, request.encode()))
         assert list(refused)[-1] == "error", request
         assert "\n" not in refused["error"]
         assert live.history == []
-    *refusals, last = answered(home, *BAD, {"nearest": "e1"})
+    *refusals, last = answered(home, *map(json.loads, BAD), {"nearest": "e1"})
     assert all(refusal["error"] for refusal in refusals)
     assert len(refusals) == len(BAD)
     assert last["nearest"]
@@ -242,8 +277,7 @@ def thor_sized(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("by_socket", [True, False])
+@pytest.mark.parametrize(("number", "by_socket"), [(signal.SIGTERM, True), (signal.SIGINT, False)])
 def test_a_signal_ends_the_process_while_it_prepares(
     tmp_path: Path, number: signal.Signals, by_socket: bool
 ) -> None:

@@ -3,7 +3,6 @@ and their accuracy near zero.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
@@ -18,7 +17,7 @@ from isi.errors import InputError
 from isi.graph.sessions import session_of
 from isi.models.bilinear import BlockModel
 from isi.models.model import MODELS, Model, RelationMapModel, make_model, register_model
-from isi.models.scoring import EPSILON, DenseTriples, Distance, TripleList, padded
+from isi.models.scoring import EPSILON, DenseTriples, Distance, TripleList
 from isi.models.stack import Embedding, select, uniform
 from isi.tables import paths
 from isi.training import trainer
@@ -165,39 +164,6 @@ def test_inverse_undoes_the_transform_and_the_other_way_round(scoring: Model) ->
         scoring.transform(scoring.inverse(vectors, relation), relation), vectors
     )
     assert not torch.allclose(scoring.transform(vectors, relation), vectors)
-
-
-@over_all
-@pytest.mark.parametrize("entities", [11, 12, 13, 30])
-def test_scores_and_gradients_are_bit_identical_whatever_the_stack(
-    scoring: Model, entities: int
-) -> None:
-    models = 6
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
-    head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
-
-    def results(chosen: Tensor) -> list[Tensor]:
-        """Scores and gradients of the chosen models, with both forms of triples."""
-        stack, results_of = select(embedding, chosen), []
-        number = len(chosen)
-        listed = all_listed(number, entities)
-        for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
-            scores, backward = scoring.scores(stack.entity, stack.relation, triples)
-            by_entity, by_relation = backward(scores / 8)
-            results_of += [scores.reshape(number, -1), by_entity, by_relation]
-        results_of.append(stack.score_tails(head[chosen], relation[chosen]))
-        results_of.append(stack.score_heads(relation[chosen], tail[chosen]))
-        maps = (
-            move(stack.entity[:, :2], stack.relation)
-            for move in (scoring.transform, scoring.inverse)
-        )
-        return [*results_of, stack.score_relations(head[chosen], tail[chosen]), *maps]
-
-    together = results(torch.arange(models))
-    for height in (1, 4):
-        for chosen in torch.arange(models).split(height):
-            for one, alone in zip(together, results(chosen), strict=True):
-                assert torch.equal(one[chosen], alone)
 
 
 @over_all
@@ -355,17 +321,6 @@ def test_a_distance_of_nothing_has_a_finite_gradient(squared: bool) -> None:
     assert listed.tolist() == pytest.approx([nearest] * 2)
     for table in backward(torch.ones(2)):
         assert table.abs().max() == 0
-
-
-def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
-    values = torch.linspace(-7, 7, 1003)
-    functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
-    for function in functions:
-        whole = padded(function, values)
-        assert all(
-            torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40)
-        )
-        assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
 
 
 def test_rotate_starts_with_phases_all_around() -> None:
