@@ -26,7 +26,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
-	@python -m isi.params
+	@python -m stages.check_params
 	@touch $@
 
 install: $(INSTALLED)  ## set up .venv
@@ -36,7 +36,7 @@ repro: $(CHECKED)  ## run all stages that are not up to date; print headline and
 	@python -m tools.headline reports
 
 beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding models, word vectors, graphs and conditions, with a page of its own
-	@python -m isi.params beyond
+	@python -m stages.check_params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden

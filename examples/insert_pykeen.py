@@ -28,9 +28,13 @@ loop = SLCWATrainingLoop(
 )
 loop.train(factory, num_epochs=20, batch_size=22, use_tqdm=False)
 
-# %% A new entity from one triple
-# Copies of the model and of the factory, which PyKEEN uses like any other
-larger, more = isi.pykeen.insert(model, factory, [("microwave", "at location", "kitchen")])
+# %% A new entity from one triple: its row, and how far it pushes known answers down
+rows = isi.pykeen.compute_rows(model, factory, [("microwave", "at location", "kitchen")])
+print(rows.interference())
+
+# %% Copies of the model and of the factory with this row, which PyKEEN uses like any other
+# `isi.pykeen.insert` does both steps
+larger, more = isi.pykeen.enlarge(model, factory, rows)
 
 # %% What does it serve to?
 answers = predict_target(
@@ -41,3 +45,8 @@ print(answers[["tail_label", "score"]].head(3).to_string(index=False))
 # %% Train its row alone, then all rows. PyKEEN's own `train` would reset all vectors first
 larger = isi.pykeen.fit_new(larger, more, [("microwave", "at location", "kitchen")], epochs=20)
 losses = isi.pykeen.train_on(larger, more, epochs=2)
+
+# %% Or a live embedding, to which a robot adds entities and facts
+home = isi.from_pykeen(model, factory)
+home.insert("microwave", {"at location": "kitchen"})
+print(home.ask("microwave", "serves to", top=1))

@@ -20,6 +20,9 @@ def shrunk_mean(context: InitContext, scale: Positive) -> InitResult:
     return without_weights(scale * centroid.expand(-1, context.novel.shape[1], -1))  # (M, n, d)
 
 
+# %% Named checks, on a small random graph
+print("passed:", ", ".join(isi.check_initializer("shrunk_mean")))
+
 # %% Trained tables, here made up, and one fact about a new entity with the id 40
 rng = np.random.default_rng(0)
 entities, relations = rng.standard_normal((40, 8)), rng.standard_normal((2, 8))

@@ -3,7 +3,8 @@
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
-They are imported on first use (types are in ``__init__.pyi``).
+``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
+in ``__init__.pyi``).
 """
 
 import importlib
@@ -11,12 +12,23 @@ import warnings
 from typing import Any
 
 #: Without ``open``: ``from isi import *`` leaves the builtin as it is.
-__all__ = ["InputError", "LiveEmbedding", "fit_new", "from_pykeen", "insert", "train"]
+__all__ = [
+    "InputError",
+    "LiveEmbedding",
+    "check_initializer",
+    "check_model",
+    "fit_new",
+    "from_pykeen",
+    "insert",
+    "train",
+]
 
 #: Module and name there of each name here.
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
     "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
+    "check_initializer": ("isi.checks.initializers", "check_initializer"),
+    "check_model": ("isi.checks.models", "check_model"),
     "fit_new": ("isi.insertion.fit", "fit_new"),
     "from_pykeen": ("isi.pykeen.open", "from_pykeen"),
     "insert": ("isi.insertion.api", "insert"),

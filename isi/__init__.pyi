@@ -1,4 +1,6 @@
 from isi import pykeen as pykeen
+from isi.checks.initializers import check_initializer as check_initializer
+from isi.checks.models import check_model as check_model
 from isi.errors import InputError as InputError
 from isi.insertion.api import insert as insert
 from isi.insertion.fit import fit_new as fit_new
@@ -6,4 +8,13 @@ from isi.live.embedding import LiveEmbedding as LiveEmbedding
 from isi.live.train import train as train
 from isi.pykeen.open import from_pykeen as from_pykeen
 
-__all__ = ["InputError", "LiveEmbedding", "fit_new", "from_pykeen", "insert", "train"]
+__all__ = [
+    "InputError",
+    "LiveEmbedding",
+    "check_initializer",
+    "check_model",
+    "fit_new",
+    "from_pykeen",
+    "insert",
+    "train",
+]

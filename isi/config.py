@@ -5,8 +5,9 @@ plug-ins register by name.
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
 
@@ -172,12 +173,12 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """Objects that the modules of a package register by name.
-    Private and ``skipped`` modules are not imported.
+    """Objects that modules register by name: those of a package, except private ones,
+    and those that installed projects name as entry points of a group called as the package.
     """
 
-    def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
-        self.package, self._skipped = package, skipped
+    def __init__(self, package: str) -> None:
+        self.package = package
         self._registered: dict[str, T] = {}
 
     def register(self, name: str, thing: T) -> None:
@@ -195,8 +196,14 @@ class Plugins(Generic[T]):
         return self._registered[name]
 
     def names(self) -> list[str]:
-        """Import the package's modules, and return all registered names, sorted."""
+        """Import all modules, and return all registered names, sorted."""
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
-            if module.name not in self._skipped and not module.name.startswith("_"):
+            if not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
+        for entry in entry_points(group=self.package):
+            try:
+                entry.load()
+            except ImportError as error:
+                problem = f"{entry.value} cannot be imported ({error})"
+                raise InputError(f"plug-in {entry.name}", "", problem) from error
         return sorted(self._registered)

@@ -2,7 +2,6 @@
 and checks across their sections.
 """
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -13,11 +12,10 @@ from pydantic import Field
 from isi import config
 from isi.analyses import variants
 from isi.analyses.finetuning import RateSweep, Sweep
-from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.query_breakdown import Affordances
 from isi.analyses.readings import ReadingCase, ReadingConfig
-from isi.analyses.trajectory import TRACED, NovelSet, Trajectories
+from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, suggestion
@@ -27,9 +25,8 @@ from isi.experiment.train import TrainConfig
 from isi.graph.graph import GraphOf
 from isi.graph.sessions import SessionsOf, Shares
 from isi.graph.words import Words
-from isi.initializers.api import INITIALIZERS, options_of
+from isi.initializers.api import options_of
 from isi.models.model import EmbeddingParams, Model, make_model
-from isi.process import errors_in_one_line
 from isi.sources import settings_of
 from isi.sources.recordings import Recorder
 from isi.tables import paths
@@ -190,7 +187,7 @@ class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
-    hidden: dict[Name, Hidden] = Field(default_factory=dict)
+    hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.extras``
     readings: dict[Name, ReadingCase] = Field(default_factory=dict)
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
@@ -234,13 +231,16 @@ def check_params(params: Params) -> None:
             "", "initializers.joint", "expected another name: joint is the joint model"
         )
     for key, listed, known in _listed_names(params):
-        _check_names(listed, known, key)
+        check_names(listed, known, key)
     for name, study in params.studies.items():
         _check_study(study, params, name)
     for name, settings in params.sources.items():
         settings_of(settings, f"sources.{name}")
     for name, options in params.initializers.items():
         options_of(name, options, f"initializers.{name}")
+    if params.trajectory.experiments and not traced(params.initializers):
+        expected = "expected no experiments, since initializers lists none whose path is shown"
+        raise InputError("", "trajectory.experiments", expected)
     for name, options in params.sweep.initializers.items():
         options_of(name, {**options, "k": params.sweep.k[0]}, f"sweep.initializers.{name}")
     models = {
@@ -273,7 +273,6 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     for study, place, listed, names in (
         ("sweep", "initializers", params.sweep.initializers, known),
         ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
-        ("trajectory", "experiments: its initializers", TRACED, known),
     ):
         if studies[study].experiments:
             yield f"{study}.{place}", listed, names
@@ -313,7 +312,7 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
     InputError for a wrong name, title, size or option.
     """
     for name, variant in beyond.variants.items() if runs else ():
-        _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
+        check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")
     titles = [entry.title for entry in params.experiments.values()] + [
         graph.title for graph in beyond.graphs.values()
@@ -335,22 +334,18 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
             _check_variant(graph.variant(name), params, f"graphs.{name}")
     for name, case in beyond.readings.items() if runs else ():
         _check_readings(case, params, f"readings.{name}")
-    for name, hidden in beyond.hidden.items():
-        _check_names(hidden.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
-        if hidden.source == "graphs":
-            _check_names([hidden.graph], beyond.graphs, f"hidden.{name}.graph")
 
 
 def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
     """Check an entry of ``readings`` against params."""
-    _check_names([case.graph.source], params.sources, f"{key}.graph.source")
-    _check_names(
+    check_names([case.graph.source], params.sources, f"{key}.graph.source")
+    check_names(
         [case.graph.extend.source] if case.graph.extend else [],
         params.sources,
         f"{key}.graph.extend.source",
     )
-    _check_names(case.initializers, params.initializers, f"{key}.initializers")
-    _check_names(case.indicators, params.initializers, f"{key}.indicators")
+    check_names(case.initializers, params.initializers, f"{key}.initializers")
+    check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")
     with at("", f"{key}.changes"):
@@ -358,7 +353,7 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
 
 
 def _check_variant(variant: Variant, params: Params, key: str) -> None:
-    _check_names(
+    check_names(
         variant.initializers, {**params.initializers, **variant.options}, f"{key}.initializers"
     )
     for initializer, options in variant.options.items():
@@ -367,7 +362,8 @@ def _check_variant(variant: Variant, params: Params, key: str) -> None:
         check_params(variants.changed(params, variant.changes))
 
 
-def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any], key: str) -> None:
+def check_names(listed: Iterable[str], known: Iterable[str], key: str) -> None:
+    """InputError at a key for the first listed name that is not known."""
     for name in listed:
         if name not in known:
             raise InputError(
@@ -375,9 +371,3 @@ def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any]
                 key,
                 f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}",
             )
-
-
-# `make` runs this before DVC, which reads only the keys that its stages name
-if __name__ == "__main__":
-    with errors_in_one_line("params"):
-        load_beyond(load(), runs="beyond" in sys.argv)

@@ -14,21 +14,24 @@ if find_spec("pykeen") is None:
 
 from pykeen.datasets import dataset_resolver, get_dataset
 
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES, seconds_path
-from isi.analyses.hidden_in_pykeen import check_name, hidden_in
+from isi.errors import at
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
+from isi.extras.hidden_entities import HIDDEN_ENTITIES, seconds_path, study_of
+from isi.extras.hidden_in_pykeen import hidden_in
 from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, Graph, build_graph
 from isi.graph.words import load_vectors, look_up
+from isi.params import check_names
 from isi.stage import StageContext, stage
 from isi.tables import io, paths
 
 
 @stage
 def insert_hidden(context: StageContext, study: str) -> None:
-    settings, params = context.beyond.hidden[study], context.params
+    settings, params = study_of(context.beyond.hidden, study), context.params
     if settings.source == "pykeen":
-        check_name(settings.graph, dataset_resolver.lookup_dict, f"hidden.{study}.graph")
+        with at(paths.BEYOND_PARAMS):
+            check_names([settings.graph], dataset_resolver.lookup_dict, f"hidden.{study}.graph")
     graph, phrases = SOURCES[settings.source](settings.graph)
     words = (
         None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors

@@ -3,7 +3,7 @@
 import torch
 
 from isi.analyses import trajectory as analysis
-from isi.analyses.trajectory import TRACED, TRAJECTORY, place_of_traced
+from isi.analyses.trajectory import TRAJECTORY, place_of_traced, traced
 from isi.errors import InputError
 from isi.experiment.runner import run
 from isi.experiment.store import Store
@@ -28,6 +28,7 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
             "word vector and insert triples"
         )
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
+    names = traced(params.initializers)
     tasks = [
         (
             points,
@@ -36,12 +37,12 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
             params.insert_config(name).training(max_epochs=settings.epochs),
             place,
         )
-        for name in TRACED
+        for name in names
     ]
     entity = torch.from_numpy(points.novel[0, 0, place : place + 1])
     tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
-    for name, (path, indicators) in zip(TRACED, traces, strict=True):
+    for name, (path, indicators) in zip(names, traces, strict=True):
         tensors |= {
             f"{name}.path": torch.from_numpy(path),
             f"{name}.indicators": torch.from_numpy(indicators),

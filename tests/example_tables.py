@@ -10,12 +10,12 @@ import pyarrow.parquet as pq
 import torch
 
 from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.readings import RANKS, READINGS
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
+from isi.extras.hidden_entities import HIDDEN_ENTITIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE

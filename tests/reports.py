@@ -398,7 +398,7 @@ def part_of(name: str, results: Results) -> FilledSection | None:
 
 
 def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:
-    """Paragraphs and lists of a section, its tables as in CSV files, its figures;
+    """Prose of a section, its tables as in CSV files, its figures;
     checks that all can be rendered.
     """
     part = part_of(name, results)
@@ -407,10 +407,5 @@ def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], li
     figures = [block.content for block in blocks if isinstance(block.content, Figure)]
     assert all(table.files["md"] for table in tables)
     assert all(rendered(figure.canvas, "svg") for figure in figures)
-    text = [
-        text
-        for block in blocks
-        for text in (block.items if block.kind == "list" else [block.text])
-        if block.kind in ("paragraph", "list")
-    ]
+    text = [block.text.removeprefix("- ") for block in blocks if block.kind == "prose"]
     return "\n".join(text), {table.name: table.frame for table in tables}, figures

@@ -10,7 +10,8 @@ import torch
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID
-from isi.initializers.api import InitContext, context_of
+from isi.initializers.api import InitContext
+from isi.insertion.engine import context_in_session
 from isi.models.stack import Embedding
 from tests.small_graphs import (
     graph_of,
@@ -70,7 +71,7 @@ def seen(of: World) -> InitContext:
     """The input of initializers (``InitContext``) for a world."""
     points = points_at(of.graph, of.splits)
     given = map(torch.as_tensor, (NOVEL, of.insert_triples, of.words))
-    return context_of(of.theta0, points.session(0), *given, 0, points.keys())
+    return context_in_session(of.theta0, points.session(0), *given, 0, points.keys())
 
 
 def insertion() -> InitContext:

@@ -12,7 +12,7 @@ import pytest
 
 from isi.live.embedding import LiveEmbedding
 from isi.live.groups import PREPARED
-from isi.live.journal import Change, Chosen
+from isi.live.journal import Change, Selected
 from tests.small_bundle import random_bundle
 
 KINDS = ["object", "place"]
@@ -24,10 +24,10 @@ CURVES: dict[Any, Any] = {}  # of known entities; the same for all objects
 
 
 @cache
-def chosen() -> list[Change | Chosen]:
+def chosen() -> list[Change | Selected]:
     """The choices of initializers, made once."""
     made = LiveEmbedding(KNOWN)
-    return [made.groups.choice(number, False) for number in PREPARED]
+    return [made.groups.select(number, False) for number in PREPARED]
 
 
 def live_of(changes: Sequence[Change] = ()) -> LiveEmbedding:

@@ -99,12 +99,3 @@ def test_insert_triples_are_training_triples(code: int) -> None:
         agreement.insert_triples_fit(FILE, rows, drawn, split(TRAIN, 0, 0, code, 0, 0), GRAPH)
     with refused("row 0"):
         agreement.insert_triples_fit(FILE, rows, drawn, {7: np.zeros(6)}, GRAPH)
-
-
-def test_rows_about_entities_are_in_the_order_of_the_graph() -> None:
-    entities = pd.DataFrame({"entity": ["a", "b"]})
-    agreement.rows_are_entities(FILE, entities, entities)
-    with refused(r"row 0 \(entity 'b'\): expected the entities of the graph"):
-        agreement.rows_are_entities(FILE, entities[::-1], entities)
-    with refused("expected 2 rows"):
-        agreement.rows_are_entities(FILE, entities[:1], entities)

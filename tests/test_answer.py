@@ -67,7 +67,7 @@ def said(results: Results) -> list[str]:
     part = Page.of("report").answer
     filled = part.filled(results) if part else None
     assert filled
-    return list(filled.blocks[0].items)
+    return filled.blocks[0].text.splitlines()
 
 
 def lead(item: str) -> str:
@@ -227,12 +227,12 @@ def test_the_answer_is_in_numbers_of_the_first_graph() -> None:
     best = max(("es", "rs", "ers"), key=lambda name: asked[name])
     assert (
         f"entity MRR* is {asked[best]:.1f}, {asked['xavier']:.1f} and {asked['joint']:.1f}"
-        in sentences.items[0]
+        in sentences.text.splitlines()[0]
     )
     now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
     assert (
         f"is {now[best]:.1f} for {label(best)} and {now['xavier']:.1f} for Xavier"
-        in sentences.items[0]
+        in sentences.text.splitlines()[0]
     )
     of_all, of_given = in_words(figure.content.canvas).split("; ")
     assert f"Joint {now['joint']:.1f}, Xavier {now['xavier']:.1f}, " in of_all

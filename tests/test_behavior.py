@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from isi.config import read as read_params
-from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS
+from isi.extras.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS
 from isi.tables import paths
 from tests.observing import TRIPLE, Observations, observations_of
 

@@ -142,7 +142,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
                 expected.why,
             )
             assert vector(bare, name).tobytes() == expected.entities[-1].tobytes()
-    assert [(each.facts, each.words) for each in bare.groups.chosen.values()] == [
+    assert [(each.facts, each.words) for each in bare.groups.selected.values()] == [
         (2, False),
         (3, False),
     ]

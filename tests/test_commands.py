@@ -513,7 +513,7 @@ def test_an_interrupt_gives_one_line(
 
 def test_another_python_than_that_of_the_environment_says_so_in_one_line() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [sys.executable, "-S", "-m", "isi", "check"]
+    command = [sys.executable, "-S", "-m", "isi", "history"]
     ended = subprocess.run(
         command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False
     )

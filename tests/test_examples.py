@@ -92,8 +92,10 @@ def test_arrays_get_a_row(run: Run) -> None:
 
 def test_a_model_of_pykeen_gets_an_entity(run: Run) -> None:
     pytest.importorskip("pykeen")
-    left, _ = run("insert_pykeen.py")
+    left, printed = run("insert_pykeen.py")
     assert left["answers"].tail_label.iloc[0] == "cook"
+    assert printed.startswith("Interference(")
+    assert list(left["home"].inserted) == ["microwave"]
     assert left["larger"].num_entities == left["model"].num_entities + 1
 
 
@@ -109,6 +111,7 @@ def test_an_own_initializer_is_used_by_name(run: Run) -> None:
     left, printed = run("own_initializer.py")
     np.testing.assert_allclose(left["done"].entities[40], left["entities"].mean(0) / 2, atol=1e-6)
     assert "twice as long: 2.0" in printed
+    assert "needs_are_what_it_uses" in printed
 
 
 def test_a_map_becomes_an_embedding_and_the_next_map_adds_to_it(run: Run) -> None:

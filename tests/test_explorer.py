@@ -23,7 +23,8 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.experiment.train import train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
-from isi.initializers.api import INITIALIZERS, InitResult, context_of
+from isi.initializers.api import INITIALIZERS, InitResult
+from isi.insertion.engine import context_in_session
 from isi.models.stack import Embedding
 from isi.params import Params
 from isi.report import explorer, page
@@ -155,7 +156,7 @@ def inserted(
     rows = torch.tensor([[0, 0, triple] for triple in sorted(given)], dtype=torch.int64).reshape(
         -1, 3
     )
-    context = context_of(
+    context = context_in_session(
         replace(explored.theta0, entity=without),
         before,
         torch.tensor([[entity]]),

@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
+import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
@@ -41,6 +42,7 @@ def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Modu
 @pytest.mark.usefixtures("own")
 def test_an_initializer() -> None:
     given, (shown,) = insertion(), params("own initializer params").values()
+    assert "needs_are_what_it_uses" in isi.check_initializer("nearest")
     result = INITIALIZERS.get("nearest", "").function(
         given, **options_of("nearest", shown, "initializers.nearest")
     )
@@ -164,7 +166,9 @@ def test_numbers_of_another_precision_are_converted() -> None:
 @pytest.mark.parametrize("own", ["own model"], indirect=True)
 @pytest.mark.usefixtures("own")
 def test_a_model() -> None:
-    scoring = make_model("transh", params("own model params")["models.transh"], "models.transh")
+    options = params("own model params")["models.transh"]
+    scoring = make_model("transh", options, "models.transh")
+    assert "maps_undo_each_other" in isi.check_model("transh", options)
     everyone = torch.ones(2, 6, dtype=torch.bool)
     theta = uniform(everyone, 3, scoring, 4, 0.5, 0, torch.tensor([[0], [1]]))
     scores = score_all(theta)

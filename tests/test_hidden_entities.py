@@ -13,10 +13,17 @@ import pytest
 import torch
 import yaml
 
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, HiddenSplit, hide, seconds_path
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
+from isi.extras.hidden_entities import (
+    HIDDEN_ENTITIES,
+    Hidden,
+    HiddenSplit,
+    hide,
+    seconds_path,
+    study_of,
+)
 from isi.tables import paths
 from tests.beyond_entries import HIDDEN, ROOT, TRAINING, copy_pipelines, list_entries
 from tests.small_graphs import random_graph
@@ -99,12 +106,26 @@ def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> 
         hidden(triples, fraction=0.9)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"fewest": 1}, "fewest: "),
+        ({"initializers": ["best"]}, "initializers: expected names among "),
+        ({"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
+    ],
+)
+def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -> None:
+    with pytest.raises(InputError) as refused:
+        study_of({"ring": HIDDEN | wrong}, "ring")
+    assert str(refused.value).startswith(f"beyond/params.yaml: hidden.ring.{line}")
+
+
 # With PyKEEN
 
 
 def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple() -> None:
     pytest.importorskip("pykeen")
-    from isi.analyses.hidden_in_pykeen import hidden_in
+    from isi.extras.hidden_in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
@@ -125,7 +146,7 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
 
 def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.ndarray) -> None:
     pytest.importorskip("pykeen")
-    from isi.analyses.hidden_in_pykeen import factory_of, measured, untrained
+    from isi.extras.hidden_in_pykeen import factory_of, measured, untrained
 
     drawn, expected = hidden(triples), {}
     factory = factory_of(drawn.true, [f"e{row}" for row in range(ENTITIES)], ["a", "b", "c"])
@@ -200,7 +221,7 @@ def test_a_shipped_table_of_triples_is_a_graph() -> None:
 )
 def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
     pytest.importorskip("pykeen")
-    from isi.analyses.hidden_in_pykeen import hidden_in
+    from isi.extras.hidden_in_pykeen import hidden_in
 
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     (place,) = wrong

@@ -8,28 +8,25 @@ import numpy as np
 import pytest
 import torch
 
+import isi
 from isi.config import Count, Option, read
-from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.graph.sessions import TRAIN
 from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
-    RS,
     InitContext,
     InitResult,
     initializer,
     options_of,
     without_weights,
 )
-from isi.models.stack import select
 from isi.tables import paths
 from tests.init_contexts import initialize as insert
-from tests.init_contexts import stacked
 from tests.small_graphs import dense
 from tests.small_insertion import (
     DIMENSION,
     ENTITIES,
     NOVEL,
-    RELATIONS,
     World,
     insertion,
     seen,
@@ -64,7 +61,6 @@ EVERYONE: dict[str, dict[str, Option]] = {
     "map": {"word_weight": 4.0, "relation_weight": 6.0, **MAP, "known_negatives": 2.0},
 }
 RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
-CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
 
 #: An insert triple: its known end, its relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
@@ -214,30 +210,6 @@ def test_equal_scores_go_to_the_lower_id(
         )
 
 
-def rewired(of: World) -> World:
-    """A copy of the world with other validation and test triples,
-    or with validation and test exchanged.
-    """
-    triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
-    out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
-    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor(
-        [ENTITIES, RELATIONS, ENTITIES]
-    )
-    counts[out] += 17
-    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(
-        np.int8
-    )
-    assert int(out.sum()) > 3
-    return replace(of, graph=replace(of.graph, triples=triples, counts=counts), splits=exchanged)
-
-
-@pytest.mark.parametrize("name", EVERYONE)
-def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
-    before, after = (initial(name, seen(of)) for of in (world(), rewired(world())))
-    assert torch.equal(before.vectors, after.vectors)
-    assert torch.equal(before.fallback, after.fallback)
-
-
 @pytest.mark.parametrize("name", ["xavier", "iu"])
 def test_uniform_initializers_fill_their_range_and_no_more(name: str) -> None:
     given, dimension = insertion(), 400  # coordinates in [2, 3] + the number of the coordinate
@@ -261,17 +233,6 @@ def test_uniform_initializers_fill_their_range_and_no_more(name: str) -> None:
         assert share.min() < 0.01
         assert share.max() > 0.99
         assert abs(share.mean() - 0.5) < 5 / (12 * share.numel()) ** 0.5
-
-
-@pytest.mark.parametrize("name", EVERYONE)
-def test_bits_are_the_same_whatever_the_stack(name: str) -> None:
-    whole = stacked(7)
-    together = initial(name, whole)
-    shared = {field: getattr(whole, field) for field in ("words", "kinds", "root")}
-    for models in ([0], [3, 6], [1, 2, 3, 4, 5]):
-        alone = initial(name, replace(select(whole, torch.tensor(models)), **shared))
-        assert torch.equal(alone.vectors, together.vectors[models])
-        assert torch.equal(alone.fallback, together.fallback[models])
 
 
 @pytest.mark.parametrize("name", EVERYONE)
@@ -350,36 +311,12 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
 
 
 @pytest.mark.parametrize("name", EVERYONE)
-def test_weights_are_of_known_entities_and_make_the_vector_of_those_that_take_a_mean(
+def test_all_that_ship_pass_the_checks(
     name: str,
 ) -> None:
-    given = insertion()
-    result = initial(name, given)
-    assert (result.indicators is not None) == (name in CENTROIDS)
-    assert result.indicators is None or torch.equal(result.indicators, result.weights > 0)  # type: ignore[operator]
-    if result.weights is None:
-        assert name in (*RANDOM, "er_avg", "projection")
-        return
-    torch.testing.assert_close(result.weights.sum(-1), torch.ones(2, 3, dtype=result.weights.dtype))
-    assert not result.weights.masked_select(~given.known[:, None].expand_as(result.weights)).any()
-    mean = (result.weights.float() @ given.theta0.entity).allclose(result.vectors, atol=1e-6)
-    assert mean != (name in ("ridge", "map_mean", "map_ers", "map_own_facts", "map"))
-
-
-@pytest.mark.parametrize("name", EVERYONE)
-def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(name: str) -> None:
-    registered, given = INITIALIZERS.get(name, "initializers"), insertion()
-    assert options_of(name, registered.defaults, name) == registered.defaults
-    whole = initial(name, given)
-    wordless = initial(name, replace(given, words=torch.zeros_like(given.words)))
-    alone = initial(name, replace(given, observed=torch.zeros_like(given.observed)))
-    assert torch.equal(wordless.vectors, whole.vectors) == (
-        "words" not in registered.needs and name != "map"
-    )  # whose prior uses words if there are any
-    if not (whole.fallback == RS).any():
-        assert torch.equal(alone.vectors, whole.vectors) == (
-            "insert_triples" not in registered.needs
-        )
+    isi.check_initializer(name, EVERYONE[name])
+    if dict(INITIALIZERS.get(name).defaults) != EVERYONE[name]:
+        isi.check_initializer(name)
 
 
 def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:

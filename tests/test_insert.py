@@ -18,8 +18,8 @@ import isi
 from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
-from isi.insertion.api import batches
 from isi.insertion.arguments import Names, triples_of
+from isi.insertion.engine import batches
 from isi.tables import paths
 from tests.init_contexts import insertion
 from tests.small_embedding import (
@@ -360,7 +360,7 @@ def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
     given: dict[str, Any] = {"initializer": "soft_rs", "triples": TRIPLES[:3][::-1]}
     together = call(**given)
     # so that the first, of two triples, follows the second, of one
-    monkeypatch.setattr("isi.insertion.api.FEW", 1)
+    monkeypatch.setattr("isi.insertion.engine.FEW", 1)
     apart = call(**given)
     np.testing.assert_allclose(apart.entities, together.entities, atol=1e-6)
     assert apart.fallback == together.fallback
@@ -382,7 +382,7 @@ def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
         [14, 15],
         [12, 16],
     ]
-    monkeypatch.setattr("isi.insertion.api.BUDGET", 3 * 64 * 8)
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", 3 * 64 * 8)
     assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
 
 
@@ -391,7 +391,7 @@ def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.Mon
         name: call(initializer=name, words=words()).entities
         for name in ("ers", "soft_hybrid", "map_mean")
     }
-    monkeypatch.setattr("isi.insertion.api.BUDGET", 1)
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", 1)
     for name, expected in at_once.items():
         np.testing.assert_allclose(
             call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6

@@ -367,7 +367,7 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
         for line in (tmp_path / "home" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     ]
     assert [line["do"] for line in lines] == ["choose"] * len(PREPARED) + ["insert"]
-    assert list(isi.open(tmp_path / "home").groups.chosen.values()) == chosen()
+    assert list(isi.open(tmp_path / "home").groups.selected.values()) == chosen()
 
 
 @pytest.mark.parametrize(

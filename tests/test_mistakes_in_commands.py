@@ -18,8 +18,6 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from isi.params import load, load_beyond
-from isi.process import errors_in_one_line
 from tests.mistakes import assert_names, commands, graphs, of_pykeen
 from tests.mistakes.calls import Called, Typed, lay_out, listed
 from tests.mistakes.folders import FOLDER_CASES
@@ -49,7 +47,7 @@ PROGRAMS["isi"] += [
     *IMPORT_CASES,
     *graphs.GRAPH_CASES,
 ]
-PROGRAMS["isi.params"] += PARAMS_CASES
+PROGRAMS["stages.check_params"] += PARAMS_CASES
 PROGRAMS["stages.record"] += RECORD_CASES
 #: By program: the beginning of its lines of refusal.
 SAYS = {"isi": "isi", "stages.record": "record: ", "tools.headline": "headline: "}
@@ -107,10 +105,6 @@ def _run(module: str, arguments: list[str]) -> None:
         patch.setattr(sys, "argv", [module, *arguments])
         if module == "isi":
             main(arguments)
-        elif module == "isi.params":  # pydantic resolves its types in the module of that name
-            with errors_in_one_line("params"):
-                load_beyond(load())
-            sys.exit(0)
         else:
             runpy.run_module(module, run_name="__main__")
 

@@ -11,14 +11,23 @@ from scipy.stats import kstest
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
+import isi
 from isi import config
 from isi.config import Option
 from isi.errors import InputError
 from isi.graph.sessions import session_of
 from isi.models.bilinear import BlockModel
-from isi.models.model import MODELS, Model, RelationMapModel, make_model, register_model
-from isi.models.scoring import EPSILON, DenseTriples, Distance, TripleList
-from isi.models.stack import Embedding, select, uniform
+from isi.models.distance import TransE
+from isi.models.model import (
+    MODELS,
+    Model,
+    RelationMapModel,
+    compared_models,
+    make_model,
+    register_model,
+)
+from isi.models.scoring import EPSILON, Distance
+from isi.models.stack import select, uniform
 from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
@@ -34,8 +43,7 @@ from tests.small_graphs import (
 )
 from tests.small_grid import MODEL_OPTIONS
 
-DIMENSION = 12
-STACK, ENTITIES, RELATIONS = 3, 5, 2
+DIMENSION, RELATIONS = 12, 2
 
 
 @register_model("stretch")
@@ -79,91 +87,9 @@ BATTERY = registered()
 over_all = pytest.mark.parametrize("scoring", BATTERY.values(), ids=BATTERY)
 
 
-def precise(scoring: Model, models: int = STACK, entities: int = ENTITIES) -> Embedding:
-    """A random embedding in float64."""
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, model=scoring)
-    return Embedding(embedding.entity.double(), embedding.relation.double(), scoring)
-
-
-def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
-    """Heads, relations and tails of all triples, in the order of relation, head, tail."""
-    relation, head, tail = torch.cartesian_prod(
-        torch.arange(RELATIONS), torch.arange(entities), torch.arange(entities)
-    ).T
-    return head, relation, tail
-
-
-def all_listed(models: int = STACK, entities: int = ENTITIES) -> TripleList:
-    """All triples of all models as one list."""
-    ids = (ids.repeat(models) for ids in all_ids(entities))
-    model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
-    return TripleList((models, RELATIONS, entities), model, *ids)
-
-
-def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: int) -> Tensor:
-    entity = embedding.entity[model]
-    return embedding.model.score(entity[head], embedding.relation[model, relation], entity[tail])
-
-
 @over_all
-def test_all_ways_to_score_agree(scoring: Model) -> None:
-    embedding = precise(scoring)
-    ids = [ids.expand(STACK, -1) for ids in all_ids()]
-    head, relation, tail = ids
-    expected = torch.stack(
-        [
-            torch.stack(
-                [one_score(embedding, model, *one) for one in torch.stack(ids, -1)[model].tolist()]
-            )
-            for model in range(STACK)
-        ]
-    )
-    assert expected.std() > 0.1
-
-    for scores in (
-        embedding.score(head, relation, tail),
-        score_all(embedding).flatten(1),
-        embedding.score_tails(head, relation).gather(2, tail[..., None])[..., 0],
-        embedding.score_heads(relation, tail).gather(2, head[..., None])[..., 0],
-        embedding.score_relations(head, tail).gather(2, relation[..., None])[..., 0],
-        scoring.scores(embedding.entity, embedding.relation, all_listed())[0].view_as(expected),
-    ):
-        torch.testing.assert_close(scores, expected)
-
-
-@over_all
-@pytest.mark.parametrize("form", ["tables", "lists"])
-def test_gradient_is_that_of_autograd(scoring: Model, form: str) -> None:
-    embedding = precise(scoring)
-    slope = torch.randn(
-        STACK, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)
-    ).double()
-    entity, relation = (table.requires_grad_() for table in (embedding.entity, embedding.relation))
-    total = sum(
-        slope[model, r, h, t] * one_score(embedding, model, h, r, t)
-        for model in range(STACK)
-        for h, r, t in torch.stack(all_ids(), -1).tolist()
-    )
-    by_entity, by_relation = torch.autograd.grad(total, (entity, relation))  # type: ignore[arg-type]
-    entity, relation = entity.detach(), relation.detach()
-    triples = DenseTriples.of(entity, relation) if form == "tables" else all_listed()
-    scores, backward = scoring.scores(entity, relation, triples)
-    found_entity, found_relation = backward(slope.view_as(scores))
-    torch.testing.assert_close(found_entity, by_entity)
-    torch.testing.assert_close(found_relation, by_relation)
-
-
-@over_all
-def test_inverse_undoes_the_transform_and_the_other_way_round(scoring: Model) -> None:
-    embedding = precise(scoring)
-    vectors, relation = embedding.entity, embedding.relation[:, :1]
-    torch.testing.assert_close(
-        scoring.inverse(scoring.transform(vectors, relation), relation), vectors
-    )
-    torch.testing.assert_close(
-        scoring.transform(scoring.inverse(vectors, relation), relation), vectors
-    )
-    assert not torch.allclose(scoring.transform(vectors, relation), vectors)
+def test_all_that_are_registered_pass_the_checks(scoring: Model) -> None:
+    isi.check_model(scoring)
 
 
 @over_all
@@ -226,6 +152,26 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
             0,
             torch.zeros(1, 2),
         )
+
+
+def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(MODELS, "_registered", dict(MODELS._registered))
+    before = compared_models()
+    triples = [(f"e{number}", "next", f"e{number + 1}") for number in range(4)]
+
+    @register_model("mine")
+    class Mine(TransE):
+        pass
+
+    assert (before, compared_models()) == (["transe", "complex", "analogy"], before)
+    with pytest.raises(InputError, match="margin"):
+        isi.train(triples, model="mine", dimension=4)
+    register_model("mine", defaults={"margin": 3.0})(Mine)
+    with pytest.warns(UserWarning, match="no triple can leave training"):
+        home = isi.train(triples, model="mine", dimension=4)
+    assert home.base.manifest.model_options == {"margin": 3.0}
 
 
 # By hand

@@ -92,7 +92,7 @@ def test_what_a_bundle_holds_is_exported_and_read_again(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_bundle(Path("home"), small(entity_names=[name, *NAMES[1:]]))
-    for form in ("turtle", "graphml", "jsonld", "property-csv", "pykeen-tsv"):
+    for form in ("turtle", "graphml", "pykeen-tsv"):
         main(["export", "--embedding", "home", "--format", form, "--out", f"out/{form}"])
     main(["export", "--embedding", "home", "--format", "turtle", "--out", "home.ttl"])
     assert name in observe("rdf", Path("home.ttl")).kind_of()

@@ -9,11 +9,14 @@ from typing import Any, Literal
 import pytest
 import yaml
 
+from isi.analyses.trajectory import traced
 from isi.config import Count, check, keywords, options
 from isi.errors import InputError
-from isi.initializers.api import options_of
-from isi.params import Params, load
+from isi.initializers.api import INITIALIZERS, initializer, options_of
+from isi.initializers.paper import mean
+from isi.params import Params, check_params, load
 from isi.tables import paths
+from tests.reports import small_params
 from tools.workspace import DROP, change_all
 
 
@@ -200,6 +203,23 @@ def test_values_at_the_edge_of_their_range_are_accepted(
         *parents, last = key.split(".")
         section: Any = reduce(operator.getitem, parents, values)
         assert last not in section if value is DROP else section[last] == value
+
+
+def test_a_trajectory_is_traced_from_the_papers_and_own_initializers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))
+    initializer("mine")(mean)
+    assert traced(["mine", "mean", "ers", "map", "iu"]) == ["mine", "ers", "iu"]
+    params = small_params(["home"]).model_copy(update={"initializers": {"mean": {}}})
+    listed = params.sweep.model_copy(update={"initializers": {}})
+    params = params.model_copy(
+        update={"sweep": listed, "plots": params.plots.model_copy(update={"initializers": []})}
+    )
+    check_params(params)
+    study = params.trajectory.model_copy(update={"experiments": ["home"]})
+    with pytest.raises(InputError, match=r"trajectory\.experiments: expected no experiments"):
+        check_params(params.model_copy(update={"trajectory": study}))
 
 
 def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(

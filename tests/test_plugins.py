@@ -1,12 +1,15 @@
 """Plug-in packages: a name finds the object that a module of the package registers."""
 
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from isi.config import Plugins
 from isi.errors import InputError
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
@@ -47,6 +50,35 @@ def test_names_are_those_that_modules_or_users_register_and_not_what_modules_sha
         "a stew",
         "a toast",
     )
+
+
+def test_an_installed_project_adds_modules_as_entry_points(
+    dishes: Plugins[str], tmp_path: Path
+) -> None:
+    (tmp_path / "bakery.py").write_text(
+        f"from {dishes.package} import DISHES\nDISHES.register('bread', 'a loaf')\n",
+        encoding="utf-8",
+    )
+    project = tmp_path / "bakery-1.0.dist-info"
+    project.mkdir()
+    (project / "METADATA").write_text("Name: bakery\nVersion: 1.0\n", encoding="utf-8")
+    entries = project / "entry_points.txt"
+    entries.write_text(f"[{dishes.package}]\nbread = bakery\n", encoding="utf-8")
+    assert dishes.get("bread") == "a loaf"
+    assert dishes.names() == ["bread", "roast", "soup", "stew"]
+    entries.write_text(f"[{dishes.package}]\ncake = bakery_of_tomorrow\n", encoding="utf-8")
+    with pytest.raises(InputError, match="cake: bakery_of_tomorrow cannot be imported"):
+        dishes.names()
+
+
+def test_the_project_names_all_readers_outside_the_package_of_sources() -> None:
+    """Otherwise nothing would import them."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    files = (ROOT / "isi/extras").glob("*.py")
+    readers = {file.stem for file in files if "\n@reader(" in file.read_text(encoding="utf-8")}
+    assert project["entry-points"]["isi.sources"] == {
+        name: f"isi.extras.{name}" for name in readers
+    }
 
 
 def test_a_name_that_no_module_registers_is_refused_with_those_that_are_known(

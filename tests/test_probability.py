@@ -15,7 +15,7 @@ import isi
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
-from isi.insertion.choice import HiddenDraws
+from isi.insertion.hidden import HiddenDraws
 from isi.insertion.probability import LEAST_RIGHT, PlattCurve, fit_platt
 from isi.insertion.result import Inserted
 
@@ -84,7 +84,7 @@ def test_curves_go_through_the_answers_about_hidden_entities() -> None:
     done = insert()
     draws = done.hide()
     assert draws is not None
-    assert draws.context.novel.numel() == done.choice.hidden
+    assert draws.context.novel.numel() == done.selection.hidden
     vectors = (
         INITIALIZERS.get(done.initializer, "")
         .initialize(draws.context, done.options)
@@ -150,7 +150,7 @@ def test_names_ids_and_tables_of_triples_give_the_same_in_their_order_with_dupli
 @pytest.mark.parametrize("changed", [{"calibrate": False}, {"initializer": "map"}, {"budget": 0}])
 def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, Any]) -> None:
     done, chosen, named = (insert(**options) for options in (changed, {}, {"initializer": "map"}))
-    assert done.choice is None
+    assert done.selection is None
     draws, others = done.hide(), chosen.hide()
     assert draws is not None
     assert others is not None

@@ -1,7 +1,7 @@
 """``isi.pykeen.insert`` against PyKEEN itself: scores, ranks, saving and further training."""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,11 @@ from torch.nn.functional import softplus
 from torch.optim import SGD, Adam
 
 from isi.initializers.api import INITIALIZERS
+from isi.insertion.engine import Method
 from isi.insertion.inverses import adapted, both_ways
 from isi.insertion.probability import fit_curves
+from isi.models.model import MODELS as OURS
+from isi.models.model import Model, register_model
 from isi.pykeen import InteractionModel, read_model
 from isi.pykeen.insertion import nearly_known
 
@@ -137,6 +140,40 @@ def test_a_model_scores_in_our_terms_what_it_scores_itself(
         assert ours.mean() > 0 > read.score_tails(head, relation).mean()
 
 
+@dataclass(frozen=True)
+class Rescal(Model):
+    """A user's model: f = hᵀRt, with R as a row of d² numbers."""
+
+    def width(self, dimension: int) -> int:
+        return dimension**2
+
+    def score(self, head: torch.Tensor, relation: torch.Tensor, tail: torch.Tensor) -> torch.Tensor:
+        return (self.transform(head, relation) * tail).sum(-1)
+
+    def transform(self, vectors: torch.Tensor, relation: torch.Tensor) -> torch.Tensor:
+        return (vectors[..., None, :] @ self.matrix(relation))[..., 0, :]
+
+    def inverse(self, vectors: torch.Tensor, relation: torch.Tensor) -> torch.Tensor:
+        return torch.linalg.solve(self.matrix(relation), vectors[..., None, :], left=False)[
+            ..., 0, :
+        ]
+
+    def matrix(self, relation: torch.Tensor) -> torch.Tensor:
+        return relation.unflatten(-1, (round(relation.shape[-1] ** 0.5), -1))
+
+
+def test_a_model_of_a_users_own_serves_where_it_scores_as_pykeens(
+    factory: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OURS, "_registered", dict(OURS._registered))
+    register_model("rescal")(Rescal)
+    model = model_of("rescal", {}, factory)
+    read = read_model(model, factory.mapped_triples, None)
+    assert read.model == Rescal()
+    ours = read.score(*factory.mapped_triples.T[:, None])[0]
+    torch.testing.assert_close(ours, scores(model, factory.mapped_triples), rtol=1e-4, atol=1e-5)
+
+
 @pytest.mark.parametrize("of", ["factory", "inverse"])
 @pytest.mark.parametrize("name", MODELS)
 def test_a_model_of_any_tables_scores_as_before_and_predicts_with_new_entities(
@@ -237,12 +274,12 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
     facts_once = isi.pykeen.compute_rows(model, known, new, new=1)
     facts_twice = isi.insert(*tables, apart[0], new=1, model="distmult", known_triples=apart[1])
     once, twice = (
-        next(each.known_ends for each in done.choice.candidates if each.initializer == "ridge")
+        next(each.known_ends for each in done.selection.candidates if each.initializer == "ridge")
         for done in (facts_once, facts_twice)
-        if done.choice
+        if done.selection
     )
-    assert twice > 1.3 * facts_twice.choice.random_mrr  # type: ignore[union-attr]
-    assert once < facts_once.choice.random_mrr  # type: ignore[union-attr]
+    assert twice > 1.3 * facts_twice.selection.random_mrr  # type: ignore[union-attr]
+    assert once < facts_once.selection.random_mrr  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
@@ -647,10 +684,10 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     )
     draws = done.hide()
     assert draws is not None
-    assert done.curves == fit_curves(
-        draws, adapted(INITIALIZERS.get("map"), done.model), done.options
-    )
-    assert done.curves != fit_curves(draws, INITIALIZERS.get("map"), done.options)
+    plain = INITIALIZERS.get("map")
+    both_ways = Method(adapted(plain, done.model), done.options, why="")
+    assert done.curves == fit_curves(draws, both_ways)
+    assert done.curves != fit_curves(draws, Method(plain, done.options, why=""))
 
 
 @pytest.mark.parametrize(

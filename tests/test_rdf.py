@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rdflib import Graph, URIRef
 
-from isi.graph.files import guess
 from isi.sources.rdf import BLANK, LITERALS, MANY_TYPES, SAME, STRUCTURE, UNUSABLE, local_name
 from tests.observing import TRIPLE, observe, refusal, refused, written
 
@@ -217,22 +216,3 @@ def test_a_line_of_ntriples_may_be_too_long(
     monkeypatch.setattr("isi.sources.rdf.MOST", 1000)
     text = line("mug", "at", "kitchen") + line("mug", "at", "k" * 1000)
     refused("rdf", written(tmp_path / "a.nt", text), ["a.nt: line 2", "line longer than 1,000"])
-
-
-@pytest.mark.parametrize("file", ["home.jsonld", "home.JSON"])
-def test_json_ld_is_read_without_the_network(home: Path, tmp_path: Path, file: str) -> None:
-    expected = observe("rdf", home)
-    Graph().parse(home).serialize(tmp_path / file, format="json-ld", encoding="utf-8")
-    observed = observe("rdf", tmp_path / file)
-    assert sorted(observed.rows(*TRIPLE)) == EXPECTED
-    assert observed.kinds.equals(expected.kinds)
-    assert guess(tmp_path / file) == "rdf"
-    for context in (
-        '"https://schema.org"',
-        '[{"a": "urn:x:a"}, "https://schema.org"]',
-        '{"@import": "https://x.org"}',
-    ):
-        path = written(
-            tmp_path / "remote.jsonld", f'{{"@context": {context}, "@id": "urn:x:b", "a": "c"}}'
-        )
-        refused("rdf", path, ["remote.jsonld", "@context", "https://"])

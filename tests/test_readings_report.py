@@ -16,7 +16,7 @@ from isi.report import paper_values
 from isi.report import readings as fits
 from isi.report.data import Results
 from isi.report.page import Page
-from isi.report.readings import CaseRuns, Fit, PaperResult
+from isi.report.readings import CaseRuns, Fit, PaperResult, Weighted
 from isi.report.sections import readings as section
 from isi.tables import paths
 from tests.beyond_entries import READING_CASE
@@ -66,19 +66,19 @@ def test_results_are_those_by_hand() -> None:
         indicators={"es": [1, 4]},
     )
     by_hand = {
-        fits.gain("es"): (40 + 25) / 2,  # 70 / 50 and 50 / 40
-        fits.mrr_star("xavier"): 45,
-        fits.drop("xavier"): 100 * (1 - 45 / 80),
-        fits.epochs("es"): 20,
-        fits.epochs("es", "deviation"): np.std([0, 10, 30, 40], ddof=1),
-        fits.best_indicators("es"): 4,
-        fits.epochs("xavier"): inf,
+        (fits.gain, "es"): (40 + 25) / 2,  # 70 / 50 and 50 / 40
+        (fits.mrr_star, "xavier"): 45,
+        (fits.drop, "xavier"): 100 * (1 - 45 / 80),
+        (fits.epochs, "es"): 20,
+        (fits.deviation, "es"): np.std([0, 10, 30, 40], ddof=1),
+        (fits.best_indicators, "es"): 4,
+        (fits.epochs, "xavier"): inf,
     }
-    for measured, value in by_hand.items():
-        assert measured(runs, EVERY, EVEN)[0] == pytest.approx(np.full(NUMBER, value))
-    assert np.isnan(
-        fits.epochs("es")(replace(runs, case=case_of(finetuned=[], curves=[])), EVERY, EVEN)
-    ).all()
+    for (measure, model), value in by_hand.items():
+        found = measure(Weighted(runs, EVERY, EVEN), model)[0]
+        assert found == pytest.approx(np.full(NUMBER, value))
+    not_finetuned = replace(runs, case=case_of(finetuned=[], curves=[]))
+    assert np.isnan(fits.epochs(Weighted(not_finetuned, EVERY, EVEN), "es")).all()
 
 
 def test_an_interval_is_that_of_a_mean_over_the_papers_repeats_and_says_how_far_the_paper_is() -> (
@@ -91,7 +91,7 @@ def test_an_interval_is_that_of_a_mean_over_the_papers_repeats_and_says_how_far_
         finetuned=[],
         curves=[],
     )
-    near, far = (PaperResult("", "", value, "own", fits.mrr_star("es")) for value in (75.0, 120.0))
+    near, far = (PaperResult("", "", value, "own", fits.mrr_star, "es") for value in (75.0, 120.0))
     fit = Fit.of([near, far], {"own": runs}, repeats=6)
     # resamples of two seeds reach both of them in more than 2.5 % of cases
     half = 10 * sqrt(1 + 2 / 6)
@@ -110,7 +110,7 @@ def test_a_reading_without_a_value_is_far_and_about_may_be_the_papers() -> None:
         case_of(sessions=sessions, finetuned=[], curves=[]), {("es", 0, 2): values}, {}, {}
     )
     listed = [
-        PaperResult("", "", 80.0, "own", fits.mrr_star("es"), about) for about in ("", "novel")
+        PaperResult("", "", 80.0, "own", fits.mrr_star, "es", about) for about in ("", "novel")
     ]
     fit = Fit.of(listed, {"own": runs}, repeats=30)
     assert fit.distance[:, place_of(fits.OURS)].tolist() == [fits.FAR, 0]

@@ -247,8 +247,6 @@ OWN = """# One | open
 
 There are {{ number }} `experiments`; see [nothing](#nothing) and [this](#one).
 
-## Part
-
 - first <b>
 - second
 

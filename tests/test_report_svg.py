@@ -50,21 +50,6 @@ def test_a_figure_has_no_style_of_its_own_for_the_page_and_its_text_is_text() ->
     assert ">a &lt; b</text>" in text
 
 
-def test_all_colours_are_variables_that_change_sides_where_it_is_dark() -> None:
-    text = inline("f0")
-    assert not re.search(r"[:\"] ?#[0-9a-f]{6}", text)
-    dark = figures.colours([text])
-    assert dark["000000"] == "#e6e8eb"
-    assert {"0072b2", "b0b0b0", "ffffff"} <= set(dark)
-    paper = (21, 24, 28)
-    for name in ("0072b2", "b2182b", "8c2d04", "e69f00"):
-        shown = figures.dark(name)
-        parts = tuple(int(shown[place : place + 2], 16) for place in (1, 3, 5))
-        lighter, darker = (figures.luminance(colour) + 0.05 for colour in (parts, paper))
-        assert lighter / darker >= 4.4
-    assert figures.dark("e69f00") == "#e69f00"  # its contrast suffices
-
-
 def test_a_figure_is_described_in_its_own_numbers() -> None:
     lines = "across: novel entities |ξ|; up: MRR* (points). " + ", ".join(
         f"{name} from 32.5 to 42.5" for name in ("Xavier", "ES", "Joint")

@@ -58,14 +58,18 @@ def test_every_word_has_a_place_of_its_own_and_every_initializer_is_explained() 
 
 def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
     text = (
-        "**Yes.** See [this](#one), [that](#two) and [a paper](https://arxiv.org/abs/1); "
-        "2 * 3 ** 2."
+        "**Yes.** See [this](#seed), [that](#two) and [a paper](https://arxiv.org/abs/1); "
+        "2 * 3 ** 2, MRR* of 3*k* < `a*b*`; seeds."
     )
-    assert page.marked_up(text, {"one"}) == (
-        '<strong>Yes.</strong> See <a href="#one">this</a>, '
+    marker = Marker([Term("seed", "One repeat.", ("seeds",))])
+    assert page.marked_up(page.MARKDOWN.renderInline, marker, {"seed"}, text) == (
+        '<strong>Yes.</strong> See <a href="#seed">this</a>, '
         'that and <a href="https://arxiv.org/abs/1">a paper</a>; '
-        "2 * 3 ** 2."
+        "2 * 3 ** 2, MRR* of 3<em>k</em> &lt; <code>a*b*</code>; "
+        '<a class="term" href="#term-seed">seeds</a>.'
     )
+    html = page.marked_up(page.MARKDOWN.render, marker, set(), "- <b>\n- nan [nan, nan]")
+    assert html.split() == ["<ul>", "<li>&lt;b&gt;</li>", "<li>–</li>", "</ul>"]
 
 
 @pytest.mark.parametrize(

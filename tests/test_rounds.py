@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import isi
 from isi.errors import InputError
 from isi.insertion import relations
-from isi.insertion.rounds import ROUNDS, layers, schedule
+from isi.insertion.engine import ROUNDS, layers, schedule
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.small_embedding import ENTITIES, TRIPLES, call

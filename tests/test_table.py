@@ -258,12 +258,6 @@ def test_a_line_that_is_too_long_and_a_missing_file_are_called_so(tmp_path: Path
     refused("rdf", tmp_path / "nope.ttl", ["nope.ttl: no such file"])
 
 
-def test_a_folder_with_two_tables_of_triples_is_refused(tmp_path: Path) -> None:
-    for name in ("triples.csv", "edges.csv"):
-        written(tmp_path / name, "head,relation,tail\na,at,b\n")
-    refused("table", tmp_path, ["triples.csv", "edges.csv"])
-
-
 def test_names_of_the_table_of_entities_that_match_nothing_are_counted(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "head,relation,tail\nmug,at,kitchen\n")
     listed = written(tmp_path / "e.csv", "entity,phrase\nMugg,big mug\nkitchen,galley\ncup,cup\n")

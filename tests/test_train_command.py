@@ -19,10 +19,10 @@ import torch
 import isi
 from isi.cli import main
 from isi.errors import InputError
+from isi.evaluation.filtered import end_queries, random_ranks
 from isi.experiment.train import TrainConfig, warn_of_batch
 from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.insertion.choice import queries_of, random_ranks
 from isi.live import folder
 from isi.live.train import (
     described,
@@ -75,7 +75,7 @@ def named(heads: int, seed: int, random: bool) -> list[tuple[str, str, str]]:
 
 def test_a_tiny_graph_has_the_ranks_that_a_hand_computes() -> None:
     graph = graph_of({(0, 0, 1): 1, (0, 0, 2): 1, (3, 0, 1): 1}, 4, 1)
-    queries = queries_of(graph, torch.tensor([[2]]))
+    queries = end_queries(graph, torch.tensor([[2]]))
     # (?, 0, 1): answer 3 has no triple in train, as 1 and 2; (3, 0, ?): answer 1 has one, as 2; 0
     # and 3 have none
     ranks = reciprocal_ranks(
@@ -90,7 +90,7 @@ def test_a_tiny_graph_has_the_ranks_that_a_hand_computes() -> None:
 def test_measures_agree_with_brute_force() -> None:
     graph, trained = random_graph(12, 3, 60), torch.arange(60) % 4 != 0
     known, ids = set(map(tuple, graph.triples.tolist())), (~trained).nonzero()[:, 0]
-    queries, rng = queries_of(graph, ids[None]), np.random.default_rng(0)
+    queries, rng = end_queries(graph, ids[None]), np.random.default_rng(0)
     numbers: Counter[tuple[int, int, int]] = Counter()
     for head, relation, tail in graph.triples[trained].tolist():
         numbers.update([(0, relation, head), (2, relation, tail)])

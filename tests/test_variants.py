@@ -35,7 +35,6 @@ from isi.tables import paths
 from tests import small
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
 from tests.beyond_entries import (
-    HIDDEN,
     READING_CASE,
     SESSIONS,
     VARIANT,
@@ -261,10 +260,6 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("graphs", {"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
         ("graphs", {"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
         ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: "),
-        ("hidden", {"fewest": 1}, "fewest: "),
-        ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
-        ("hidden", {"source": "graphs"}, "graph: expected names among "),
-        ("hidden", {"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
         (
             "readings",
             {"graph": {"source": "publish", "min_count": 1}},
@@ -306,7 +301,6 @@ def test_what_an_entry_cannot_have_is_refused_in_one_line(
     entries = {
         "variants": VARIANT,
         "graphs": GRAPH_EXPERIMENT,
-        "hidden": HIDDEN,
         "readings": READING_CASE,
     }
     sound = entries[section]

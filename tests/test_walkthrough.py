@@ -13,7 +13,8 @@ from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.graph.graph import build_graph
 from isi.graph.sessions import TEST, TRAIN, session_at
-from isi.initializers.api import INITIALIZERS, context_of
+from isi.initializers.api import INITIALIZERS
+from isi.insertion.engine import context_in_session
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.training.batches import Negatives, training_data
@@ -91,7 +92,7 @@ def test_theta0_is_trained_until_what_it_knows_scores_above_what_it_does_not() -
 def insert(initializer: str, **options: int) -> torch.Tensor:
     """The vector that an initializer gives to the cup; shape (1, 1, 2)."""
     triples = torch.tensor([[0, 0, OBSERVED]])
-    context = context_of(THETA0, D0, NOVEL, triples, WORDS, root=0, keys=SIZE_AND_SEED)
+    context = context_in_session(THETA0, D0, NOVEL, triples, WORDS, root=0, keys=SIZE_AND_SEED)
     return INITIALIZERS.get(initializer, "initializers").function(context, **options).vectors
 
 

@@ -153,11 +153,8 @@ def test_a_phrase_is_one_token_or_joined_or_the_mean_of_its_tokens_or_nothing(
 # Broken files
 
 
-@pytest.mark.parametrize(
-    "token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"]
-)
+@pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", "snake_case"])
 def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
-    """Tokens with unusual blanks, and GloVe's tokens that contain spaces."""
     vectors = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
     assert vectors.index_to_key == ["the", token]
     assert vectors[token].tolist() == [3.0, 4.0]

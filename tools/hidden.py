@@ -12,7 +12,7 @@ import pandas as pd
 from pykeen.models import model_resolver
 from scipy.stats import t
 
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
+from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path, study_of
 from isi.params import load, load_beyond
 from isi.process import errors_in_one_line
 from tools.docs import BENCHMARKS, write_table
@@ -149,9 +149,11 @@ def headed(table: pd.DataFrame, settings: Hidden, **first: str) -> pd.DataFrame:
 
 def main() -> None:
     comparison, methods, studies = [], [], {}
-    for study, settings in load_beyond(load()).hidden.items():
+    entries = load_beyond(load()).hidden
+    for study in entries:
         if not HIDDEN_ENTITIES.path(study=study).exists():
             continue
+        settings = study_of(entries, study)
         results = HIDDEN_ENTITIES.read(study=study)
         seconds = pd.DataFrame(json.loads(seconds_path(study).read_text(encoding="utf-8")))
         hidden, mrr = results.drop_duplicates("seed")["entities"], by_seed(results)

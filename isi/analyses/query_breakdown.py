@@ -23,7 +23,7 @@ from isi.graph.sessions import TEST, TRAIN, VALID, membership
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, one_of
+from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, one_of
 from isi.tables.table import Table, concat
 
 #: Slots with a novel entity; index: 1 if given, plus 2 if answer.
@@ -91,7 +91,7 @@ USED_COORDINATES = Table(
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(
     "data/analyses/affordances/{experiment}.parquet",
-    {"initializer": NAME, "seed": FROM_0, "entity": ENTITY, "answer": ENTITY, "rank": FROM_1},
+    {"initializer": NAME, "seed": FROM_0, "entity": FROM_0, "answer": FROM_0, "rank": FROM_1},
 )
 
 

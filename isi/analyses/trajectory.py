@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pandas as pd
 import torch
@@ -11,6 +13,7 @@ from isi.config import Count, Seed, Study
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertConfig, finetune, init_context, initialize, with_vectors
 from isi.initializers import similarity
+from isi.initializers.api import INITIALIZERS, Role
 from isi.models.stack import Embedding
 from isi.tables.table import TensorFile
 from isi.training.trainer import never_stop
@@ -18,8 +21,13 @@ from isi.training.trainer import never_stop
 #: Shapes: entity (1,), known (E,), theta0 (E, d); of each initializer: NAME.path (epochs + 1, d),
 #: NAME.indicators (E,).
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
-#: Initializers whose path Figure 1 shows.
-TRACED = ("xavier", "iu", "es", "rs", "ers")
+#: Roles of the initializers whose path Figure 1 shows.
+TRACED: tuple[Role, ...] = ("paper", "isi", "own")
+
+
+def traced(initializers: Iterable[str]) -> list[str]:
+    """Those of some initializers whose path Figure 1 shows, in order."""
+    return [name for name in initializers if INITIALIZERS.get(name).role in TRACED]
 
 
 class NovelSet(Study):

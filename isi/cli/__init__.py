@@ -51,7 +51,6 @@ COMMANDS = {
     ),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
     "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
-    "check": ("check:check", "Check the pipelines' files under data/."),
 }
 
 

@@ -4,7 +4,6 @@ for other tools.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +40,6 @@ from isi.graph.graph import (
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
 from isi.sources.names import ENTITY
-from isi.sources.triples import OF_NEO4J
 from isi.tables import paths
 from isi.tables.io import atomically
 from isi.tables.table import as_text
@@ -51,7 +49,6 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Name of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
-HEADERS = {column: header for header, column in OF_NEO4J.items()}
 #: Characters of valid names that XML cannot hold (control characters are in no name).
 NOT_XML = re.compile("[\ufffe\uffff]")
 BUDGET = 2**24  #: Maximum number of scores in one matrix.
@@ -72,10 +69,10 @@ def export(
     ] = None,
     *,
     format: Annotated[
-        Literal["graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"],
+        Literal["graphml", "pykeen-tsv", "turtle"],
         Parameter(help="output format"),
     ],
-    out: Annotated[Path, Parameter(help="file to write; for property-csv, a folder")],
+    out: Annotated[Path, Parameter(help="file to write")],
     embedding: Annotated[
         Path | None, Parameter(help="folder of a bundle, instead of EXPERIMENT")
     ] = None,
@@ -278,24 +275,6 @@ def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
     return {path: text}
 
 
-def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
-    """RDF as expanded JSON-LD. Lists are sorted,
-    because rdflib's order of them differs between processes.
-    """
-    key = partial(json.dumps, sort_keys=True)
-    nodes = json.loads(
-        rdf_of(export, labels).serialize(format="json-ld"),
-        object_hook=lambda node: {
-            name: sorted(part, key=key) if isinstance(part, list) else part
-            for name, part in node.items()
-        },
-    )
-    return {
-        path: json.dumps(sorted(nodes, key=key), indent=1, sort_keys=True, ensure_ascii=False)
-        + "\n"
-    }
-
-
 def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
     """RDF: each triple is asserted; each prediction is reified,
     as five triples that do not assert it.
@@ -336,21 +315,6 @@ def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
     return graph
 
 
-def property_csv(export: GraphExport, path: Path, _labels: bool) -> Files:
-    """CSV for property graphs: a folder with ``nodes.csv``, ``edges.csv`` and, for predictions,
-    ``predictions.csv``.
-    """
-    tables = {"nodes": export.entities, "edges": export.triples, "predictions": export.predictions}
-    return {
-        path / f"{name}.csv": None
-        if name == "predictions" and table.empty
-        else table.reindex(columns=[column for column in HEADERS if column in table])
-        .rename(columns=HEADERS)
-        .to_csv(index=False, lineterminator="\n")
-        for name, table in tables.items()
-    }
-
-
 def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
     """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``;
     predictions go into a second file.
@@ -369,8 +333,6 @@ def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
 
 FORMATS: dict[str, Callable[[GraphExport, Path, bool], Files]] = {
     "graphml": graphml,
-    "jsonld": jsonld,
-    "property-csv": property_csv,
     "pykeen-tsv": pykeen_tsv,
     "turtle": lambda export, path, labels: {
         path: rdf_of(export, labels).serialize(format="turtle")

@@ -44,7 +44,7 @@ def import_(
             consume_multiple=True,
             show_default=False,
             help=(
-                ".npy, .npz, .safetensors, .json, or a state dict as .pt, .pth or .ckpt; default: "
+                ".npy, .npz, .safetensors, or a state dict as .pt, .pth or .ckpt; default: "
                 "those in FOLDER"
             ),
         ),

@@ -27,18 +27,6 @@ def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str
     )
 
 
-def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -> None:
-    """Check that a table lists the entities in the graph's order."""
-    if len(table) != len(entities):
-        raise InputError(
-            path,
-            "",
-            f"expected {len(entities)} rows, one per entity of the graph, got {len(table)}",
-        )
-    differs = table["entity"].to_numpy(str) != entities["entity"].to_numpy(str)
-    refuse(path, table, differs, ["entity"], "expected the entities of the graph, in its order")
-
-
 def splits_are_whole(path: Path, splits: Mapping[int, np.ndarray]) -> None:
     """Check that train, valid and test of each seed have triples."""
     for seed, split in splits.items():

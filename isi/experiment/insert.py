@@ -28,8 +28,8 @@ from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.store import RUNS, Store
 from isi.experiment.train import run_rows
 from isi.graph.sessions import later_key
-from isi.initializers import api
-from isi.initializers.api import FALLBACKS, InitContext, InitResult
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.insertion.engine import context_in_session
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.training import trainer
@@ -177,10 +177,9 @@ def initialize(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, session: int = 1
 ) -> InitResult:
     """Vectors of the novel entities of a session by the initializer (equation 8)."""
-    registered = api.INITIALIZERS.get(config.initializer, f"initializers.{config.initializer}")
-    return registered.initialize(
-        init_context(points, theta, words, config.root, session), config.options
-    )
+    initializer = INITIALIZERS.get(config.initializer, f"initializers.{config.initializer}")
+    context = init_context(points, theta, words, config.root, session)
+    return initializer.initialize(context, config.options)
 
 
 def init_context(
@@ -192,7 +191,8 @@ def init_context(
         points.keys(*later_key(session)),
     )
     before, novel = points.session(session - 1), points.novel_in(session)
-    return api.context_of(theta, before, novel, rows, torch.as_tensor(words), root, keys)
+    words_of = torch.as_tensor(words)
+    return context_in_session(theta, before, novel, rows, words_of, root, keys)
 
 
 def finetune(

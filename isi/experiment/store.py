@@ -29,7 +29,7 @@ from isi.graph.sessions import (
 from isi.graph.words import WORD_VECTORS, Words, load_vectors, look_up
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, null_without, one_of
+from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, ColumnType, null_without, one_of
 from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -92,7 +92,7 @@ INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
     {
         **SIZE_AND_SEED,
-        "entity": ENTITY,
+        "entity": FROM_0,
         "kind": NAME,
         "fallback": one_of(*FALLBACK_NAMES).optional,
         **MEASURE_COLUMNS,

@@ -5,12 +5,11 @@ from __future__ import annotations
 import codecs
 import logging
 import re
-from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -36,9 +35,7 @@ COVERAGE = Table(
 
 #: Largest magnitude of a number in a vector; those of word2vec and GloVe are below 100.
 LARGEST = 1e6
-#: Maximal dimension of a vector, and length of a token in characters.
-WIDEST, LONGEST = 100_000, 1_000
-CHUNK = 2**21  #: Maximal bytes of a line of text; binary vectors are read in chunks of this size.
+CHUNK = 2**21  #: Maximal bytes of a line of text.
 
 
 class Words(Section):
@@ -116,37 +113,23 @@ def load_vectors(given: Words) -> KeyedVectors:
 def read_vectors(path: Path) -> KeyedVectors:
     """Read word2vec (text or binary) or GloVe vectors; the first bytes tell the format.
 
-    gensim's own reader is not used: it accepts a truncated last line and trusts the header's size.
-    If a token repeats, its first vector counts. InputError names the broken line or vector.
+    If a token repeats, its first vector counts. InputError for a file that is cut short or broken.
     """
     with extra("words-file"):
         from gensim.models import KeyedVectors
 
-    rows, numbers = dict[str, int](), bytearray()
+    logging.getLogger("gensim").setLevel(logging.ERROR)
     form = "expected word vectors in word2vec or GloVe format"
     try:
         with at(path):
-            for unit, number, token, values in _entries(path):
-                with at("", f"{unit} {number}"):
-                    name = token.decode()
-                    if not 0 < len(name) <= LONGEST:
-                        raise InputError(
-                            "",
-                            "",
-                            f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}",
-                        )
-                if name not in rows:
-                    rows[name] = len(rows)
-                    numbers += values
+            has_header, is_binary = _check_whole(path)
+        words = KeyedVectors.load_word2vec_format(
+            str(path), binary=is_binary, no_header=not has_header, encoding="utf-8-sig"
+        )
     except InputError:
         raise
     except Exception as error:  # each compression format has its own exceptions
         raise InputError(path, "", f"{form} ({cut(str(error))})") from error
-    if not rows:
-        raise InputError(path, "", f"{form}, got none")
-    words = KeyedVectors(len(numbers) // 4 // len(rows))
-    words.index_to_key, words.key_to_index = list(rows), rows
-    words.vectors = np.frombuffer(numbers, dtype="<f4").reshape(len(rows), -1)
     broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # NaN, too
     if len(broken):
         place = f"vector of {short(words.index_to_key[broken[0]])}"
@@ -154,9 +137,11 @@ def read_vectors(path: Path) -> KeyedVectors:
     return words
 
 
-def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """For each vector: its unit (line or vector) and number, its token,
-    and its values (float32, little endian).
+def _check_whole(path: Path) -> tuple[bool, bool]:
+    """Whether a file has a header, and whether it is binary; InputError if it is cut short.
+
+    gensim takes a number cut in the middle for a whole one, one number for a vector of equal ones,
+    and reserves memory for all vectors that a header promises.
     """
     with extra("words-file"):
         from smart_open import open as open_any
@@ -166,25 +151,26 @@ def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
     sizes = re.fullmatch(
         rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", header.removeprefix(codecs.BOM_UTF8)
     )
-    count, dimension = map(int, sizes.groups()) if sizes else (0, 0)
-    if sizes and not 0 < dimension <= WIDEST:
-        raise InputError(
-            "", "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}"
-        )
-    number = 0
+    count, dimension = map(int, sizes.groups()) if sizes else (0, header.rstrip().count(b" "))
     with open_any(path, "rb") as file:
-        if sizes:
-            file.readline(CHUNK)
-        is_binary = sizes and _is_binary(start)
-        for entry in (
-            _of_bytes(file, dimension)
-            if is_binary
-            else _of_lines(file, dimension, 2 if sizes else 1)
-        ):
-            number += 1
-            yield entry
-    if sizes and number != count:
-        raise InputError("", "line 1", f"promises {count} vectors, but the file has {number}")
+        if sizes and _is_binary(start):
+            chunks = iter(partial(file.read, CHUNK), b"")
+            if sum(map(len, chunks)) < count * 4 * dimension:
+                expected = f"expected {count} vectors of {dimension} numbers, as line 1 says"
+                raise InputError("", "", f"is cut short: {expected}")
+            return True, True
+        lines = 0
+        for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), 1):
+            if number == 1 and sizes:
+                continue
+            token, *numbers = line.rstrip().split(b" ")
+            if not token or not len(numbers) == dimension > 0 or not line.endswith(b"\n"):
+                expected = f"expected a token, {dimension or 'its'} numbers and a line end"
+                raise InputError("", f"line {number}", f"{expected}, got {short(line[-40:])}")
+            lines += 1
+    if lines != (count if sizes else max(1, lines)):
+        raise InputError("", "line 1", f"expected {max(1, count)} vectors after it, got {lines}")
+    return bool(sizes), False
 
 
 def _is_binary(start: bytes) -> bool:
@@ -196,61 +182,3 @@ def _is_binary(start: bytes) -> bool:
     except UnicodeDecodeError:
         return True
     return re.search(rb"[^\t\n\r\x20-\xff]", start) is not None
-
-
-def _of_lines(
-    file: IO[bytes], dimension: int, first: int
-) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Entries of a text file, one line each; with dimension 0,
-    the first line sets the dimension.
-    """
-    for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), first):
-        text = (line if number > 1 else line.removeprefix(codecs.BOM_UTF8)).rstrip(b" \t\r\n")
-        if not text:
-            continue
-        dimension = dimension or text.count(b" ")
-        # tokens of GloVe may have spaces, as `. . .` has
-        token, *values = text.rsplit(b" ", dimension)
-        row = _numbers(values)
-        is_misread = b" " in token and any(
-            not word or _numbers([word]) for word in token.split(b" ")[1:]
-        )
-        if len(row) != max(1, dimension) or is_misread:
-            expected = f"expected a token and {dimension or 'its'} numbers, got {short(text[-40:])}"
-            raise InputError("", f"line {number}", expected)
-        if not line.endswith(b"\n"):
-            raise InputError(
-                "", f"line {number}", "is cut short: expected a line end after the last vector"
-            )
-        yield "line", number, token, row.tobytes()
-
-
-def _numbers(texts: Sequence[bytes]) -> array[float]:
-    """Texts as float32; an empty array if one is not a number."""
-    try:
-        # Python takes 1_0 for ten
-        return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))
-    except ValueError:
-        return array("f")
-
-
-def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Entries of a binary file: a token, a space, its values, and an optional line end."""
-    number, rest = 1, b""
-    for more in iter(partial(file.read, CHUNK), b""):
-        chunk, start = rest + more, 0
-        while (end := chunk.find(b" ", start)) >= 0 and len(chunk) > end + 4 * dimension:
-            yield (
-                "vector",
-                number,
-                chunk[start:end].lstrip(b"\n"),
-                chunk[end + 1 : end + 1 + 4 * dimension],
-            )
-            number, start = number + 1, end + 1 + 4 * dimension
-        rest = chunk[start:]
-        if len(rest) > CHUNK:
-            break
-    if rest.strip(b"\r\n"):
-        raise InputError(
-            "", f"vector {number}", f"is not whole: expected {dimension} numbers, as line 1 says"
-        )

@@ -5,16 +5,17 @@ and their registry.
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from numpy.random import Generator
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked_dataclass
 from torch import Tensor
 
-from isi.config import Plugins, keywords
-from isi.errors import InputError
-from isi.graph.sessions import TRAIN, Session
+from isi.config import Name, Plugins, keywords
+from isi.errors import InputError, at
 from isi.models.model import Model
 from isi.models.stack import Embedding, check_finite
 from isi.random import stream
@@ -41,8 +42,10 @@ class InitContext:
     #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
     eligible: Tensor
     novel: Tensor  #: ids; shape: (M, n)
-    words: Tensor  #: word vectors, zero where there is none; shape: (E, v)
-    kinds: Tensor  #: the kind of each entity; ids, -1 without one; shape: (E,)
+    #: word vectors, zero where there is none; shape: (E, v)
+    words: Tensor = field(metadata={"shared": True})
+    #: the kind of each entity; ids, -1 without one; shape: (E,)
+    kinds: Tensor = field(metadata={"shared": True})
     other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
     novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
@@ -86,52 +89,6 @@ class InitContext:
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
 
 
-def context_of(
-    theta: Embedding,
-    before: Session,
-    novel: Tensor,
-    insert_triples: Tensor,
-    words: Tensor,
-    root: int,
-    keys: Tensor,
-    listed: Tensor | None = None,
-) -> InitContext:
-    """The input of an initializer; ``insert_triples``, (T, 3), sorted:
-    model, place in ``novel``, triple id.
-
-    Ids are rows of ``listed``, (I, 3); None: of the graph's triples.
-    """
-    model, place, triple = insert_triples.T
-    slot = model * novel.shape[1] + place
-    # within its entity; slots ascend
-    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)
-    longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
-    is_tail = tail == novel[model, place]
-
-    def padded(values: Tensor) -> Tensor:
-        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
-        table[model, place, number] = values
-        return table
-
-    return InitContext(
-        theta0=theta,
-        known=before.entities,
-        eligible=before.trained(),
-        novel=novel,
-        words=words,
-        kinds=before.graph.kinds,
-        other=padded(torch.where(is_tail, head, tail)),
-        relation=padded(relation),
-        novel_is_tail=padded(is_tail),
-        observed=padded(torch.ones_like(is_tail)),
-        triples=before.graph.triples,
-        trained=before.members(TRAIN),
-        root=root,
-        keys=keys,
-    )
-
-
 @dataclass(frozen=True)
 class InitResult:
     """Vectors of novel entities as inserted."""
@@ -167,15 +124,16 @@ Need = Literal["words", "insert_triples", "inverse", "linear_score"]
 Cost = Literal["entities", "pairs", "newton"]
 
 
-@dataclass(frozen=True)
+@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Registered:
     """An initializer and its metadata for params, report and commands."""
 
-    name: str
+    name: Name
     function: Initializer
     label: str  #: title in tables and figures
     role: Role = "own"
-    colour: str | None = None  #: of its curves, ``#rrggbb``; None: the report chooses one
+    #: of its curves, ``#rrggbb``; None: the report chooses one
+    colour: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")] | None = None
     #: one sentence; by default the first paragraph of the function's docstring
     description: str = ""
     #: options that a caller of ``isi.insert`` may omit
@@ -243,14 +201,24 @@ def initializer(
     name: str, *, label: str | None = None, **about: Any
 ) -> Callable[[Initializer], Initializer]:
     """Register a function whose parameters after the context are its options;
-    ``about``: fields of ``Registered``.
+    ``about``: fields of ``Registered``, which ``InputError`` names where one is wrong.
+
+    Example:
+        >>> from isi.initializers.api import InitContext, InitResult, initializer, without_weights
+        >>> @initializer("origin", label="Origin")
+        ... def origin(context: InitContext) -> InitResult:
+        ...     models, new = context.novel.shape
+        ...     return without_weights(context.theta0.entity.new_zeros(models, new, 2))
+        >>> INITIALIZERS.get("origin").label
+        'Origin'
     """
 
     def register(function: Initializer) -> Initializer:
-        described = {
-            "description": (inspect.getdoc(function) or "").partition("\n\n")[0].replace("\n", " ")
-        }
-        INITIALIZERS.register(name, Registered(name, function, label or name, **described | about))
+        summary = (inspect.getdoc(function) or "").partition("\n\n")[0]
+        described = {"description": summary.replace("\n", " "), **about}
+        with at(f"initializer {name!r}"):
+            registered = Registered(name=name, function=function, label=label or name, **described)
+        INITIALIZERS.register(name, registered)
         return function
 
     return register

@@ -5,6 +5,7 @@ An ``InputError`` names the argument.
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
@@ -20,8 +21,7 @@ import torch
 from isi.columns import TRIPLE, triple_columns
 from isi.config import check
 from isi.errors import InputError, extra, short, suggestion
-from isi.graph.graph import HEAD, RELATION, TAIL, Graph
-from isi.graph.sessions import TRAIN, Session
+from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
@@ -468,21 +468,8 @@ def stack_of_one(
     """Tables, (E, d) or a tensor (1, E, d), and (R, w), as one float32 embedding.
     Float32 vectors are not copied.
     """
-    with np.errstate(over="ignore"):  # values that overflow are refused later
+    # values that overflow are refused later; torch warns of a table that is a read-only file
+    with np.errstate(over="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
         if isinstance(entities, np.ndarray):
             entities = torch.from_numpy(np.ascontiguousarray(entities, np.float32))[None]
     return Embedding(entities, torch.from_numpy(np.array(relations, np.float32))[None], model)
-
-
-def trained_session(
-    triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None
-) -> Session:
-    """A session of all entities of an embedding, with ``triples``, (T, 3),
-    as training triples of count 1.
-    """
-    entities, relations = theta.entity.shape[1], theta.relation.shape[1]
-    kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
-    seen = torch.ones(1, dtype=torch.int64).expand(len(triples))
-    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
-    everyone = torch.ones(1, entities, dtype=torch.bool)
-    return Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))

@@ -12,6 +12,7 @@ from isi.config import Seed, check
 from isi.errors import InputError, short
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, TripleForms, stack_of_one, table
+from isi.insertion.engine import trained_session
 from isi.models.model import Model
 from isi.models.stack import NotFinite, without_denormals
 from isi.training.batches import Negatives, is_dense, training_data
@@ -67,6 +68,14 @@ def fit_new(
 
     Raises:
         InputError: names the wrong argument and the expected value, or says that training diverged.
+
+    Example:
+        >>> import isi, numpy as np
+        >>> entities = np.array([[1.0, 0.0], [0.0, 1.0], [0.1, 0.1]])  # the last one is new
+        >>> relations = np.array([[1.0, 1.0]])
+        >>> fitted, _ = isi.fit_new(entities, relations, [(2, 0, 0)], new=1, model="distmult")
+        >>> bool((fitted[:2] == entities[:2]).all()), bool(fitted[2, 0] > fitted[2, 1])
+        (True, True)
     """
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")
@@ -93,7 +102,7 @@ def fit_new(
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
     theta = stack_of_one(rows, given.relations, given.model)
-    session = arguments.trained_session(np.concatenate([given.triples, given.known_triples]), theta)
+    session = trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {
         "batch_size": batch_size,
         "learning_rate": learning_rate,

@@ -7,9 +7,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.evaluation.ranking import compare
+from isi.evaluation.filtered import ahead, compare_with, end_queries
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names, trained_session
+from isi.insertion.arguments import Names
+from isi.insertion.engine import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -113,33 +114,22 @@ def ranks_of(
         above the answer, (2 · queried,) each; for each new entity, the number of answers that it is
         above, (E - old,).
     """
-    graph, rows = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
+    graph, ranks = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
     above = torch.zeros(len(graph.entities) - old, dtype=torch.float64)
-    for slot in (HEAD, TAIL):
-        for part in torch.split(torch.arange(queried), max(1, BUDGET // len(graph.entities))):
-            head, relation, tail = graph.triples[part].T[:, None]
-            scores = (
-                embedding.score_heads(relation, tail)
-                if slot == HEAD
-                else embedding.score_tails(head, relation)
-            )
-            answer, alike = graph.triples[part, slot], graph.same_but(slot, part)
-            answers = torch.where(alike < 0, answer[:, None], graph.triples[alike, slot])
-            right, new = scores[0].gather(-1, answer[:, None]), scores[0, :, old:]
-            # apart, so that the tolerance of a tie among old candidates does not depend on the new
-            # ones
-            ahead = (
-                compare(scores[0, :, :old], answer),
-                compare(torch.cat([right, new], -1), answer * 0)[:, 1:],
-            )
-            before, added = (
-                torch.cat(ahead, -1).scatter(-1, answers, 0).double().tensor_split([old], -1)
-            )
-            ahead_of = torch.cat(
-                [torch.full_like(right, -torch.inf), new.masked_fill(added == 0, -torch.inf)], -1
-            )
-            rank, highest = 1 + before.sum(-1), ahead_of.argmax(-1) - 1 + old
-            rows.append((rank, rank + added.sum(-1), highest))
-            above += added.sum(0)
-    ranks, all_ranks, highest = map(torch.cat, zip(*rows, strict=True))
-    return ranks, all_ranks, highest, above
+    for part in torch.split(torch.arange(queried), max(1, BUDGET // (2 * len(graph.entities)))):
+        queries = end_queries(graph, part[None])
+        scores, wrong = queries.scores(embedding, embedding.entity), ~queries.right
+        answer = scores.gather(-1, queries.answers[..., None])[..., 0]
+        # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
+        before = 1 + ahead(scores[..., :old], answer, wrong[..., :old]).double()
+        # the answer comes first, so that there is a candidate if no entity is new
+        new = torch.cat([answer[..., None], scores[..., old:]], -1)
+        higher, not_lower = (mask[..., 1:] & wrong[..., old:] for mask in compare_with(new, answer))
+        added = (higher.double() + not_lower) / 2
+        new[..., 0] = -torch.inf
+        new[..., 1:].masked_fill_(added == 0, -torch.inf)
+        highest = new.argmax(-1) - 1 + old
+        ranks.append((before, before + added.sum(-1), highest))
+        above += added.sum((0, 1, 2))
+    before, after, highest = (torch.cat(each, -1).flatten() for each in zip(*ranks, strict=True))
+    return before, after, highest, above

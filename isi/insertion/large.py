@@ -2,28 +2,25 @@
 which may be a memory-mapped file.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
-import torch
 
-from isi.config import Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion import arguments
-from isi.insertion.api import batches, choose, in_order_of_ids, init_context_of
-from isi.insertion.arguments import Names, Triple, argument, stack_of_one, table
-from isi.insertion.workers import EntityParts
+from isi.initializers.api import InitResult
+from isi.insertion.api import compute
+from isi.insertion.arguments import Triple, options_by_name
+from isi.insertion.request import InsertRequest, KnownEmbedding, checked_request
+from isi.insertion.selection import named
 from isi.models.model import Model
-from isi.models.stack import NotFinite, without_denormals
+from isi.models.stack import without_denormals
 
 
 @without_denormals()
 def insert_rows(
-    entities: np.ndarray | EntityParts,
+    entities: np.ndarray,
     relations: np.ndarray,
     triples: Sequence[Triple] | np.ndarray,
     *,
@@ -44,8 +41,7 @@ def insert_rows(
 
     Args:
         entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to
-            it); or of ``isi.insertion.workers.on_workers``, which leaves them to the workers of a
-            Dask cluster.
+            it).
         triples: ids, each with one new entity; ``new``: number n of new entities, whose ids are E,
             E + 1, ....
         initializer: one that needs no words or kinds; see ``isi.insert`` for all other arguments.
@@ -53,46 +49,16 @@ def insert_rows(
     Raises:
         InputError: names the wrong argument and the expected value.
     """
-    check(seed, Seed, "", "argument 'seed'")
-    rows = (
-        cast(torch.Tensor, entities)
-        if isinstance(entities, EntityParts)
-        else table(entities, "entities")
+    known = KnownEmbedding(entities, relations, model, model_options, triples=known_triples)
+    request = InsertRequest(
+        triples=triples, new=new, initializer=initializer, options=options, seed=seed
     )
-    known, names = (
-        rows.shape[-2],
-        arguments.all_names(Names("entity_names", rows.shape[-2], None), new, "new"),
-    )
-    if names.number == known:
-        raise InputError("argument 'new'", "", "expected at least one new entity")
-    given = arguments.checked_arguments(
-        rows, relations, model, model_options, names, None, known, triples, known_triples
-    )
-    if (given.triples[:, [HEAD, TAIL]] >= known).all(1).any():
-        raise InputError(
-            "argument 'triples'",
-            "",
-            "expected one known end each: insert entities one after the other",
-        )
-    # of torch: such a file is not writable
-    with warnings.catch_warnings(action="ignore", category=UserWarning):
-        theta0 = stack_of_one(rows, given.relations, given.model)
-    chosen, used, _, together = choose(initializer, options, theta0, len(given.triples) > 0, False)
-    parts = batches(
-        torch.arange(known, names.number), given.triples, together, max(given.relations.shape)
-    )
-    results = []
-    try:
-        for part in parts:
-            context = init_context_of(
-                theta0, part, known, given.triples, given.known_triples, None, None, seed
-            )
-            # a row of the table, without words
-            context = replace(context, novel=torch.zeros_like(part)[None])
-            with argument("initializer"):
-                results.append(chosen.initialize(context, used))
-    except NotFinite as error:
-        raise InputError(
-            "argument 'entities'", "", f"expected other known vectors: {error.message}"
-        ) from error
-    return in_order_of_ids(results, torch.cat(parts)).vectors[0].numpy()
+    checked = checked_request(known, request, with_rows=False)
+    novel = checked.novel
+    if (novel.triples[:, [HEAD, TAIL]] >= novel.known).all(1).any():
+        expected = "expected one known end each: insert entities one after the other"
+        raise InputError("argument 'triples'", "", expected)
+    given = options_by_name(options, "options")
+    method = named(initializer, given, checked.model, novel.known)
+    result = cast(InitResult, compute(checked, method))  # there is a new entity
+    return result.vectors[0].numpy()

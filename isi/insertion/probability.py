@@ -4,7 +4,6 @@ fitted to hidden known entities.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,8 +12,9 @@ from torch.nn.functional import softplus
 
 from isi.graph.graph import RELATION
 from isi.graph.sessions import membership
-from isi.initializers.api import InitContext, Registered
-from isi.insertion.choice import HiddenDraws
+from isi.initializers.api import InitContext
+from isi.insertion.engine import Method
+from isi.insertion.hidden import HiddenDraws
 
 MOST_UNKNOWN = 2**14  #: Maximum number of unknown answers per curve.
 #: Of Newton's method: maximum number of steps, and the relative gain at which it stops.
@@ -104,9 +104,7 @@ class Curves:
         return probabilities
 
 
-def fit_curves(
-    draws: HiddenDraws, initializer: Registered, options: Mapping[str, Any]
-) -> Curves | None:
+def fit_curves(draws: HiddenDraws, method: Method) -> Curves | None:
     """Insert the hidden entities, and fit logistic curves (Platt 1999) to the answers
     to the queries about them.
 
@@ -118,7 +116,8 @@ def fit_curves(
     all relations has nearly the same log loss, but fewer of its answers above .9 are right; curves
     for each direction are no better.
     """
-    if (inserted := draws.inserted(initializer, options)) is None:
+    inserted = draws.insert(method.initializer, method.options)
+    if inserted is None:
         return None
     scores, right, relations = answers(draws, inserted[1])
 

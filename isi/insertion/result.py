@@ -4,8 +4,9 @@ interference with known answers.
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,12 +19,14 @@ from torch.nn.functional import normalize
 from isi.config import Count, Seed, check
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.api import INITIALIZERS
+from isi.initializers.api import FALLBACKS, InitResult
 from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, triples_of
-from isi.insertion.choice import Choice, HiddenDraws
+from isi.insertion.engine import Method
+from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
 from isi.insertion.interference import Interference, measure
-from isi.insertion.inverses import adapted
 from isi.insertion.probability import Curves, fit_curves
+from isi.insertion.request import Checked
+from isi.insertion.selection import Selection
 from isi.models.model import Model
 from isi.models.stack import Embedding, without_denormals
 
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 BUDGET = 2**24  #: Maximum number of cosines in one table.
+MOST_WEIGHTS = 2**24  #: Maximum number of elements of ``Inserted.weights``.
 TINY = 1e-12  #: Minimum length of a vector in a cosine.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
 #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
@@ -67,47 +71,119 @@ class Inserted:
 
     entities: np.ndarray  #: shape: (E + n, d)
     relations: np.ndarray  #: shape: (R + q, w)
-    model: Model
-    entity_names: Sequence[str] | None  #: None if entities have ids only
-    relation_names: Sequence[str] | None
-    new: list[int]  #: ids of the new entities
-    new_relations: list[int]  #: ids of the new relations
-    insert_triples: np.ndarray  #: triples of a new and a known entity; shape: (I, 3)
-    #: triples of two new entities, and of new relations between known ones; shape: (B, 3)
-    between: np.ndarray
-    known_triples: np.ndarray
-    initializer: str
-    options: Mapping[str, Any]
-    why: str  #: the reason for this initializer
-    #: the measures by which it was chosen; None if it was named or not calibrated
-    choice: Choice | None
-    #: hides known entities, those of the choice if there was one
-    hide: Callable[[], HiddenDraws | None]
-    #: for each new entity, the rule that replaced the initializer: es, rs, centroid or None
-    fallback: list[str | None]
-    #: weights of known entities in each new vector (MAP, ridge: in the prior's mean); shape (n, E);
-    #: None if the initializer has no weights, or n · E is too large
-    weights: np.ndarray | None
-    #: ids of the indicators of each new entity; None if vectors are no centroids
-    indicators: list[list[int]] | None
+    checked: Checked  #: what was given
+    method: Method  #: the initializer, its options, and the reason for it
+    test: HoldOut  #: hides known entities, which get as many insert triples as the new ones
+    selection: Selection | None  #: how the initializer was selected; None if it was not
+    computed: InitResult | None  #: by the initializer; None without new entities
+
+    @property
+    def model(self) -> Model:
+        return self.checked.model
 
     @property
     def known(self) -> int:
         """Number of known entities, whose ids come first."""
-        return len(self.entities) - len(self.new)
+        return self.checked.novel.known
+
+    @property
+    def new(self) -> list[int]:
+        """Ids of the new entities."""
+        return list(range(self.known, len(self.entities)))
+
+    @property
+    def new_relations(self) -> list[int]:
+        """Ids of the new relations."""
+        return list(range(self.checked.novel.known_relations, len(self.relations)))
+
+    @property
+    def names(self) -> Names:
+        return self.checked.names
+
+    @property
+    def labels(self) -> Names:
+        return self.checked.relation_names
+
+    @property
+    def entity_names(self) -> Sequence[str] | None:
+        """Names of all entities; None if they have ids only."""
+        return self.names.names
+
+    @property
+    def relation_names(self) -> Sequence[str] | None:
+        return self.labels.names
+
+    @property
+    def insert_triples(self) -> np.ndarray:
+        """Triples of a new and a known entity; shape (I, 3)."""
+        novel = self.checked.novel
+        triples: np.ndarray = novel.triples[novel.has_one_novel_end]
+        return triples
+
+    @property
+    def between(self) -> np.ndarray:
+        """Triples of two new entities, and of new relations between known ones; shape (B, 3)."""
+        novel = self.checked.novel
+        triples: np.ndarray = novel.triples[~novel.has_one_novel_end]
+        return triples
+
+    @property
+    def known_triples(self) -> np.ndarray:
+        return self.checked.novel.known_triples
+
+    @property
+    def initializer(self) -> str:
+        return self.method.initializer.name
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        return self.method.options
+
+    @property
+    def why(self) -> str:
+        """The reason for this initializer."""
+        return self.method.why
+
+    @property
+    def choice(self) -> Selection | None:
+        """The name of ``selection`` in version 0.2."""
+        warnings.warn("Inserted.choice is now Inserted.selection", DeprecationWarning, stacklevel=2)
+        return self.selection
+
+    @property
+    def fallback(self) -> list[str | None]:
+        """For each new entity, the rule that replaced the initializer: es, rs, centroid or None."""
+        if self.computed is None:
+            return []
+        return [FALLBACKS[code] for code in self.computed.fallback[0].tolist()]
+
+    @cached_property
+    def weights(self) -> np.ndarray | None:
+        """Weights of known entities in each new vector (MAP, ridge: in the prior's mean);
+        shape (n, E). None if the initializer has no weights, or n · E is too large.
+        """
+        if self.computed is None or self.computed.weights is None:
+            return None
+        if len(self.new) * self.known > MOST_WEIGHTS:
+            return None
+        weights: np.ndarray = self.computed.weights[0, :, : self.known].float().numpy()
+        return weights
+
+    @property
+    def indicators(self) -> list[list[int]] | None:
+        """Ids of the indicators of each new entity; None if vectors are no centroids."""
+        if self.computed is None or self.computed.indicators is None:
+            return None
+        return [row.nonzero()[:, 0].tolist() for row in self.computed.indicators[0]]
 
     @cached_property
     def embedding(self) -> Embedding:
         """The tables as a stack of one embedding in single precision."""
         return stack_of_one(self.entities, self.relations, self.model)
 
-    @cached_property
-    def names(self) -> Names:
-        return Names("entity_names", len(self.entities), self.entity_names)
-
-    @cached_property
-    def labels(self) -> Names:
-        return Names("relation_names", len(self.relations), self.relation_names)
+    def hide(self) -> HiddenDraws | None:
+        """Hide known entities, those of the selection if there was one."""
+        return self.test.hide(HIDDEN if self.selection is None else self.selection.most_hidden)
 
     @cached_property
     def curves(self) -> Curves:
@@ -116,10 +192,9 @@ class Inserted:
 
         There must be new entities: the hidden ones get as many insert triples.
         """
-        chosen = adapted(INITIALIZERS.get(self.initializer, "initializer"), self.model)
         with without_denormals():
             draws = self.hide()
-            curves = None if draws is None else fit_curves(draws, chosen, self.options)
+            curves = None if draws is None else fit_curves(draws, self.method)
         if curves is None:
             expected = (
                 "expected more triples: known entities are hidden and inserted "

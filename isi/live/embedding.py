@@ -34,11 +34,11 @@ from isi.live.groups import EntityGroups, InsertedEntity, with_rows
 from isi.live.journal import (
     Alteration,
     Change,
-    Chosen,
     Effect,
     Journal,
     Line,
     NewEntity,
+    Selected,
 )
 from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
 from isi.live.names import bare, check_new, find, known_as, plain
@@ -51,18 +51,23 @@ STORED_EVERY = 100
 
 
 class LiveEmbedding:
-    """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and ``isi.of`` make one.
+    """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and
+    ``isi.from_pykeen`` make one.
 
     Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores
     of known names are ignored. An ``InputError`` refuses an unknown name, and changes nothing.
 
     Example:
-        home = isi.open("home")
-        home.insert("espresso machine", {"atLocation": "kitchen", "hasAffordance": ["turn on"]})
-        home.observe([("espresso machine", "atLocation", "counter top")])
-        print(home.ask("espresso machine", "hasAffordance"))
-        home.undo()
-        home.save()
+        >>> import isi
+        >>> facts = [(name, "in", "kitchen") for name in ("cup", "pan", "fork")]
+        >>> facts += [(name, "in", "bedroom") for name in ("bed", "lamp", "desk")]
+        >>> home = isi.train(facts, model="distmult", dimension=4)
+        >>> home.insert("mug", {"in": "kitchen"}).inserted
+        ['mug']
+        >>> home.ask("mug", "in").answers[0].entity
+        'kitchen'
+        >>> home.undo().removed
+        ['mug']
     """
 
     def __init__(
@@ -100,7 +105,7 @@ class LiveEmbedding:
         self.base: LoadedEmbedding = (
             known if phrases is None else replace(known, words=phrases.known)
         )
-        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Chosen)}
+        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Selected)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
         self.groups, self._known_curves = (
             EntityGroups(self.base, phrases, chosen),
@@ -150,6 +155,12 @@ class LiveEmbedding:
             new: insert a name that looks like a known one ("Forks" beside "fork").
             upsert: of an entity that is known already, only the facts are added.
             time: when it was observed; None: now. ``source``: what reported it.
+
+        Example:
+            >>> facts = [("mug", "in", "kitchen"), ("sofa", "in", "bedroom")]
+            >>> effect = home.insert(["mug", "sofa"], facts)
+            >>> effect.inserted, effect.facts
+            (['mug', 'sofa'], 2)
         """
         names = [entities] if isinstance(entities, str) else list(entities)
         for argument, each in {"definition": definition, "kind": kind}.items():
@@ -215,6 +226,12 @@ class LiveEmbedding:
 
         ``upsert``: insert entities that are not known yet. ``time`` and ``source`` are as in
         ``insert``.
+
+        Example:
+            >>> home.observe([("lamp", "in", "kitchen")]).facts
+            1
+            >>> home.observe([("mug", "in", "kitchen")], upsert=True).inserted
+            ['mug']
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
@@ -243,6 +260,10 @@ class LiveEmbedding:
 
         ``instead_of``: replace the fact with this tail alone. An ``InputError`` refuses one that
         does not hold.
+
+        Example:
+            >>> home.move("lamp", "in", "kitchen").lost
+            [('lamp', 'in', 'bedroom')]
         """
         ((head, relation, tail),) = self.now.facts([(head, relation, tail)])
         ids = self.now.entity_ids
@@ -274,6 +295,10 @@ class LiveEmbedding:
         A fact that the embedding was trained on is retracted: it is no answer any more, and vectors
         of inserted entities are computed without it. ``undo`` brings it back, and so does
         ``observe``.
+
+        Example:
+            >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
+            [('lamp', 'in', 'bedroom')]
         """
         names = [
             self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)
@@ -289,6 +314,11 @@ class LiveEmbedding:
     def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
         """Take the last change back, a second time the one before;
         an ``InputError`` if there is none.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> home.undo().removed
+            ['mug']
         """
         if not self.additions.done:
             raise InputError("undo", "", "there is no change to take back")
@@ -296,7 +326,13 @@ class LiveEmbedding:
 
     @property
     def history(self) -> list[Change]:
-        """All changes since training, those that were undone included."""
+        """All changes since training, those that were undone included.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> [(change.do, change.added) for change in home.history]
+            [('insert', [('mug', 'in', 'kitchen')])]
+        """
         return list(self.changes)
 
     def compact(self) -> int:
@@ -305,13 +341,19 @@ class LiveEmbedding:
 
         The state stays, with the time and source of each fact. ``undo`` then reaches the changes
         that remain.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> effect = home.undo()
+            >>> home.compact(), home.history
+            (2, [])
         """
         if self.folder and not self._journal:
             raise InputError(
                 "compact", "", "expected an embedding that was opened with journal=True"
             )
         changes = journals.compacted(self.changes, self._written_facts)
-        lines: list[Line] = [*self.groups.chosen.values(), *changes]
+        lines: list[Line] = [*self.groups.selected.values(), *changes]
         gone = len(self.changes) - len(changes)
         # without lines, the entities in the folder count
         is_unread = self._written_entities and not lines
@@ -319,7 +361,7 @@ class LiveEmbedding:
             return 0
         if self._journal:
             self._journal.replace(lines)
-            self._listed = len(self.groups.chosen)
+            self._listed = len(self.groups.selected)
         self.changes, self.additions = changes, journals.additions_of(changes)
         self._number_facts()
         return gone
@@ -347,6 +389,13 @@ class LiveEmbedding:
 
         An answer has a calibrated probability where known entities allow it; ``Answers.sure`` is
         false where the best one is below ``LIKELY``.
+
+        Example:
+            >>> first = home.ask("cup", "in").answers[0]
+            >>> first.entity, first.rank, first.known
+            ('kitchen', 1, True)
+            >>> home.ask(head="cup", tail="kitchen").answers[0].entity
+            'in'
         """
         if (head is None) + (relation is None) + (tail is None) != 1:
             raise InputError(
@@ -372,7 +421,12 @@ class LiveEmbedding:
         return answer(self.now, query, top, self._curve(*query), self.additions.facts, indicators)
 
     def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
-        """The ``number`` other entities with the highest cosine to an entity, and these cosines."""
+        """The ``number`` other entities with the highest cosine to an entity, and these cosines.
+
+        Example:
+            >>> [entity for entity, cosine in home.nearest("cup", 2)]
+            ['pan', 'fork']
+        """
         row = self.now.entity_ids[self._entity(entity)]
         return [
             (self.now.entity_names[other], cosine)
@@ -382,12 +436,24 @@ class LiveEmbedding:
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators,
         and the effect of each part of its input.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="rs", options={"k": 3})
+            >>> explanation = home.explain("mug")
+            >>> sorted(indicator.entity for indicator in explanation.indicators)
+            ['cup', 'fork', 'pan']
         """
         return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity,
         with the ``top`` best answers to each query.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="mean")
+            >>> report = home.report("mug")
+            >>> report.facts, report.initializer, report.why
+            ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
         name = self._inserted(entity)
         return report(
@@ -410,6 +476,12 @@ class LiveEmbedding:
 
         ``isi.insertion.interference`` defines the measures. The queries are of triples of training
         that hold.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"}, initializer="mean")
+            >>> measured = home.interference(["mug"])
+            >>> measured.queries, measured.h_cur <= measured.h_old
+            (12, True)
         """
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
@@ -432,12 +504,23 @@ class LiveEmbedding:
 
     @property
     def inserted(self) -> dict[str, InsertedEntity]:
-        """The inserted entities by name, in order."""
+        """The inserted entities by name, in order.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> list(home.inserted)
+            ['mug']
+        """
         return dict(self._rows)
 
     @cached_property
     def known_triples(self) -> np.ndarray:
-        """The triples of training that hold; ids, shape (T, 3)."""
+        """The triples of training that hold; ids, shape (T, 3).
+
+        Example:
+            >>> home.known_triples.shape
+            (6, 3)
+        """
         return self.groups.known_triples(self.additions)
 
     @cached_property
@@ -460,6 +543,12 @@ class LiveEmbedding:
     def save(self, folder: str | Path | None = None) -> None:
         """Append the changes to the journal of the folder that was opened,
         or write all into another folder.
+
+        Example:
+            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> home.save("a home")
+            >>> list(isi.open("a home").inserted)
+            ['mug']
         """
         path = Path(folder) if folder is not None else self.folder
         if path is None:
@@ -477,7 +566,7 @@ class LiveEmbedding:
             words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
             # the journal retracts
             trained_too = np.concatenate([self.base.triples, self._fact_ids])
-            lines: list[Line] = [*self.groups.chosen.values(), *self.changes]
+            lines: list[Line] = [*self.groups.selected.values(), *self.changes]
             folders.write(
                 path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
             )
@@ -595,8 +684,8 @@ class LiveEmbedding:
 
     def _append(self, changes: Sequence[Change]) -> None:
         """List choices that are new, and changes, in the journal if it is open."""
-        choices = list(self.groups.chosen.values())
-        lines: list[Change | Chosen] = [*choices[self._listed :], *changes]
+        choices = list(self.groups.selected.values())
+        lines: list[Change | Selected] = [*choices[self._listed :], *changes]
         if self._journal and lines:
             self._journal.append(lines)
         elif not self._journal:
@@ -644,6 +733,14 @@ def open_live(
 
     Raises:
         InputError: the folder or its journal is missing or broken, or open in another process.
+
+    Example:
+        >>> home.save("the home")
+        >>> with isi.open("the home", journal=True) as opened:
+        ...     opened.insert("mug", {"in": "kitchen"}).inserted
+        ['mug']
+        >>> isi.open("the home").ask("mug", "in").answers[0].entity
+        'kitchen'
     """
     path, opened = Path(folder), open_bundle(Path(folder))
     words = Path(vectors) if vectors else None

@@ -13,11 +13,12 @@ import torch
 from torch.nn.functional import cosine_similarity
 
 from isi.errors import InputError
+from isi.graph.graph import HEAD, TAIL
 from isi.initializers import similarity
-from isi.insertion.api import init_context_of
+from isi.insertion.engine import context_for
 from isi.insertion.interference import Interference
 from isi.live.answers import Answers, completed
-from isi.live.groups import EntityGroups, InsertedEntity, Method
+from isi.live.groups import EntityGroups, InsertedEntity
 from isi.live.journal import Additions, Change, NewEntity
 from isi.live.loaded import Fact, LoadedEmbedding, Query, queries_of
 
@@ -158,35 +159,41 @@ def report(
 
 
 def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
-    """Explain an inserted entity; ablations compare the ``top`` best answers
-    to the queries that fit it.
+    """Explain an inserted entity;
+    ablations compare the ``top`` best answers to the queries that fit it.
     """
     now, groups, record = snapshot.now, snapshot.groups, row.record
     name = record.entity
     shown = indicators_of(snapshot, row)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     queries = queries_of(now, now.entity_ids[name], weights)
-    facts, base = record.insert_triples, groups.base
-    pieces = [
-        ("fact", " ".join(fact), groups, [other for other in facts if other != fact])
-        for fact in facts
-    ]
+    every, base = snapshot.additions.facts, groups.base
+    without = []
+    for fact in record.insert_triples:
+        left = [other for other in every if other != fact]
+        without.append(_ablation(snapshot, row, "fact", " ".join(fact), groups, left, queries, top))
     if row.words.vector is not None:
-        without_words = EntityGroups(replace(base, words=None), None, groups.chosen)
-        pieces.append(("words", name, without_words, facts))
+        no_words = EntityGroups(replace(base, words=None), None, groups.selected)
+        without.append(_ablation(snapshot, row, "words", name, no_words, every, queries, top))
     for indicator in shown:
         if indicator.weight is not None:
             fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
-            rest = [fact for fact in facts if indicator.entity not in (fact[0], fact[2])]
-            pieces.append(
-                ("indicator", indicator.entity, replace(groups, base=fewer, _curves={}), rest)
-            )
-    without = [_ablation(snapshot, row, *piece, queries, top) for piece in pieces]
+            other = replace(groups, base=fewer, _curves={}, _results={})
+            left = [fact for fact in every if indicator.entity not in (fact[0], fact[2])]
+            of = indicator.entity
+            without.append(_ablation(snapshot, row, "indicator", of, other, left, queries, top))
     without.sort(
         key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf"))
     )
     return Explanation(
-        name, row.kind, facts, record.initializer, record.why, list(row.notes), shown, without
+        name,
+        row.kind,
+        record.insert_triples,
+        record.initializer,
+        record.why,
+        list(row.notes),
+        shown,
+        without,
     )
 
 
@@ -196,117 +203,116 @@ def _ablation(
     left_out: str,
     piece: str,
     groups: EntityGroups,
-    facts: list[Fact],
+    facts: Collection[Fact],
     queries: Sequence[Query],
     top: int,
 ) -> Ablation:
-    """Insert an entity again by the same initializer, alone, with the given facts;
+    """Insert an entity again, with those that share facts with it, from the given facts;
     compare its best answers.
     """
-    record, now = row.record, snapshot.now
-    same = NewEntity(
-        definition=record.definition,
-        kind=row.kind or None,
-        initializer=record.initializer,
-        options=record.options,
-        seed=record.seed,
-    )
-    names = groups.base.entity_ids.keys() | {record.entity}
-    known = [fact for fact in facts if {fact[0], fact[2]} <= names]
-    try:
-        if (
-            not known
-            and (row.words.vector is None or left_out == "words")
-            and record.requested_initializer is None
-        ):
-            raise InputError("", "", "no input is left")
-        alone = Additions(retracted=dict(snapshot.additions.retracted))
-        alone.apply(Change(do="insert", entities={record.entity: same}, facts=known))
-        changed = groups.insert_groups(alone, [record.entity])[record.entity]
-    except InputError:  # nor does an initializer of words alone serve every model
+    changed = _inserted_again(snapshot, row, left_out, groups, facts)
+    if changed is None:
         return Ablation(left_out, piece)
-    place = now.entity_ids[record.entity]
+    now = snapshot.now
     entities = now.entities.copy()
-    entities[place] = changed.vector
-    vector, stored = (
-        torch.from_numpy(changed.vector).double(),
-        torch.from_numpy(row.vector).double(),
-    )
+    entities[now.entity_ids[row.record.entity]] = changed
     other, changes = replace(now, entities=entities), list[Lost]()
     for query in queries:
-        old, new = (
-            [now.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()]
-            for bundle in (now, other)
-        )
+        old, new = _best(now, query, top), _best(other, query, top)
         if set(old) != set(new):
-            lost, added = (
-                [name for name in best if name not in rest]
-                for best, rest in ((old, new), (new, old))
-            )
+            lost = [name for name in old if name not in new]
+            added = [name for name in new if name not in old]
             changes.append(Lost(now.named(query), lost, added))
+    vector, stored = torch.from_numpy(changed).double(), torch.from_numpy(row.vector).double()
     moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
-    return Ablation(
-        left_out, piece, cosine_similarity(vector, stored, dim=0).item(), moved.item(), changes
-    )
+    cosine = cosine_similarity(vector, stored, dim=0)
+    return Ablation(left_out, piece, cosine.item(), moved.item(), changes)
+
+
+def _best(bundle: LoadedEmbedding, query: Query, top: int) -> list[str]:
+    """The names of the best answers to a query."""
+    return [bundle.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()]
+
+
+def _inserted_again(
+    snapshot: Snapshot,
+    row: InsertedEntity,
+    left_out: str,
+    groups: EntityGroups,
+    facts: Collection[Fact],
+) -> np.ndarray | None:
+    """The vector, (d,), of an entity that is inserted by the same initializer from some of its
+    ``facts`` and those of entities that share facts with it; None if no input is left.
+    """
+    record, additions = row.record, snapshot.additions
+    members = {}
+    for name in snapshot.groups.members_with(record.entity, additions):
+        about = additions.entities[name]
+        kind = snapshot.now.kinds[snapshot.now.entity_ids[name]]
+        members[name] = NewEntity(
+            definition=about.definition,
+            kind=kind or None,
+            initializer=record.initializer,
+            options=dict(record.options),
+            seed=record.seed,
+        )
+    there = groups.base.entity_ids.keys() | members.keys()
+    of_members = [fact for fact in facts if {fact[0], fact[2]} & members.keys()]
+    of_members = [fact for fact in of_members if {fact[0], fact[2]} <= there]
+    has_facts = any(record.entity in (fact[0], fact[2]) for fact in of_members)
+    has_words = row.words.vector is not None and left_out != "words"
+    if not has_facts and not has_words and record.requested_initializer is None:
+        return None
+    alone = Additions(retracted=dict(additions.retracted))
+    alone.apply(Change(do="insert", entities=members, facts=of_members))
+    try:
+        return groups.insert_groups(alone, [record.entity])[record.entity].vector
+    except InputError:  # nor does an initializer of words alone serve every model
+        return None
 
 
 def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
-    """The indicators of an inserted entity, by falling weight;
-    without weights, the most similar known entities.
+    """The indicators of an inserted entity, by falling weight; without weights,
+    the most similar known entities.
     """
-    groups, name = snapshot.groups, row.record.entity
-    known = groups.base.entity_ids.keys() | {name}
-    facts = [fact for fact in row.record.insert_triples if {fact[0], fact[2]} <= known]
-    method = Method(
-        0, False, row.record.initializer, tuple(row.record.options.items()), row.record.seed
-    )
-    words, known_triples = {name: row.words}, groups.known_triples(snapshot.additions)
-    result = groups.insert(method, [name], facts, words, [row.kind], known_triples)
-    seen = init_context_of(
-        result.embedding,
-        torch.tensor(result.new),
-        result.known,
-        result.insert_triples,
-        result.known_triples,
-        groups.word_rows([name], words),
-        groups.kind_ids([row.kind]),
-        0,
-    )
-    has_words, has_triples = (
-        bool(similarity.has_words(seen)),
-        bool(similarity.has_insert_triples(seen)),
-    )
-    candidates, named = seen.candidates[0, 0], similarity.word_eligible(seen)[0, 0]
-    similar, related = (
-        similarity.word_similarity(seen)[0, 0],
-        similarity.mean_relational_score(seen)[0, 0],
-    )
+    base = snapshot.groups.base
+    result, place = snapshot.groups.result_of(row, snapshot.additions)
+    novel, entity = result.checked.novel, result.known + place
+    touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
+    seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])
+    has_words = bool(similarity.has_words(seen))
+    has_triples = bool(similarity.has_insert_triples(seen))
+    known = slice(len(base.entities))
+    candidates = seen.candidates[0, 0, known]
+    named = similarity.word_eligible(seen)[0, 0, known]
+    similar = similarity.word_similarity(seen)[0, 0, known]
+    related = similarity.mean_relational_score(seen)[0, 0, known]
     likeness = similar * named * has_words + related * has_triples
-    weight, rank = None, likeness.masked_fill(~candidates, -torch.inf)
-    if result.weights is not None:
-        weights = torch.zeros(len(rank)).index_copy(
-            0, torch.arange(result.known), torch.tensor(result.weights[0])
-        )
+    weights = None if result.weights is None else torch.from_numpy(result.weights[place])
+    if weights is not None:
         of_candidates = weights[candidates]
         # many equal ones say nothing
-        if len(of_candidates) <= SHOWN or of_candidates.min() < of_candidates.max():
-            weight, rank = weights, weights + 1e-6 * likeness
+        if len(of_candidates) > SHOWN and of_candidates.min() == of_candidates.max():
+            weights = None
+    rank = likeness.masked_fill(~candidates, -torch.inf)
+    if weights is not None:
+        rank = weights + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
     best = best[torch.isfinite(rank[best])]
-    if weight is None:
-        best = best[:SHOWN]
-    elif result.indicators is not None:  # the vector is their centroid
-        best = best[weight[best] > 0]
+    if weights is not None and result.indicators is not None:  # the vector is their centroid
+        best = best[weights[best] > 0]
     else:
-        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
+        best = best[:SHOWN]
+        if weights is not None:
+            best = best[weights[best] >= LEAST]
     indicators = list[Indicator]()
-    for entity in best.tolist():
+    for other in best.tolist():
         indicator = Indicator(
-            id=entity,
-            entity=groups.base.entity_names[entity],
-            weight=None if weight is None else float(weight[entity]),
-            words=float(similar[entity]) if has_words and named[entity] else None,
-            relations=float(related[entity]) if has_triples else None,
+            id=other,
+            entity=base.entity_names[other],
+            weight=None if weights is None else float(weights[other]),
+            words=float(similar[other]) if has_words and named[other] else None,
+            relations=float(related[other]) if has_triples else None,
         )
         indicators.append(indicator)
     return indicators

@@ -5,7 +5,7 @@ What does not change between calls is prepared once.
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -14,39 +14,68 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS, options_of
-from isi.insertion import api
-from isi.insertion.arguments import argument
-from isi.insertion.choice import HIDDEN, hide
-from isi.insertion.inverses import adapted
+from isi.insertion.api import insert_request
+from isi.insertion.engine import Method
+from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import Curves, fit_curves
+from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
+from isi.insertion.selection import named, one_score, select
 from isi.live.folder import EntityRecord
-from isi.live.journal import Additions, Chosen, NewEntity
+from isi.live.journal import Additions, NewEntity, Selected
 from isi.live.loaded import Fact, LoadedEmbedding
 from isi.live.names import plain
 from isi.live.phrases import PhraseVector, PhraseVectors
 from isi.live.stored import StoredVector, digest_of, key_of
-from isi.models.stack import Embedding, without_denormals
+from isi.models.stack import without_denormals
 
-#: Numbers of facts for which an initializer is chosen. The choice for the largest one serves
-#: entities with more.
+#: Numbers of facts for which an initializer is selected. That for the largest one serves entities
+#: with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-#: Of the choice. With this tolerance, ten or twelve objects in a row lower the MRR of known triples
-#: by at most 0.001 on AI2-THOR and on ``examples/home.csv``; with that of ``isi.insert``, 0.02, by
-#: up to 0.024.
+#: Of the selection. With this tolerance, ten or twelve objects in a row lower the MRR of known
+#: triples by at most 0.001 on AI2-THOR and on ``examples/home.csv``; with that of ``isi.insert``,
+#: 0.02, by up to 0.024.
 TOLERANCE, BUDGET = 0.013, 3.0
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
-class Method(NamedTuple):
-    """How entities are inserted together."""
+class Conditions(NamedTuple):
+    """What entities have in common that are inserted by one initializer."""
 
-    facts: int  #: with known entities; one of ``PREPARED``
+    facts: int  #: mean number with known entities; one of ``PREPARED``
     words: bool  #: whether all have word vectors
-    initializer: str | None  #: None: the choice for so many facts
+    initializer: str | None  #: None: the one selected for so many facts
     options: tuple[tuple[str, Any], ...]
     seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class NewName:
+    """What is known of an entity before it is inserted."""
+
+    about: NewEntity
+    facts: list[Fact]  #: sorted
+    words: PhraseVector
+    kind: str
+    notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Entities that are inserted in one call, by name, sorted."""
+
+    conditions: Conditions
+    members: dict[str, NewName]
+    share_facts: bool  #: whether the vector of one depends on the others
+
+    @property
+    def facts(self) -> list[Fact]:
+        """The facts of all members, sorted."""
+        return sorted({fact for member in self.members.values() for fact in member.facts})
+
+    def part(self, names: Collection[str]) -> Group:
+        """The group of some of its members."""
+        return replace(self, members={name: self.members[name] for name in names})
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +88,23 @@ class InsertedEntity:
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
+    conditions: Conditions
 
 
 @dataclass(eq=False)
 class EntityGroups:
-    """Inserts entities into a bundle of known entities, each from its own facts and words alone."""
+    """Inserts entities into a bundle of known entities, each from its own facts and words, together
+    with those that share facts with it.
+    """
 
     base: LoadedEmbedding
     phrases: PhraseVectors | None
     #: by number of facts, and whether with words
-    chosen: dict[tuple[int, bool], Chosen] = field(default_factory=dict)
+    selected: dict[tuple[int, bool], Selected] = field(default_factory=dict)
     #: vectors that were computed before, by key
     stored: dict[str, StoredVector] = field(default_factory=dict)
+    #: the last results of the engine, and the place of a row in them, by key
+    _results: dict[str, tuple[Inserted, int]] = field(default_factory=dict)
     _curves: dict[tuple[Any, ...], Curves | None] = field(default_factory=dict)
 
     @cached_property
@@ -89,28 +123,30 @@ class EntityGroups:
     def insert_groups(
         self, additions: Additions, names: Collection[str]
     ) -> dict[str, InsertedEntity]:
-        """The entities ``names``, and all that share facts with them,
-        inserted from all their facts.
+        """Insert the entities ``names``, and all that share facts with them, from all their facts.
 
         An ``InputError`` names an entity that has neither facts nor words nor an initializer of its
         own.
         """
-        groups = dict[tuple[Any, ...], list[str]]()
-        facts, words = dict[str, list[Fact]](), dict[str, PhraseVector]()
-        for name in additions.entities:
-            if name in names and name not in facts:
-                listed = _together(name, additions.of_entity)
-                facts |= {each: sorted(additions.of_entity[each]) for each in listed}
-                words |= {each: self.words(each, additions.entities[each]) for each in listed}
-                method = self._method(listed, additions, facts, words)
-                group = (method,) if len(listed) == 1 else (method, listed[0])
-                groups.setdefault(group, []).extend(listed)
-        known_triples = self.known_triples(additions)
+        self._results.clear()
         rows = dict[str, InsertedEntity]()
-        for (method, *others), listed in groups.items():
-            names, shares = sorted(listed), bool(others)
-            rows |= self._insert(method, names, shares, additions, facts, words, known_triples)
+        for group in self._groups(additions, names):
+            rows |= self._insert(group, additions)
         return rows
+
+    def result_of(self, row: InsertedEntity, additions: Additions) -> tuple[Inserted, int]:
+        """The result of the engine that has the vector of a row, and its place there. A row whose
+        vector was stored is computed again.
+        """
+        if row.key not in self._results:
+            (group,) = self._groups(additions, [row.record.entity])
+            result = self._compute(group, self.known_triples(additions))
+            self._results[row.key] = result, list(group.members).index(row.record.entity)
+        return self._results[row.key]
+
+    def members_with(self, name: str, additions: Additions) -> list[str]:
+        """An inserted entity and those that a chain of facts joins to it, sorted."""
+        return _together(name, additions.of_entity)
 
     def known_triples(self, additions: Additions) -> np.ndarray:
         """The triples of training that have not been retracted; ids, shape (T, 3)."""
@@ -118,239 +154,230 @@ class EntityGroups:
 
     def words(self, name: str, about: NewEntity) -> PhraseVector:
         """The word vector of a new entity, from its definition or its name."""
-        return (
-            NO_WORDS if self.phrases is None else self.phrases.vector(plain(name), about.definition)
-        )
+        if self.phrases is None:
+            return NO_WORDS
+        return self.phrases.vector(plain(name), about.definition)
 
-    def _method(
-        self,
-        names: Sequence[str],
-        additions: Additions,
-        facts: Mapping[str, list[Fact]],
-        words: Mapping[str, PhraseVector],
-    ) -> Method:
-        """How entities that share facts are inserted."""
-        requests = {
-            (about.initializer, tuple(sorted(about.options.items())), about.seed)
-            for name in names
-            for about in [additions.entities[name]]
-        }
-        if len(requests) > 1:
-            expected = (
-                "expected one initializer, one set of options and one "
-                "seed of entities that share a fact"
-            )
-            raise InputError(", ".join(names)[:80], "", expected)
-        (request,) = requests
-        for name in names:
-            if not facts[name] and words[name].vector is None and request[0] is None:
-                raise InputError(
-                    repr(name)[:80], "", f"expected a fact or a word vector; {words[name].note}"
-                )
-        inserted = additions.entities.keys()
-        known = [
-            sum(not {head, tail} <= inserted for head, _, tail in facts[name]) for name in names
-        ]
-        return Method(
-            prepared(sum(known) / len(known)),
-            all(words[name].vector is not None for name in names),
-            *request,
-        )
+    def _groups(self, additions: Additions, names: Collection[str]) -> list[Group]:
+        """The groups of ``names`` and of all that share facts with them: entities that share facts
+        are a group; all others under the same conditions are another.
+        """
+        members_of = dict[tuple[Any, ...], dict[str, NewName]]()
+        grouped = set[str]()
+        for name in additions.entities:
+            if name not in names or name in grouped:
+                continue
+            together = _together(name, additions.of_entity)
+            grouped.update(together)
+            members = {each: self._member(each, additions) for each in together}
+            conditions = _conditions(members, additions.entities.keys())
+            key = (conditions, name) if len(together) > 1 else (conditions,)
+            members_of.setdefault(key, {}).update(members)
+        groups = []
+        for (conditions, *shared), members in members_of.items():
+            in_order = {name: members[name] for name in sorted(members)}
+            groups.append(Group(conditions, in_order, share_facts=bool(shared)))
+        return groups
 
-    def _insert(
-        self,
-        method: Method,
-        names: list[str],
-        together: bool,
-        additions: Additions,
-        facts: Mapping[str, list[Fact]],
-        words: Mapping[str, PhraseVector],
-        known_triples: np.ndarray,
-    ) -> dict[str, InsertedEntity]:
-        """Insert entities by one method, in one call; ``together``: they share facts."""
-        why, warnings = "as named", list[str]()
-        if method.initializer is None:
-            choice = self.choice(method.facts, method.words)
-            why, warnings = choice.why, choice.warnings
-        initializer, options = self._resolved(method)
-        kinds, reasons = dict[str, str](), dict[str, str]()
-        for name in names:
-            about = additions.entities[name]
-            kinds[name], reasons[name] = about.kind or "", ""
-            if not about.kind:
-                kinds[name], reasons[name] = self._kind(name, about, facts[name], words[name])
-        inputs = {
-            name: [name, facts[name], kinds[name], digest_of(words[name].vector)] for name in names
-        }
-        shared = [self._digest, initializer, options, method.seed, sorted(additions.retracted)]
-        keys = {name: key_of(shared, inputs if together else inputs[name], name) for name in names}
-        vectors = {name: self.stored[keys[name]] for name in names if keys[name] in self.stored}
-        if missing := [name for name in names if name not in vectors]:
-            missing = names if together else missing
-            every = sorted({fact for name in missing for fact in facts[name]})
-            of_missing = [kinds[name] for name in missing]
-            result = self.insert(method, missing, every, words, of_missing, known_triples)
-            computed = result.entities[len(self.base.entities) :]
-            for name, vector, fallback in zip(missing, computed, result.fallback, strict=True):
-                vectors[name] = StoredVector(vector.copy(), fallback)
+    def _member(self, name: str, additions: Additions) -> NewName:
+        about, facts = additions.entities[name], sorted(additions.of_entity[name])
+        words = self.words(name, about)
+        kind, reason = about.kind or "", ""
+        if not about.kind:
+            alike = None
+            if self.phrases is not None and words.vector is not None:
+                alike = self.phrases.alike(plain(name), about.definition)
+            kind, reason = self.base.kind_of(name, facts, alike)
+        no_words = f"{name} has no words: {words.note}" if words.vector is None else ""
+        notes = [reason, no_words, *self.base.kind_notes(facts, name)]
+        return NewName(about, facts, words, kind, tuple(filter(None, notes)))
+
+    def _insert(self, group: Group, additions: Additions) -> dict[str, InsertedEntity]:
+        """The rows of a group: stored vectors, and computed ones where these lack."""
+        conditions = group.conditions
+        method, warnings = self._method(conditions)
+        initializer, options = method.initializer.name, dict(method.options)
+        keys = self._keys(group, method, additions)
+        vectors = {name: self.stored[key] for name, key in keys.items() if key in self.stored}
+        missing = [name for name in group.members if name not in vectors]
+        if missing:
+            part = group if group.share_facts else group.part(missing)
+            result = self._compute(part, self.known_triples(additions))
+            for place, name in enumerate(part.members):
+                self._results[keys[name]] = result, place
+                vector = result.entities[result.known + place]
+                vectors[name] = StoredVector(vector.copy(), result.fallback[place])
         rows = dict[str, InsertedEntity]()
-        for name in names:
-            about = additions.entities[name]
+        for name, member in group.members.items():
             record = EntityRecord(
                 entity=name,
-                insert_triples=facts[name],
-                definition=about.definition,
-                requested_initializer=about.initializer,
+                insert_triples=member.facts,
+                definition=member.about.definition,
+                requested_initializer=member.about.initializer,
                 options=options,
-                seed=about.seed,
+                seed=member.about.seed,
                 initializer=initializer,
-                why=why,
+                why=method.why,
                 fallback=vectors[name].fallback,
             )
-            no_words = words[name].vector is None
-            note = f"{name} has no words: {words[name].note}" if no_words else ""
-            unusual = self.base.kind_notes(facts[name], name)
-            notes = tuple(filter(None, (reasons[name], note, *unusual, *warnings)))
-            vector = vectors[name].vector
-            rows[name] = InsertedEntity(record, vector, keys[name], words[name], kinds[name], notes)
+            rows[name] = InsertedEntity(
+                record,
+                vectors[name].vector,
+                keys[name],
+                member.words,
+                member.kind,
+                (*member.notes, *warnings),
+                conditions,
+            )
         return rows
 
-    def _resolved(self, method: Method) -> tuple[str, dict[str, Any]]:
-        """The initializer of a method, and all its options."""
-        if method.initializer is None:
-            choice = self.choice(method.facts, method.words)
-            return choice.initializer, dict(choice.options)
-        with argument("initializer"):
-            registered = INITIALIZERS.get(method.initializer, "initializer")
-            given = {**registered.defaults, **dict(method.options)}
-            return method.initializer, options_of(method.initializer, given, "initializer")
-
-    def _kind(
-        self, name: str, about: NewEntity, facts: list[Fact], words: PhraseVector
-    ) -> tuple[str, str]:
-        """The kind of a new entity, and the reason."""
-        if self.phrases is None or words.vector is None:
-            return self.base.kind_of(name, facts, None)
-        return self.base.kind_of(name, facts, self.phrases.alike(plain(name), about.definition))
-
-    def insert(
-        self,
-        method: Method,
-        names: list[str],
-        facts: Iterable[Fact],
-        words: Mapping[str, PhraseVector],
-        kinds: Sequence[str],
-        known_triples: np.ndarray,
-    ) -> Inserted:
-        """``isi.insert`` with the bundle's data."""
-        initializer, options = self._resolved(method)
-        base, number = self.base, len(self.base.entities)
-        ids = ChainMap({name: row for row, name in enumerate(names, number)}, base.entity_ids)
-        triples = [
-            (ids[head], base.relation_ids[relation], ids[tail]) for head, relation, tail in facts
+    def _keys(self, group: Group, method: Method, additions: Additions) -> dict[str, str]:
+        """The key of each member's vector: of all that it depends on."""
+        inputs = {}
+        for name, member in group.members.items():
+            inputs[name] = [name, member.facts, member.kind, digest_of(member.words.vector)]
+        shared = [
+            self._digest,
+            method.initializer.name,
+            dict(method.options),
+            group.conditions.seed,
+            sorted(additions.retracted),
         ]
-        return api.insert(
-            base.entities,
-            base.relations,
-            np.array(triples, np.int64).reshape(-1, 3),
-            new=len(names),
-            model=base.model,
-            known_triples=known_triples,
-            words=self.word_rows(names, words),
-            kinds=self.kind_ids(kinds),
-            initializer=initializer,
-            options=options,
-            seed=method.seed,
-        )
+        keys = {}
+        for name in group.members:
+            keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
+        return keys
 
-    def kind_ids(self, kinds: Sequence[str]) -> np.ndarray:
-        """A number for the kind of each known entity and of new ones, (E + n,);
-        -1 without a kind.
-        """
-        new = [self.base.kind_numbers.get(kind, -1) for kind in kinds]
+    def _compute(self, group: Group, known_triples: np.ndarray) -> Inserted:
+        """Insert a group into the bundle's embedding."""
+        base, members = self.base, list(group.members.values())
+        method, _ = self._method(group.conditions)
+        ids = ChainMap(
+            {name: row for row, name in enumerate(group.members, len(base.entities))},
+            base.entity_ids,
+        )
+        triples = [
+            (ids[head], base.relation_ids[relation], ids[tail])
+            for head, relation, tail in group.facts
+        ]
+        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
+        request = InsertRequest(
+            triples=np.array(triples, np.int64).reshape(-1, 3),
+            new=len(members),
+            words=self._word_rows(members),
+            kinds=self._kind_ids(members),
+            initializer=method.initializer.name,
+            options=method.options,
+            seed=group.conditions.seed,
+        )
+        return insert_request(known, request)
+
+    def _kind_ids(self, members: Sequence[NewName]) -> np.ndarray:
+        """A number for the kind of each known entity and of new ones, (E + n,); -1 without one."""
+        new = [self.base.kind_numbers.get(member.kind, -1) for member in members]
         return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
-    def word_rows(
-        self, names: Sequence[str], words: Mapping[str, PhraseVector]
-    ) -> np.ndarray | None:
+    def _word_rows(self, members: Sequence[NewName]) -> np.ndarray | None:
         """Word vectors of the known entities and of new ones, (E + n, v);
         None if no new one has words.
         """
-        vectors, known = [words[name].vector for name in names], self.base.words
+        vectors, known = [member.words.vector for member in members], self.base.words
         if known is None or all(vector is None for vector in vectors):
             return None
         return with_rows(known, vectors)
 
-    def choice(self, number: int, words: bool) -> Chosen:
-        """The initializer for so many facts, chosen on hidden known
-        entities and then remembered.
+    def _method(self, conditions: Conditions) -> tuple[Method, Sequence[str]]:
+        """The initializer under some conditions, and warnings of its selection."""
+        base, entities = self.base, len(self.base.entities)
+        if conditions.initializer is not None:
+            options = dict(conditions.options)
+            return named(conditions.initializer, options, base.model, entities), ()
+        selected = self.select(conditions.facts, conditions.words)
+        method = named(selected.initializer, dict(selected.options), base.model, entities)
+        return replace(method, why=selected.why), selected.warnings
+
+    def select(self, number: int, words: bool) -> Selected:
+        """The initializer for so many facts, selected on hidden known entities and then
+        remembered.
         """
-        if (chosen := self.chosen.get((number, words))) is None:
+        if (number, words) not in self.selected:
             with without_denormals():
-                hidden_from = self._hidden_from(number, words)
-                name, options, why, best = api.default(
-                    number > 0, words, *hidden_from, tolerance=TOLERANCE, budget=BUDGET
+                method, selection = select(
+                    self._hold_out(number, words),
+                    number > 0,
+                    words,
+                    tolerance=TOLERANCE,
+                    budget=BUDGET,
                 )
-            chosen = self.chosen[number, words] = Chosen(
+            self.selected[number, words] = Selected(
                 facts=number,
                 words=words,
-                initializer=name,
-                options=options,
-                why=why,
-                warnings=best.warnings if best else [],
+                initializer=method.initializer.name,
+                options=dict(method.options),
+                why=method.why,
+                warnings=selection.warnings if selection else [],
             )
-        return chosen
+        return self.selected[number, words]
 
     def curves(self, row: InsertedEntity) -> Curves | None:
         """The curves that calibrate answers about an inserted entity;
         None with too few known triples.
         """
-        record = row.record
-        number = prepared(len(record.insert_triples))
-        return self._fit(number, row.words.vector is not None, record.initializer, record.options)
+        return self._fit(row.conditions)
 
-    def _fit(
-        self, number: int, words: bool, initializer: str, options: Mapping[str, Any]
-    ) -> Curves | None:
-        """The curves for so many facts and an initializer, fitted once."""
-        key = (number, words, initializer, tuple(sorted(options.items())))
+    def _fit(self, conditions: Conditions) -> Curves | None:
+        """The curves under some conditions, fitted once."""
+        method, _ = self._method(conditions)
+        number, words = conditions.facts, conditions.words
+        key = (number, words, method.initializer.name, tuple(sorted(method.options.items())))
         if key not in self._curves:
-            adjusted = adapted(INITIALIZERS.get(initializer), self.base.model)
             with without_denormals():
-                draws = (
-                    hide(*self._hidden_from(number, words), HIDDEN)
-                    if len(self.base.triples)
-                    else None
-                )
-                self._curves[key] = None if draws is None else fit_curves(draws, adjusted, options)
+                draws = self._hold_out(number, words).hide() if len(self.base.triples) else None
+                self._curves[key] = None if draws is None else fit_curves(draws, method)
         return self._curves[key]
 
-    def _hidden_from(
-        self, number: int, words: bool
-    ) -> tuple[Embedding, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, int]:
-        """What known entities are hidden from: the first arguments of ``choice.hide``."""
+    def _hold_out(self, number: int, words: bool) -> HoldOut:
+        """The hold-out test with so many insert triples for each hidden entity."""
         base = self.base
-        theta0 = replace(base.embedding, model=api.one_score(base.model))
-        return (
-            theta0,
+        return HoldOut(
+            replace(base.embedding, model=one_score(base.model)),
             base.triples,
             np.array([number]),
             base.words if words else None,
             base.kind_ids,
-            0,
+            seed=0,
         )
 
     def preparation(self) -> Iterator[Callable[[], object]]:
-        """Steps that choose initializers and fit curves for all numbers of facts;
+        """Steps that select initializers and fit curves for all numbers of facts;
         some take a second.
         """
         for number, words in product(PREPARED, [False] if self.phrases is None else [False, True]):
-            yield partial(self.choice, number, words)
-            yield partial(self._fit_chosen, number, words)
+            yield partial(self.select, number, words)
+            yield partial(self._fit, Conditions(number, words, None, (), 0))
 
-    def _fit_chosen(self, number: int, words: bool) -> None:
-        choice = self.choice(number, words)
-        self._fit(number, words, choice.initializer, choice.options)
+
+def _conditions(members: Mapping[str, NewName], inserted: Collection[str]) -> Conditions:
+    """Under what conditions entities that share facts are inserted."""
+    requests, known_facts = set(), 0
+    for name, member in members.items():
+        about = member.about
+        requests.add((about.initializer, tuple(sorted(about.options.items())), about.seed))
+        if not member.facts and member.words.vector is None and about.initializer is None:
+            expected = f"expected a fact or a word vector; {member.words.note}"
+            raise InputError(repr(name)[:80], "", expected)
+        known_facts += sum(
+            not (head in inserted and tail in inserted) for head, _, tail in member.facts
+        )
+    if len(requests) > 1:
+        expected = (
+            "expected one initializer, one set of options "
+            "and one seed of entities that share a fact"
+        )
+        raise InputError(", ".join(members)[:80], "", expected)
+    (request,) = requests
+    all_have_words = all(member.words.vector is not None for member in members.values())
+    return Conditions(prepared(known_facts / len(members)), all_have_words, *request)
 
 
 def prepared(facts: float) -> int:

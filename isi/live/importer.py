@@ -1,12 +1,11 @@
 """Import of embeddings from other tools as bundles:
 names, triples and tensors of PyKEEN, OpenKE or plain files.
 
-Tensors are NumPy, safetensors, JSON, or PyTorch files of tensors only; only ``isi.pykeen.pickled``
+Tensors are NumPy, safetensors, or PyTorch files of tensors only; only ``isi.pykeen.pickled``
 runs pickled code.
 """
 
 import hashlib
-import json
 import pickle
 import warnings
 import zlib
@@ -22,12 +21,12 @@ from safetensors.torch import load_file
 
 from isi.config import Option
 from isi.errors import InputError, at, cut
-from isi.insertion.api import margin_of
 from isi.insertion.arguments import argument, array_of, checked_model
 from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
 from isi.live.names import plain
 from isi.models.model import MODELS
+from isi.models.stack import margin_of
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder, OpenKE's files, plain files; the first of each form, if it exists, identifies
@@ -41,26 +40,14 @@ PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = (
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
 #: Suffixes of tensor files.
-FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth", ".ckpt")
+FORMS = (".npy", ".npz", ".safetensors", ".pt", ".pth", ".ckpt")
 #: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex
 #: numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
-#: Names of the tables of entities and relations in other tools. Two names: real and imaginary half
-#: of one table. Both tables may have the same prefix, which ends with a dot: ``module.``,
-#: ``_orig_mod.``, ``model.``.
+#: Names of the tables of entities and relations: ours and PyKEEN's.
 NAMES = {
-    slot: [
-        (slot,),
-        (single,),
-        (f"{short}_emb",),
-        (f"{short}_embeddings.weight",),
-        (f"{short}_emb.weight",),
-        (f"{short}_re_embeddings.weight", f"{short}_im_embeddings.weight"),
-        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"),
-        (f"{single}{OF_PYKEEN}",),
-        (f"{single}_embedding",),
-    ]
-    for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
+    "entities": ("entities", f"entity{OF_PYKEEN}"),
+    "relations": ("relations", f"relation{OF_PYKEEN}"),
 }
 LISTED = 8  #: Maximum number of tensors that a message names.
 OTHERS = "for other models, use isi.pykeen.insert"
@@ -181,14 +168,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
-        if path.suffix == ".json":  # as OpenKE writes it
-            tables = dict(_flat(json.loads(path.read_bytes())))
-            return {
-                name: np.array(rows, np.float32)
-                for name, rows in tables.items()
-                if isinstance(rows, list)
-            }
-        state = dict(_flat(load_file(path) if path.suffix == ".safetensors" else _state_dict(path)))
+        state = load_file(path) if path.suffix == ".safetensors" else _state_dict(path)
         return {
             name: array_of(value)
             for name, value in state.items()
@@ -213,115 +193,46 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
     return state
 
 
-def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The values in a mapping and in mappings within it, by their keys joined with dots:
-    ``model.entities``.
-    """
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
 def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
     """The tables of entities and of relations in files;
     InputError unless there is one of each in all of them.
     """
     read = {file: read_tensors(file) for file in files}
-    tensors = {name: values for by_name in read.values() for name, values in by_name.items()}
-    with at(" ".join(map(str, read))):
-        named = _table_names(list(tensors))
     tables = []
-    for slot, parts in named.items():
-        for name in parts:
-            first, *others = (file for file in read if name in read[file])
-            for other in others:
-                expected = (
-                    f"expected this table in one file, but {first} has it, too: "
-                    "choose with --tensors FILE"
-                )
-                raise InputError(other, name, expected)
-        with at(first):
-            _refuse_sum_of_moduli(model, read[first])
-            tables.append(_table(tensors, parts, slot, model))
+    for slot, names in NAMES.items():
+        found = [(file, name) for file in read for name in names if name in read[file]]
+        if len(found) != 1:
+            expected = f"expected one tensor {' or '.join(names)}"
+            others = sorted({name for tensors in read.values() for name in tensors})[:LISTED]
+            got = ", ".join(f"{name} of {file}" for file, name in found) or ", ".join(others)
+            choose = "; choose with --tensors FILE" * (len(found) > 1)
+            place = " ".join(map(str, read))
+            raise InputError(place, "", f"{expected}, got {got[:200] or 'no tensor'}{choose}")
+        ((file, name),) = found
+        with at(file, name):
+            of_pykeen = name.endswith(OF_PYKEEN)
+            tables.append(_table(read[file][name], slot, model, of_pykeen))
     return tables
 
 
-def _table_names(tensors: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """The names of the two tables (or of their halves) by slot;
-    InputError unless one prefix gives one of each.
-    """
-    by_slot = {slot: _by_prefix(tensors, slot) for slot in NAMES}
-    both = [prefix for prefix in by_slot["entities"] if prefix in by_slot["relations"]]
-    fitting = [by_slot[slot][prefix] for prefix in both for slot in NAMES]
-    if len(both) == 1 and all(len(tables) == 1 for tables in fitting):
-        return {slot: tables[0] for slot, tables in zip(NAMES, fitting, strict=True)}
-    several = [name for tables in fitting for parts in tables for name in parts]
-    listed = (several or sorted(tensors))[:LISTED]
-    expected = (
-        "expected one table of entities and one of relations (named as here, in PyKEEN, "
-        "TorchKGE or OpenKE)"
-    )
-    raise InputError("", "", f"{expected}, got {', '.join(listed)[:200] or 'no tensor'}")
-
-
-def _by_prefix(tensors: Sequence[str], slot: str) -> dict[str, list[tuple[str, ...]]]:
-    """The names of each table of a slot, by the prefix (empty, or up to a dot)
-    before its name in ``NAMES``.
-    """
-    tables = dict[str, list[tuple[str, ...]]]()
-    for parts in NAMES[slot]:
-        for name in tensors:
-            prefix = name.removesuffix(parts[0])
-            whole = tuple(prefix + part for part in parts)
-            if prefix != name and prefix[-1:] in ("", ".") and set(whole) <= set(tensors):
-                tables.setdefault(prefix, []).append(whole)
-    return tables
-
-
-def _refuse_sum_of_moduli(model: str, tensors: Mapping[str, np.ndarray]) -> None:
-    """InputError for RotatE of OpenKE or KnowledgeGraphEmbedding,
-    which store the range of their angles.
-    """
-    for name in tensors:
-        if model == "rotate" and name.endswith("embedding_range"):
-            expected = (
-                "expected RotatE with a Euclidean norm; this one's distance is the sum of moduli"
-            )
-            raise InputError("", name, expected)
-
-
-def _table(
-    tensors: Mapping[str, np.ndarray], parts: Sequence[str], slot: str, model: str
-) -> np.ndarray:
+def _table(values: np.ndarray, slot: str, model: str, of_pykeen: bool) -> np.ndarray:
     """A slot's real table. Complex rows become real and imaginary halves,
     or angles if they are RotatE's relations.
     """
-    for part in parts:
-        values = tensors[part]
-        if (
-            values.ndim != 2
-            or values.dtype.kind not in "biufc"
-            or values.shape != tensors[parts[0]].shape
-        ):
-            expected = (
-                f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
-            )
-            raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
-    whole = np.concatenate([tensors[part] for part in parts], axis=1)
-    if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
-        if whole.shape[1] % 2:
-            expected = (
-                "expected rows that alternate real and imaginary parts, "
-                f"got rows of {whole.shape[1]} numbers"
-            )
-            raise InputError("", parts[0], expected)
-        whole = whole[:, ::2] + 1j * whole[:, 1::2]
-    if np.iscomplexobj(whole):
-        angles = model == "rotate" and slot == "relations"
-        whole = np.angle(whole) if angles else np.concatenate([whole.real, whole.imag], axis=1)
-    return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
+    if values.ndim != 2 or values.dtype.kind not in "biufc":
+        got = f"{values.dtype} of shape {values.shape}"
+        raise InputError("", "", f"expected a table of numbers, got {got}")
+    if of_pykeen and model in ("complex", "rotate"):
+        if values.shape[1] % 2:
+            expected = "expected rows that alternate real and imaginary parts"
+            raise InputError("", "", f"{expected}, got rows of {values.shape[1]} numbers")
+        values = values[:, ::2] + 1j * values[:, 1::2]
+    if np.iscomplexobj(values):
+        angles = MODELS.get(model).angles and slot == "relations"
+        halves = [values.real, values.imag]
+        values = np.angle(values) if angles else np.concatenate(halves, axis=1)
+    kind = np.float64 if values.dtype == np.float64 else np.float32
+    return np.ascontiguousarray(values, kind)
 
 
 def read_labels(folder: Path) -> Labels:

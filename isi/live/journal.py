@@ -84,9 +84,9 @@ class Change(ManifestSection):
         return not (self.entities or self.facts or self.replaced or self.do == "undo")
 
 
-class Chosen(ManifestSection):
+class Selected(ManifestSection):
     """The initializer for new entities with so many facts,
-    with or without words (``isi.insertion.choice``).
+    with or without words (``isi.insertion.selection``).
     """
 
     do: Literal["choose"] = "choose"
@@ -98,7 +98,7 @@ class Chosen(ManifestSection):
     warnings: list[str]
 
 
-Line = Change | Chosen
+Line = Change | Selected
 _LINE: TypeAdapter[Line] = TypeAdapter(Annotated[Line, Field(discriminator="do")])
 
 

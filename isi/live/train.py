@@ -24,8 +24,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from isi.columns import TRIPLE
-from isi.config import Count, Option, Positive, Seed, check
+from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
+from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.evaluation.ranking import padded_ids
 from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
@@ -49,11 +50,11 @@ from isi.insertion.arguments import (
     column_names,
     listed_triples,
 )
-from isi.insertion.choice import Queried, ahead, queries_of, random_ranks
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Bundle, Manifest
 from isi.live.names import by_known_name, note_of_kinds
 from isi.live.phrases import OF_MODEL, by_model, has_model
+from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
@@ -63,12 +64,7 @@ from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
 from isi.training.trainer import Training
 
-COMPARED, RATES = ("transe", "complex", "analogy"), (0.1, 0.3)  #: Models and learning rates.
-OPTIONS: dict[str, dict[str, Option]] = {
-    "transe": {"margin": 2.0, "squared": True},
-    "rotate": {"margin": 4.0, "squared": True},
-    "transe_l1": {"margin": 8.0},
-}
+RATES = (0.1, 0.3)  #: Learning rates that are compared.
 DECAY, INIT_RANGE = 0.01, 0.3
 DRAWS = 4  #: Random choices of validation triples; each setting trains a model for each of them.
 LEAST, MOST = 20, 200  #: Epochs of a setting.
@@ -223,6 +219,13 @@ def train(
     ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
     ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
     learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
+
+    Example:
+        >>> import isi
+        >>> facts = [("cup", "in", "kitchen"), ("pan", "in", "kitchen"), ("bed", "in", "bedroom")]
+        >>> home = isi.train(facts, model="distmult", dimension=4)
+        >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
+        (5, 'kitchen')
     """
     tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
     if kinds:
@@ -258,7 +261,8 @@ def train_bundle(
 
     Args:
         tables: the graph (``build_tables``, ``read_graph``, ``tables_of``).
-        model: a registered model; None: the best of ``COMPARED`` for validation triples.
+        model: a registered model; None: the best of ``compared_models`` for validation
+            triples.
         learning_rate: of Adagrad; None: the best of ``RATES``.
         dimension: d, the length of an entity's vector.
         budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
@@ -289,10 +293,15 @@ def train_bundle(
         updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
     )
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
+    with argument("model"):
+        defaults = {
+            name: dict(MODELS.get(name).defaults)
+            for name in ([model] if model else compared_models())
+        }
     configs = {
         TrainConfig(
             seed,
-            checked_model(name, OPTIONS.get(name), dimension),
+            checked_model(name, options, dimension),
             dimension,
             INIT_RANGE,
             negatives,
@@ -306,7 +315,7 @@ def train_bundle(
             ),
         ): name
         for rate in (RATES if learning_rate is None else (learning_rate,))
-        for name in ([model] if model else COMPARED)
+        for name, options in defaults.items()
     }
     repeated = repeated_relations(graph)
     groups = groups_of(graph, repeated)
@@ -349,7 +358,7 @@ def train_bundle(
         (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
     )
     manifest = Manifest(
-        model_name=name, model_options=OPTIONS.get(name, {}), words=source, made=made, inserted=[]
+        model_name=name, model_options=defaults[name], words=source, made=made, inserted=[]
     )
     vectors = final.entity[1].numpy(), final.relation[1].numpy()
     return Bundle(
@@ -489,7 +498,7 @@ def test_measures(
             "quality is unknown"
         )
         return {"test_triples": 0, **dict.fromkeys(names), "warning": nothing}
-    queries = queries_of(graph, padded_ids(splits == TEST))
+    queries = end_queries(graph, padded_ids(splits == TEST))
     learned = reciprocal_ranks(queries, queries.scores(theta, theta.entity))
     others = (
         reciprocal_ranks(queries, frequencies(graph, splits[0] == TRAIN, queries)),
@@ -506,7 +515,7 @@ def test_measures(
     return {"test_triples": number, **measures, "warning": None if clear else nothing}
 
 
-def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
+def reciprocal_ranks(queries: EndQueries, scores: Tensor) -> Tensor:
     """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E);
     one number for each query.
     """
@@ -514,7 +523,7 @@ def reciprocal_ranks(queries: Queried, scores: Tensor) -> Tensor:
     return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
 
 
-def frequencies(graph: Graph, trained: Tensor, queries: Queried) -> Tensor:
+def frequencies(graph: Graph, trained: Tensor, queries: EndQueries) -> Tensor:
     """Each entity's number of triples in a mask, (T,), in the slot and relation of each query;
     shape (2, M, Q, E).
     """

@@ -31,6 +31,12 @@ class BlockModel(RelationMapModel):
 
     scalars: ClassVar[int]  #: percentage of coordinates that are scalars
 
+    @classmethod
+    def is_plain(cls) -> bool:
+        """Whether f = ⟨vₕᵀW, vₜ⟩, with W's entries as rows of relations: no method is replaced."""
+        methods = ("interaction", "maps", "score", "transform", "transform_tail")
+        return all(getattr(cls, name) is getattr(BlockModel, name) for name in methods)
+
     def width(self, dimension: int) -> int:
         multiple = next(
             m
@@ -114,7 +120,7 @@ class BlockModel(RelationMapModel):
         return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
 
 
-@register_model("analogy")
+@register_model("analogy", compared=3)
 @dataclass(frozen=True)
 class ANALOGY(BlockModel):
     """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars,
@@ -125,7 +131,7 @@ class ANALOGY(BlockModel):
     scalars = 50
 
 
-@register_model("complex")
+@register_model("complex", compared=2)
 @dataclass(frozen=True)
 class ComplEx(BlockModel):
     """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates belong to

@@ -39,7 +39,7 @@ class DistanceModel(RelationMapModel):
         return Distance(self.margin, self.squared)
 
 
-@register_model("transe")
+@register_model("transe", defaults={"margin": 2.0, "squared": True}, compared=1)
 @dataclass(frozen=True)
 class TransE(Translation, DistanceModel):
     """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or with ‖·‖² if ``squared``."""
@@ -53,7 +53,7 @@ class TransE(Translation, DistanceModel):
         )
 
 
-@register_model("transe_l1")
+@register_model("transe_l1", defaults={"margin": 8.0})
 @dataclass(frozen=True)
 class TransEL1(Translation, RelationMapModel):
     """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default TransE of PyKEEN and OpenKE."""
@@ -65,7 +65,7 @@ class TransEL1(Translation, RelationMapModel):
         return L1Distance(self.margin)
 
 
-@register_model("rotate")
+@register_model("rotate", defaults={"margin": 4.0, "squared": True})
 @dataclass(frozen=True)
 class RotatE(DistanceModel, BlockModel):
     """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or ‖·‖² if ``squared``; blocks have x = cos θ, y = sin θ;

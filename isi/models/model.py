@@ -27,6 +27,15 @@ class Model(ABC):
 
     Tables of a stack have the shapes (M, E, d) for entities and (M, R, w) for relations, with w =
     ``width(d)``.
+
+    Example:
+        >>> import torch
+        >>> from isi.models.bilinear import DistMult
+        >>> head, relation, tail = torch.tensor([[1.0, 2.0], [3.0, -1.0], [1.0, 0.5]])
+        >>> DistMult().score(head, relation, tail)
+        tensor(2.)
+        >>> DistMult().transform(head, relation)
+        tensor([ 3., -2.])
     """
 
     linear: ClassVar[bool] = False  #: whether f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
@@ -36,6 +45,10 @@ class Model(ABC):
     #: whether vectors are complex numbers, real halves before imaginary ones
     complex_vectors: ClassVar[bool] = False
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
+    #: options of a training that is not given any, as ``isi train``
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    #: place among the models that ``isi train`` compares; None: it trains this one if named
+    compared: ClassVar[int | None] = None
 
     def width(self, dimension: int) -> int:
         """Length of a relation's row for vectors of ``dimension``;
@@ -196,19 +209,46 @@ class EmbeddingParams(Section):
     init_range: Positive
 
 
-def register_model(name: str) -> Callable[[M], M]:
-    """Register a dataclass as a model under a name; its fields are the options."""
+def register_model(
+    name: str, *, defaults: Mapping[str, Any] | None = None, compared: int | None = None
+) -> Callable[[M], M]:
+    """Register a dataclass as a model under a name; its fields are the options.
+
+    ``defaults`` and ``compared``: see ``Model``; a registered class inherits neither.
+
+    Example:
+        >>> from dataclasses import dataclass
+        >>> from isi.models.distance import TransE
+        >>> @register_model("near", defaults={"margin": 1.0})
+        ... @dataclass(frozen=True)
+        ... class Near(TransE):
+        ...     pass
+        >>> make_model("near", {"margin": 3.0}, "models.near")
+        Near(margin=3.0, squared=False)
+    """
 
     def register(kind: M) -> M:
+        kind.defaults, kind.compared = defaults or {}, compared
         MODELS.register(name, kind)
         return kind
 
     return register
 
 
+def compared_models() -> list[str]:
+    """The names of the models that ``isi train`` compares, in order."""
+    places = {name: MODELS.get(name).compared for name in MODELS.names()}
+    listed = [(place, name) for name, place in places.items() if place is not None]
+    return [name for _, name in sorted(listed)]
+
+
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
     """The model registered under a name, with options;
     ``InputError`` at the key if name or options do not fit.
+
+    Example:
+        >>> make_model("transe", {"margin": 2.0}, "models.transe")
+        TransE(margin=2.0, squared=False)
     """
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))

@@ -17,6 +17,7 @@ from isi.random import stream
 T = TypeVar("T")
 
 DENORMAL = 1e-40  #: A float32 below the smallest number of full precision.
+MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estimated.
 
 
 @contextmanager
@@ -140,3 +141,17 @@ def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or huge numbers in {name}")
+
+
+def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
+    """The given margin; None: −(mean score of triples, (T, 3), + mean of corrupted ones) / 2;
+    0 if linear or T = 0.
+    """
+    if margin is not None or embedding.model.linear or not len(triples):
+        return margin or 0.0
+    head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
+    with torch.no_grad():
+        right = embedding.score(head, relation, tail).mean()
+        other_heads = embedding.score(head.roll(1, 1), relation, tail).mean()
+        other_tails = embedding.score(head, relation, tail.roll(1, 1)).mean()
+    return -(right / 2 + (other_heads + other_tails) / 4).item()

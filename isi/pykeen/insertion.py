@@ -5,10 +5,10 @@ its two steps.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 import torch
@@ -19,9 +19,10 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory, TriplesNumericLit
 from isi.config import check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion import api
-from isi.insertion.arguments import Names, Source, all_names, argument, listed_triples, triples_of
+from isi.insertion.api import insert_request
+from isi.insertion.arguments import Names, all_names, argument, listed_triples, triples_of
 from isi.insertion.inverses import BothWays, joined
+from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
 from isi.names import clean
 from isi.pykeen import reading
@@ -36,17 +37,10 @@ def insert(
     triples: Any = None,
     *,
     new: int | Sequence[str] | None = None,
-    new_relations: int | Sequence[str] = 0,
     words: Any = None,
-    word_source: Source | None = None,
     kinds: Any = None,
-    initializer: str | None = None,
-    options: Mapping[str, Any] | None = None,
     margin: float | None = None,
-    seed: int = 0,
-    calibrate: bool = True,
-    tolerance: float = 0.02,
-    budget: float = 3,
+    **settings: Unpack[Settings],
 ) -> tuple[PykeenModel, CoreTriplesFactory]:
     """Insert new entities or relations into a copy of a trained model:
     ``insert(model, factory, triples)``.
@@ -68,12 +62,12 @@ def insert(
         new: labels of the new entities (None: all labels in ``triples`` that the factory lacks,
             with a warning if one is nearly a known label); their number if the factory has no
             labels.
-        new_relations: labels of the new relations in ``triples``, or their number if the factory
-            has no labels. The model needs tables of relations. Triples of new relations may lie
-            between known entities.
-        words: see ``isi.insert``, as for all arguments that are not listed here.
+        words, kinds: see ``isi.insertion.request.InsertRequest``, with labels for names.
         margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability
             ½; None: estimated from scores of the factory's triples and of corrupted ones.
+        settings: the other fields of ``InsertRequest``. ``new_relations`` are labels, or their
+            number if the factory has no labels; the model needs tables of relations, and triples
+            of new relations may lie between known entities.
 
     Returns:
         copies of the model, with the vectors of new entities and relations as last rows, and of the
@@ -83,6 +77,17 @@ def insert(
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
+
+    Example:
+        >>> import isi, numpy as np
+        >>> from pykeen.models import DistMult
+        >>> from pykeen.triples import TriplesFactory
+        >>> facts = np.array([("cup", "in", "kitchen"), ("bed", "in", "bedroom")])
+        >>> factory = TriplesFactory.from_labeled_triples(facts)
+        >>> model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
+        >>> larger, more = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")])
+        >>> larger.num_entities, more.num_triples
+        (5, 3)
     """
     model, factory, triples = of_result(model, factory, triples)
     done = compute_rows(
@@ -90,17 +95,10 @@ def insert(
         factory,
         triples,
         new=new,
-        new_relations=new_relations,
         words=words,
-        word_source=word_source,
         kinds=kinds,
-        initializer=initializer,
-        options=options,
         margin=margin,
-        seed=seed,
-        calibrate=calibrate,
-        tolerance=tolerance,
-        budget=budget,
+        **settings,
     )
     return enlarge(model, factory, done)
 
@@ -111,17 +109,10 @@ def compute_rows(
     triples: Any = None,
     *,
     new: int | Sequence[str] | None = None,
-    new_relations: int | Sequence[str] = 0,
     words: Any = None,
-    word_source: Source | None = None,
     kinds: Any = None,
-    initializer: str | None = None,
-    options: Mapping[str, Any] | None = None,
     margin: float | None = None,
-    seed: int = 0,
-    calibrate: bool = True,
-    tolerance: float = 0.02,
-    budget: float = 3,
+    **settings: Unpack[Settings],
 ) -> Inserted:
     """The result of ``isi.insert`` for the arguments of ``insert``:
     vectors, report and interference.
@@ -129,13 +120,18 @@ def compute_rows(
     With a model of inverse triples, each triple counts in both directions. In the result, as in
     PyKEEN's predictions, tails are scored by the relation and heads by its inverse; a row of
     ``relations`` joins both.
+
+    Example:
+        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
+        >>> rows.entities.shape, rows.entity_names[-1]
+        ((5, 4), 'mug')
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
     entity_labels, relation_labels = checked_labels(model, factory)
     known_relations = Names("relation_names", model.num_real_relations, relation_labels)
-    relations = all_names(known_relations, new_relations, "new_relations")
+    relations = all_names(known_relations, settings.get("new_relations", 0), "new_relations")
     if relations.number > known_relations.number:
         reading.relation_tables_of(model)
     with argument("triples"):
@@ -161,26 +157,16 @@ def compute_rows(
         )
     embedding = joined(embedding) if model.use_inverse_triples else embedding
     try:
-        done = api.insert(
+        known_embedding = KnownEmbedding(
             embedding.entity[0].numpy(),
             embedding.relation[0].numpy(),
-            ids,
-            new=new,
-            new_relations=new_relations,
-            model=embedding.model,
+            embedding.model,
             entity_names=entity_labels,
             relation_names=relation_labels,
-            known_triples=factory.mapped_triples.numpy(),
-            words=words,
-            word_source=word_source,
-            kinds=kinds,
-            initializer=initializer,
-            options=options,
-            seed=seed,
-            calibrate=calibrate,
-            tolerance=tolerance,
-            budget=budget,
+            triples=factory.mapped_triples.numpy(),
         )
+        request = InsertRequest(triples=ids, new=new, words=words, kinds=kinds, **settings)
+        done = insert_request(known_embedding, request, stacklevel=3)
     except InputError as error:
         if near and error.file.startswith("new entity"):
             label = next((label for label in near if repr(label) in error.file), next(iter(near)))
@@ -206,6 +192,12 @@ def enlarge(
 ) -> tuple[PykeenModel, CoreTriplesFactory]:
     """Copies of a model and its factory, with the vectors,
     labels and triples of new entities and relations.
+
+    Example:
+        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
+        >>> larger, more = isi.pykeen.enlarge(model, factory, rows)
+        >>> larger.num_entities, more.entity_to_id["mug"]
+        (5, 4)
     """
     larger = deepcopy(unwrapped(model))
     larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)

@@ -42,6 +42,11 @@ def from_pykeen(
 
     Raises:
         InputError: the model has no tables of entities, or the factory no labels.
+
+    Example:
+        >>> home = isi.from_pykeen(model, factory)
+        >>> home.insert("mug", {"in": "kitchen"}).inserted
+        ['mug']
     """
     model, known, _ = of_result(model, factory, ())
     entities, relations = checked_labels(model, known)

@@ -2,9 +2,11 @@
 and its score.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import product
 from math import prod
 from typing import Any, ClassVar
 
@@ -18,16 +20,14 @@ from torch.nn import Module
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
-from isi.insertion import api
 from isi.insertion.inverses import both_ways
-from isi.models.bilinear import ComplEx, DistMult
-from isi.models.distance import RotatE, TransE, TransEL1
-from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.model import MODELS, Model
+from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
 ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
+SAMPLES = 8  #: Random triples on which scores are compared.
 
 
 @dataclass(frozen=True)
@@ -191,50 +191,80 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     read = [_read(representation) for representation in model.relation_representations]
     tables = [rows for _, rows in read]
     triples = both_ways(triples) if model.use_inverse_triples else triples
-    if len(forms) == 1 and (closed := _closed_form(model.interaction, tables)):
-        make, rows = closed
-        embedding = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-        return replace(embedding, model=make(api.margin_of(embedding, triples, margin)))
     interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
     rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
     scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
+    closed = closed_form(scored, entity.shape[1]) if len(forms) == 1 else None
+    if closed and (own_rows := model_rows(closed, rows)) is not None:
+        embedding = Embedding(entity[None].float(), own_rows[None].float(), closed)
+        margin = margin_of(embedding, triples, margin)
+        return replace(embedding, model=with_margin(closed, margin))
     scored = replace(
-        scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
+        scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
     )
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
 
-def _closed_form(
-    interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
-) -> tuple[Callable[[float], Model], Tensor] | None:
-    """The equivalent of an interaction: margin → ``Model``, and its relation rows, (R, w);
+def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
+    """The registered model, with a margin of 0, whose scores are those of an interaction;
     None if there is none.
+
+    Compared on random vectors, so that a user's own model counts, too.
     """
-    if type(interaction) is modules.RotatEInteraction:
-        real, imaginary = relations[0].chunk(2, 1)
-        is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
-        return (
-            (lambda margin: RotatE(margin, False), torch.atan2(imaginary, real))
-            if is_rotation
-            else None
-        )
-    forms: dict[tuple[type, Any], Callable[[float], Model]] = {
-        (modules.DistMultInteraction, None): lambda _: DistMult(),
-        (modules.ComplExInteraction, None): lambda _: ComplEx(),
-        (modules.TransEInteraction, 1): TransEL1,
-        (modules.TransEInteraction, 2): lambda margin: TransE(margin, bool(interaction.power_norm)),
-    }
-    make = forms.get((type(interaction), getattr(interaction, "p", None)))
-    return (make, relations[0]) if make else None
+    free = replace(scored, entities=_free(scored.entities), relations=_free(scored.relations))
+    generator = torch.Generator().manual_seed(0)
+    for model in _without_margin():
+        with suppress(InputError):  # of a dimension that the model cannot have
+            shape = SAMPLES, model.width(dimension)
+            head, tail = torch.randn(2, SAMPLES, dimension, generator=generator).double()
+            relation = torch.randn(shape, generator=generator).double()
+            rows = table_rows(model, relation)
+            if rows.shape[1] != sum(form.size for form in scored.relations):
+                continue
+            expected = free.score(head, rows, tail)
+            if torch.allclose(model.score(head, relation, tail), expected):
+                return model
+    return None
+
+
+def with_margin(model: Any, margin: float) -> Model:
+    """A distance model with another margin; another model as it is."""
+    changed: Model = replace(model, margin=margin) if model.distance else model
+    return changed
+
+
+def _free(forms: Sequence[Form]) -> tuple[Form, ...]:
+    """Forms without constraints."""
+    return tuple(replace(form, limits=()) for form in forms)
+
+
+def _without_margin() -> Iterator[Model]:
+    """The registered models with a margin of 0, squared and not, if they have these options."""
+    for name, squared in product(MODELS.names(), (False, True)):
+        kind: Any = MODELS.get(name)
+        options = {"margin": 0.0, "squared": squared}
+        listed = {option.name: options.get(option.name) for option in fields(kind)}
+        given = {option: value for option, value in listed.items() if value is not None}
+        with suppress(TypeError):  # of an option without a default
+            yield kind(**{**kind.defaults, **given})
 
 
 def table_rows(model: Model, relations: Tensor) -> Tensor:
     """Rows of relations of a model that was read, (q, w), as joined rows of tables:
-    RotatE's angles as |r| = 1.
+    angles as |r| = 1.
     """
-    return (
-        torch.cat([relations.cos(), relations.sin()], 1) if isinstance(model, RotatE) else relations
-    )
+    return torch.cat([relations.cos(), relations.sin()], 1) if model.angles else relations
+
+
+def model_rows(model: Model, relations: Tensor) -> Tensor | None:
+    """Joined rows of relation tables as rows of a model that was read: the inverse of
+    ``table_rows``; None for complex numbers of another length than 1.
+    """
+    if not model.angles:
+        return relations
+    real, imaginary = relations.chunk(2, 1)
+    is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
+    return torch.atan2(imaginary, real) if is_rotation else None
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:

@@ -52,6 +52,12 @@ def fit_new(
 
     Raises:
         InputError: names the wrong argument and the expected value, or says that training diverged.
+
+    Example:
+        >>> larger, more = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")])
+        >>> fitted = isi.pykeen.fit_new(larger, more, [("mug", "in", "kitchen")], epochs=2)
+        >>> fitted.num_entities
+        5
     """
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
@@ -136,6 +142,11 @@ def train_on(
 
     Returns:
         the mean loss of each epoch.
+
+    Example:
+        >>> larger, more = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")])
+        >>> len(isi.pykeen.train_on(larger, more, epochs=2))
+        2
     """
     model, factory, _ = of_result(model, factory, ())
     checked_labels(model, factory)
@@ -161,6 +172,11 @@ def train_on(
 def warm(optimizer: Optimizer) -> Optimizer:
     """Prepare an optimizer, in place, for PyKEEN's ``train(continue_training=True)``,
     which does not reset vectors.
+
+    Example:
+        >>> from torch.optim import Adam
+        >>> len(isi.pykeen.warm(Adam(model.get_grad_params())).state)
+        2
     """
     for group in optimizer.param_groups:
         for parameter in group["params"]:

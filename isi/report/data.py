@@ -15,7 +15,7 @@ from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.readings import READINGS
-from isi.analyses.trajectory import TRACED, TRAJECTORY
+from isi.analyses.trajectory import TRAJECTORY, traced
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.experiment.insert import is_listed
@@ -26,8 +26,7 @@ from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
 from isi.report.readings import CaseRuns
-from isi.report.stats import DIRECTIONS, ByScope
-from isi.report.tables import Estimate
+from isi.report.stats import DIRECTIONS, ByScope, Estimates, Values, where
 from isi.report.words import JOINT
 from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.sources.readers import read_batches
@@ -76,21 +75,21 @@ class ModelRuns:
         """A copy with only the runs and queries that insert ``size`` entities
         (None: no runs and no queries).
         """
-        queries = None if self.queries is None else self.queries[self.queries["size"] == size]
-        return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
+        queries = None if self.queries is None else where(self.queries, size=size)
+        return replace(self, runs=where(self.runs, size=size), queries=queries)
 
     @cached_property
     def immediate(self) -> pd.DataFrame:
         """Runs right after insertion, before any further training."""
-        return self.runs[self.runs["epoch"] == 0]
+        return where(self.runs, epoch=0)
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """``epochs_to_convergence`` of runs, session by session,
         against the joint models of the same session.
         """
-        joint, sessions = self.runs[self.runs["model"] == JOINT], []
+        joint, sessions = where(self.runs, model=JOINT), []
         for session in sorted(set(runs["session"])) or [1]:
-            rows, target = (frame[frame["session"] == session] for frame in (runs, joint))
+            rows, target = (where(frame, session=session) for frame in (runs, joint))
             epochs = epochs_to_convergence(
                 rows, target, self.params.convergence.margin, self.max_epochs, by
             )
@@ -149,13 +148,13 @@ class ModelRuns:
         return measures.drop(columns=["mrr_star", "mrr_star_relation"])
 
     @cached_property
-    def directions(self) -> dict[str, dict[str, Estimate]]:
+    def directions(self) -> dict[str, Estimates]:
         """Entity MRR* about novel entities by direction and model:
         means over sizes and seeds, in points.
         """
         rows = self.directed
         return {
-            name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
+            name: stats.by_model(where(rows, scope=name), "mrr_star_entity", self.models)
             for name in DIRECTIONS
         }
 
@@ -172,19 +171,17 @@ class ModelRuns:
         return 100 * stats.cells_of(self.immediate, self.models, scope, measure)
 
     @property
-    def given_means(self) -> dict[str, Estimate]:
+    def given_means(self) -> Estimates:
         """Entity MRR* (points) over queries that give the novel entity, by model."""
         return self.directions["given"]
 
-    def immediate_means(self, scope: str) -> dict[str, Estimate]:
+    def immediate_means(self, scope: str) -> Estimates:
         """Mean MRR* (points) right after insertion in one scope, by model."""
-        return stats.by_model(
-            self.immediate[self.immediate["scope"] == scope], "mrr_star", self.models
-        )
+        return stats.by_model(where(self.immediate, scope=scope), "mrr_star", self.models)
 
-    def epochs_means(self) -> dict[str, Estimate]:
+    def epochs_means(self) -> Estimates:
         """Mean epochs to convergence on held-out triples of the novel entities, by initializer."""
-        heldout = self.convergence[self.convergence["scope"] == "novel_heldout"]
+        heldout = where(self.convergence, scope="novel_heldout")
         return stats.by_model(heldout, "epochs", self.initializers, scale=1)
 
 
@@ -243,7 +240,7 @@ class Experiment(ModelRuns):
         return rows if names else rows.head(0)
 
     @property
-    def collapsed(self) -> dict[str, float]:
+    def collapsed(self) -> Values:
         """Models that score many candidates like the answer,
         each with its mean number of tied competitors.
 
@@ -252,7 +249,7 @@ class Experiment(ModelRuns):
         |E| / 2.
         """
         tied, runs = (
-            rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate)
+            where(rows, scope="all").groupby("model") for rows in (self.ties, self.immediate)
         )
         competitors = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
         return {
@@ -294,7 +291,7 @@ class VariantRuns(ModelRuns):
         """The rows of the experiment or graph ``name`` in a variant's tables;
         ``key``: the variant's key in params.
         """
-        runs, queries = (rows[rows["experiment"] == name] for rows in (runs, queries))
+        runs, queries = (where(rows, experiment=name) for rows in (runs, queries))
         initializers = [model for model in variant.initializers if model in set(runs["model"])]
         return cls(
             name, title, params, initializers, runs, queries, variant, f"{key}_{name}", *graph
@@ -308,7 +305,7 @@ class Results:
     """
 
     params: Params
-    #: params, versions and hashes, by title
+    #: params and versions, by title
     run: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]
@@ -450,12 +447,9 @@ def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns
 def _experiment(params: Params, name: str) -> Experiment:
     initializers, table = params.initializers_of(name), partial(_table, name)
     models = [*initializers, JOINT]
-    traced = [
-        "entity",
-        "known",
-        "theta0",
-        *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators")),
-    ]
+    parts = ["entity", "known", "theta0"]
+    for model in traced(params.initializers):
+        parts += [f"{model}.path", f"{model}.indicators"]
     readers: dict[str, Callable[[], Any]] = {
         "affordances": lambda: table(AFFORDANCES).rename(columns={"initializer": "model"}),
         "sweep": lambda: table(INDICATOR_SWEEP, params.sweep.initializers, "initializer"),
@@ -465,8 +459,7 @@ def _experiment(params: Params, name: str) -> Experiment:
             MODEL_COMPARISON, params.compare_models.models, column="family"
         ),
         "trajectory": lambda: {
-            part: tensor.numpy()
-            for part, tensor in TRAJECTORY.read(traced, experiment=name).items()
+            part: tensor.numpy() for part, tensor in TRAJECTORY.read(parts, experiment=name).items()
         },
         "explorer": lambda: explorer.read(params, name),
         "query_breakdown": lambda: table(USED_COORDINATES),

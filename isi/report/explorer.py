@@ -3,6 +3,7 @@ from which the page computes insertions itself.
 """
 
 import base64
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +22,13 @@ from isi.params import Params
 from isi.random import stream
 from isi.report.words import TEMPLATES, label
 
-#: The initializers that the page computes, and its modules in the order of their imports.
-COMPUTED = ("xavier", "iu", "es", "rs", "ers", "mean", "kind_mean", "soft_hybrid", "map")
+#: The initializers that the page computes: the functions in its table of them.
+COMPUTED = re.findall(
+    r"^  (\w+): \(world, subject,",
+    (TEMPLATES / "explorer/initializers.js").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+#: The modules of the page in the order of their imports.
 MODULES = ("linear_algebra", "model", "data", "similarity", "newton", "initializers", "ranking",
            "state", "insertion", "elements", "map_view", "answers_view", "controls",
            "main")  # fmt: skip

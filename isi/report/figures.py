@@ -3,12 +3,11 @@ colours and alternative texts.
 """
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
 from typing import Any
-from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -19,13 +18,14 @@ from matplotlib.container import Container
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from isi.report.stats import over_seeds
+from isi.report.stats import Estimates, Values, over_seeds, where
 from isi.report.tables import Estimate
 from isi.report.words import (
     HALVES,
     JOINT,
     SCOPES,
     WORDS,
+    Names,
     capitalized,
     colour,
     controls,
@@ -47,21 +47,11 @@ STYLE: Any = {
     "figure.dpi": 160,
 }
 _LEGEND_ROW = 5  # maximum number of legend entries in a row
-#: Ink and paper in the dark scheme (``style.css``).
-_INK, _PAPER = (230, 232, 235), (21, 24, 28)
-#: Minimum contrast (WCAG 2.2) of a colour on dark paper; the RGB parts of a grey differ by less
-#: than ``_GREY``.
-_CONTRAST, _GREY = 4.5, 24
-#: Exponent of a grey's brightness in the dark scheme; above 1 it moves greys towards ink, for
-#: contrast as on white.
-_FAINT = 1.6
-_COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 #: Colours of the parts of a bar: the start, then each part of the gain.
 _PARTS = ("#bdbdbd", "#9ecae1", "#a1d99b", "#fdae6b")
 _LABELLED = 4  #: Least width (points) of a part that has its number above it.
 #: Start of the ``gid`` of what the page shows only on demand.
 OPTIONAL = "optional"
-Names = Sequence[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +153,7 @@ def by_size(
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
-            rows = runs[(runs["scope"] == scope) & (runs["model"] == model)]
+            rows = where(runs, scope=scope, model=model)
             if len(rows):  # lines are shifted apart in x; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
                 aside, control = (
@@ -218,7 +208,7 @@ def by_epoch(
             band = 0 if controls([model]) else 0.1
             with_band(
                 panel,
-                shown[shown["model"] == model],
+                where(shown, model=model),
                 "epoch",
                 "mrr_star",
                 100,
@@ -263,7 +253,7 @@ def with_band(
 
 
 def by_row(
-    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]],
+    rows_of: Mapping[str, Mapping[str, Estimates]],
     models: Names,
     xlabel: str = "MRR* (points)",
 ) -> Canvas:
@@ -302,7 +292,7 @@ def by_row(
 
 
 def composed(
-    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Mapping[str, float], Estimate | None]],
+    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Values, Estimate | None]],
     models: Names,
 ) -> Canvas:
     """Bars of parts (points), one after the other; by title:
@@ -416,82 +406,19 @@ def rounded(svg: str) -> str:
 
 def inline(svg: str, name: str) -> Markup:
     """A matplotlib SVG as a small element of the page;
-    the prefix ``name`` makes its ids unique within the page.
+    the prefix ``name`` makes its ids and classes unique within the page.
     """
-    text = re.sub(
-        r"<metadata>.*?</metadata>|<style .*?</style>",
-        "",
-        svg[svg.index("<svg") :],
-        flags=re.DOTALL,
-    )
-    text = re.sub(r' xmlns(?::\w+)?="[^"]*"|font-family: [^;"]*;? ?|(?<= )xlink:', "", text)
-    root, styles = ElementTree.fromstring(text), dict[str, str]()  # noqa: S314  # drawn by matplotlib
-    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
-    _compact(root, used, name, styles)
-    root.attrib = {
-        "aria-hidden": "true",
-        "viewBox": (box := root.attrib["viewBox"]),
-        "style": f"min-width: {0.9 * float(box.split()[2]):.0f}px",
-    }
-    rules = "".join(f".{place}{{{style}}}" for style, place in styles.items())
-    text = ElementTree.tostring(root, "unicode", short_empty_elements=True)
-    text = re.sub(
-        r'(url\(#|href="#)', rf"\g<1>{name}-", text.replace(">", f"><style>{rules}</style>", 1)
-    )
-    return Markup(_COLOUR.sub(r"var(--c\1)", text))  # noqa: S704
+    classes = dict[str, str]()
 
+    def class_of(style: re.Match[str]) -> str:
+        return f'class="{classes.setdefault(style[1], f"{name}-{len(classes)}")}"'
 
-def _compact(
-    element: ElementTree.Element, used: Collection[str], name: str, styles: dict[str, str]
-) -> None:
-    """Drop unused ids, groups without attributes and white space;
-    replace styles by classes, listed in ``styles``.
-    """
-    for key, value in list(element.attrib.items()):
-        if key == "id":
-            del element.attrib[key]
-            if value in used or value.startswith(OPTIONAL):
-                element.set(key, f"{name}-{value}")
-        elif key == "style":
-            del element.attrib[key]
-            element.set("class", styles.setdefault(value, f"{name}-{len(styles)}"))
-        elif key == "d":
-            element.set(key, " ".join(value.split()))
-    element.text, element.tail = (element.text or "").strip(), ""
-    children = list[ElementTree.Element]()
-    for child in element:
-        _compact(child, used, name, styles)
-        children += list(child) if child.tag == "g" and not child.attrib else [child]
-    element[:] = children
-
-
-def colours(figures: Iterable[str]) -> dict[str, str]:
-    """Hex colours of inline figures, each with its counterpart in the dark scheme."""
-    names = {name for figure in figures for name in re.findall(r"var\(--c([0-9a-f]{6})\)", figure)}
-    return {name: dark(name) for name in sorted(names)}
-
-
-def dark(name: str) -> str:
-    """The dark scheme's counterpart of a colour:
-    greys are inverted, others lightened to the contrast ``_CONTRAST``.
-    """
-    colour = tuple(bytes.fromhex(name))
-    if max(colour) - min(colour) < _GREY:
-        light = (sum(colour) / (3 * 255)) ** _FAINT
-        return _hex(ink + (paper - ink) * light for ink, paper in zip(_INK, _PAPER, strict=True))
-    lighter = (tuple(part + (255 - part) * share / 20 for part in colour) for share in range(21))
-    paper = luminance(_PAPER) + 0.05
-    return _hex(next(shade for shade in lighter if luminance(shade) + 0.05 >= _CONTRAST * paper))
-
-
-def _hex(colour: Iterable[float]) -> str:
-    return "#" + "".join(f"{round(part):02x}" for part in colour)
-
-
-def luminance(colour: Iterable[float]) -> float:
-    """Relative luminance (WCAG 2.2)."""
-    red, green, blue = (
-        part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4
-        for part in colour
-    )
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    body = svg[svg.index("<defs>") :]
+    body = re.sub(r"<style .*?</style>|font-family: [^;\"]*;? ?", "", body)
+    body = re.sub(r' id="[a-z\d]+_\d+"|(?<= )xlink:|\n *(?=<)', "", body)
+    body = re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", body)
+    body = re.sub(r'style="([^"]*)"', class_of, body)
+    box = re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)[0]
+    view = f'viewBox="0 0 {" ".join(box)}" style="min-width: {0.9 * float(box[0]):.0f}px"'
+    rules = "".join(f".{place}{{{style}}}" for style, place in classes.items())
+    return Markup(f'<svg aria-hidden="true" {view}><style>{rules}</style>{body}')  # noqa: S704

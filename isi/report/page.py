@@ -4,8 +4,9 @@ headline numbers and curves.
 
 import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -14,7 +15,8 @@ import matplotlib as mpl
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from jinja2.utils import htmlsafe_json_dumps
-from markupsafe import Markup, escape
+from markdown_it import MarkdownIt
+from markupsafe import Markup
 
 from isi import config
 from isi.report import figures, glossary, stats
@@ -22,6 +24,7 @@ from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
+from isi.report.stats import where
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import BASELINE, HALVES, JOINT, TEMPLATES, WORDS, joined, label
 from isi.tables.io import atomically
@@ -121,14 +124,14 @@ class Page:
             page=PAGES[self.name],
             answer=answer,
             places=places,
-            colours=figures.colours(drawings.values()),
             figures=drawings,
             in_words=in_words,
             marker=marker,
             groups=[
                 (name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)
             ],
-            marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
+            prose=partial(marked_up, MARKDOWN.render, marker, ids),
+            line=partial(marked_up, MARKDOWN.renderInline, marker, ids),
             header=header,
             column_groups=column_groups,
             best_rows=best_rows,
@@ -138,7 +141,9 @@ class Page:
         )
 
 
-_LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
+#: Of Markdown, what the report's texts use; all else is text.
+MARKDOWN = MarkdownIt("zero").enable(["list", "link", "backticks", "emphasis"])
+_LINK = r"\[([^\]]+)\]\([^)\s]+\)"
 #: Kinds of blocks that can be linked to by their names; the files of tables and figures.
 _NAMED = ("table", "figure")
 _FORMS = {
@@ -156,29 +161,26 @@ def markdown(section: FilledSection) -> str:
     """The lists of a section in Markdown, without links:
     the README and the docs have these sentences, too.
     """
-    items = [item for block in section.blocks for item in block.items]
-    unlinked = (re.sub(rf" \({_LINK.pattern}\)", "", item) for item in items)
-    return "".join(f"- {_LINK.sub(lambda place: place[1], item)}\n" for item in unlinked)
+    lines = [line for block in section.blocks for line in block.text.splitlines()]
+    unlinked = re.sub(rf" \({_LINK}\)", "", "\n".join(line for line in lines if line[:2] == "- "))
+    return re.sub(_LINK, r"\1", unlinked) + "\n"
 
 
-def marked_up(text: str, ids: Collection[str]) -> Markup:
-    """Text with ```code```, ``**weight**`` and ``[links](#section)`` as HTML;
-    a link to an absent section is text.
-    """
+def marked_up(
+    render: Callable[[str], str], marker: glossary.Marker, ids: Collection[str], text: str
+) -> Markup:
+    """Markdown as HTML with its terms marked; a link to an absent section is text."""
+    html = render(_ABSENT.sub("–", text))
 
     def link(place: re.Match[str]) -> str:
-        there = not place[2].startswith("#") or place[2][1:] in ids
-        return f'<a href="{place[2]}">{place[1]}</a>' if there else place[1]
+        return place[0] if place[1] in ids else place[2]
 
-    text = _ABSENT.sub("–", text)
-    linked = _LINK.sub(link, str(escape(text)))
-    weighed = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", linked)
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", weighed))  # noqa: S704
+    linked = re.sub(r'<a href="#([^"]+)">(.*?)</a>', link, html)
+    return Markup(marker.text(linked))  # noqa: S704
 
 
 def foot(results: Results) -> list[str]:
     """Paragraphs at the foot of a page: the paper, the run, the licence."""
-    code = results.run.get("Hashes (SHA-256)", {}).get("code and shipped inputs", "")
     titles = [experiment.title for experiment in results.standalone] or [
         runs.case.title for runs in results.readings.values()
     ]
@@ -193,8 +195,7 @@ def foot(results: Results) -> list[str]:
         (
             f"Made by `make repro` (pages beyond the paper: `make beyond`) from {graphs}. The "
             "sources with their dates are in data/raw/README.md; versions and params are [listed "
-            f"above](#run). Code and inputs: SHA-256 {code[:12]}. Licence: MIT; third-party data: "
-            "NOTICE.md."
+            "above](#run). Licence: MIT; third-party data: NOTICE.md."
         ),
         (
             "Links to files of tables and figures work in the folder `reports/`; "
@@ -272,7 +273,7 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
         runs = experiment.curves
-        ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == experiment.max_epochs)]
+        ended = where(runs, scope="known_closed", epoch=experiment.max_epochs)
         numbers["drop_percent"] = stats.values(
             finetuning.interference_percent(experiment.immediate)
         )
@@ -325,7 +326,7 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
         runs = experiment.curves[experiment.curves["model"] != JOINT]
         for scope in ("all", "novel_heldout", "known", "known_closed"):
             rows = (
-                runs[runs["scope"] == scope]
+                where(runs, scope=scope)
                 .groupby(["epoch", "model"])["mrr_star"]
                 .mean()
                 .unstack("model")

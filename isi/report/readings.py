@@ -4,7 +4,7 @@ values with intervals, and the reading that fits them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, nan, sqrt
@@ -17,7 +17,7 @@ from isi.analyses.readings import READING_CURVES, READINGS, ReadingCase
 from isi.evaluation.readings import CHOICES, Reading, place_of, readings
 from isi.report import stats
 from isi.report.tables import Estimate
-from isi.report.words import BASELINE, JOINT, isi
+from isi.report.words import BASELINE, JOINT, isi, label
 
 #: Resamples of the seeds for the interval of a result.
 RESAMPLES = 1_999
@@ -76,14 +76,33 @@ class CaseRuns:
         """The initializers, then the joint model."""
         return [*self.case.initializers, JOINT]
 
-    def swept(self, model: str) -> list[int]:
-        """The numbers of indicators of a sweep."""
-        return self.case.indicators.get(model, [])
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """The runs of a case under N readings, with B weightings of its S seeds."""
+
+    runs: CaseRuns
+    places: np.ndarray  #: of the readings in ``readings()``; shape: (N,)
+    weights: np.ndarray  #: each row sums to 1; shape: (B, S)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Means over the seeds with a value; ``values``: (S, readings); shape: (B, N)."""
+        shown = values[:, self.places]
+        present = ~np.isnan(shown)
+        total = np.einsum("bs,sn->bn", self.weights, np.where(present, shown, 0.0))
+        share = np.einsum("bs,sn->bn", self.weights, present.astype(float))
+        with np.errstate(invalid="ignore", divide="ignore"):  # a reading without queries
+            means: np.ndarray = total / share
+        return means
+
+    def by_size(self, model: str) -> np.ndarray:
+        """Mean MRR* right after insertion; shape: (sizes, B, N)."""
+        sizes = [self.mean(self.runs.mrr_star[model, 0, size]) for size in self.runs.sizes]
+        return np.stack(sizes)
 
 
-#: The runs of a case, the places of N readings in ``readings()``, and weights of the seeds, (B, S),
-#: that sum to 1, to a number under each reading; shape: (B, N).
-Measured = Callable[[CaseRuns, np.ndarray, np.ndarray], np.ndarray]
+#: A number of a model under each reading; shape: (B, N).
+Measure = Callable[[Weighted, str], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -94,157 +113,94 @@ class PaperResult:
     title: str
     paper: float
     case: str
-    measured: Measured
+    measure: Measure
+    model: str
     about: str = ""  #: replaces the reading's, where the paper says whom the queries are about
     group: str = ""  #: results whose order the paper shows
 
-
-def _means(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted means over the seeds with a value; values: (S, N); weights: (B, S);
-    shape: (B, N).
-    """
-    present = ~np.isnan(values)
-    total = np.einsum("bs,sn->bn", weights, np.where(present, values, 0.0))
-    share = np.einsum("bs,sn->bn", weights, present.astype(float))
-    with np.errstate(invalid="ignore", divide="ignore"):  # a reading without queries has no mean
-        means: np.ndarray = total / share
-    return means
+    def measured(self, runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return self.measure(Weighted(runs, places, weights), self.model)
 
 
-def _over_sizes(values: Sequence[np.ndarray]) -> np.ndarray:
-    mean: np.ndarray = np.mean(np.stack(values), axis=0)
-    return mean
-
-
-def gain(model: str) -> Measured:
+def gain(of: Weighted, model: str) -> np.ndarray:
     """Per cent by which mean MRR* exceeds Xavier's, averaged over sizes (section 6.1)."""
-
-    def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        ratios = []
-        for size in runs.sizes:
-            of_model, base = (runs.mrr_star[name, 0, size][:, places] for name in (model, BASELINE))
-            ratios.append(100 * (_means(of_model, weights) / _means(base, weights) - 1))
-        return _over_sizes(ratios)
-
-    return measured
+    ratios: np.ndarray = of.by_size(model) / of.by_size(BASELINE)
+    return np.asarray((100 * (ratios - 1)).mean(0))
 
 
-def mrr_star(model: str) -> Measured:
+def mrr_star(of: Weighted, model: str) -> np.ndarray:
     """Mean MRR* right after insertion, over all sizes."""
-
-    def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        means = [_means(runs.mrr_star[model, 0, size][:, places], weights) for size in runs.sizes]
-        return _over_sizes(means)
-
-    return measured
+    return np.asarray(of.by_size(model).mean(0))
 
 
-def drop(model: str) -> Measured:
+def drop(of: Weighted, model: str) -> np.ndarray:
     """Per cent by which mean MRR* is below the joint model's (section 6.3)."""
-
-    def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        of_model, of_joint = (mrr_star(name)(runs, places, weights) for name in (model, JOINT))
-        below: np.ndarray = 100 * (1 - of_model / of_joint)
-        return below
-
-    return measured
+    return np.asarray(100 * (1 - mrr_star(of, model) / mrr_star(of, JOINT)))
 
 
-def epochs(model: str, statistic: str = "mean") -> Measured:
-    """Mean or standard deviation of the epochs to convergence over sizes and seeds (Table 2)."""
-
-    def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        sizes = [runs.epochs[model, 0, size][:, places] for size in sorted(runs.case.finetuned)]
-        if not sizes:
-            return np.full((len(weights), len(places)), nan)
-        mean = _over_sizes([_means(of_size, weights) for of_size in sizes])
-        if statistic == "mean":
-            return mean
-        square = _over_sizes([_means(of_size**2, weights) for of_size in sizes])
-        number = len(sizes) * runs.seeds
-        variance = np.where(np.isinf(mean), inf, square - np.where(np.isinf(mean), 0.0, mean) ** 2)
-        deviation: np.ndarray = np.sqrt(variance.clip(min=0) * (number / (number - 1)))
-        return deviation
-
-    return measured
+def epochs(of: Weighted, model: str, power: int = 1) -> np.ndarray:
+    """Mean epochs to convergence, or of their squares, over sizes and seeds (Table 2)."""
+    sizes = [of.runs.epochs[model, 0, size] ** power for size in sorted(of.runs.case.finetuned)]
+    if not sizes:
+        return np.full((len(of.weights), len(of.places)), nan)
+    return np.asarray(np.mean([of.mean(size) for size in sizes], axis=0))
 
 
-def best_indicators(model: str) -> Measured:
+def deviation(of: Weighted, model: str) -> np.ndarray:
+    """Standard deviation of the epochs to convergence over sizes and seeds (Table 2)."""
+    mean, square = epochs(of, model), epochs(of, model, power=2)
+    number = len(of.runs.case.finetuned) * of.runs.seeds
+    variance = np.where(np.isinf(mean), inf, square - np.where(np.isinf(mean), 0.0, mean) ** 2)
+    return np.sqrt(variance.clip(min=0) * (number / (number - 1)))
+
+
+def best_indicators(of: Weighted, model: str) -> np.ndarray:
     """The number of indicators with the highest mean MRR* right after insertion,
     at the first size (Figure 2a).
     """
-
-    def measured(runs: CaseRuns, places: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        size, numbers = runs.sizes[0], runs.swept(model)
-        means = np.stack(
-            [_means(runs.mrr_star[model, k, size][:, places], weights) for k in numbers]
-        )
-        best = np.array(numbers, float)[np.nan_to_num(means).argmax(0)]
-        return np.where(np.isnan(means).all(0), nan, best)
-
-    return measured
+    size, numbers = of.runs.sizes[0], of.runs.case.indicators[model]
+    means = np.stack([of.mean(of.runs.mrr_star[model, k, size]) for k in numbers])
+    best = np.array(numbers, float)[np.nan_to_num(means).argmax(0)]
+    return np.where(np.isnan(means).all(0), nan, best)
 
 
-def results_of(paper: Mapping[str, Any]) -> list[PaperResult]:
+def results_of(paper: Mapping[str, Any]) -> Iterator[PaperResult]:
     """The results of the paper that a reading decides,
     from its numbers (``data/raw/paper/values.yaml``).
     """
-    gains, moved, listed = (
-        paper["immediate"]["improvement_over_xavier"],
-        paper["transfer"],
-        list[PaperResult](),
-    )
+    gains, moved = paper["immediate"]["improvement_over_xavier"], paper["transfer"]
+    table2 = paper["convergence"]["epochs"]
+
+    def result(title: str, value: float, measure: Measure, name: str, group: str) -> PaperResult:
+        place = "section 6.1" if group == "gain" else "Table 2"
+        return PaperResult(
+            place, f"{title} {label(name)}", value, "published", measure, name, group=group
+        )
+
+    def transferred(title: str, value: float, measure: Measure, name: str, *of: str) -> PaperResult:
+        return PaperResult("section 6.3", title, value, "extended", measure, name, *of)
+
     for name, value in gains.items():
-        listed.append(
-            PaperResult(
-                "section 6.1", f"gain of {name}", value, "published", gain(name), "", "gain"
-            )
-        )
-    for name, number in paper["convergence"]["epochs"].items():
-        listed.append(
-            PaperResult(
-                "Table 2",
-                f"epochs of {name}",
-                number["mean"],
-                "published",
-                epochs(name),
-                "",
-                "epochs",
-            )
-        )
-    for name, number in paper["convergence"]["epochs"].items():
-        deviation = number["deviation"]
-        title = f"deviation of the epochs of {name}"
-        listed.append(
-            PaperResult(
-                "Table 2", title, deviation, "published", epochs(name, "deviation"), "", "deviation"
-            )
-        )
-    for key, about, group in (("all_queries", "", "all"), ("novel_queries", "novel", "novel")):
-        of_whom = "all queries" if key == "all_queries" else "new entities"
-        for name, value in moved[key].items():
-            title = f"{of_whom}: {name}"
-            listed.append(
-                PaperResult("section 6.3", title, value, "extended", mrr_star(name), about, group)
-            )
+        yield result("gain of", value, gain, name, "gain")
+    for name, number in table2.items():
+        yield result("epochs of", number["mean"], epochs, name, "epochs")
+    for name, number in table2.items():
+        title = "deviation of the epochs of"
+        yield result(title, number["deviation"], deviation, name, "deviation")
+    for name, value in moved["all_queries"].items():
+        yield transferred(f"all queries: {label(name)}", value, mrr_star, name, "", "all")
+    for name, value in moved["novel_queries"].items():
+        title = f"new entities: {label(name)}"
+        yield transferred(title, value, mrr_star, name, "novel", "novel")
     for name, value in moved["drop"].items():
-        title = f"AI2-THOR's entities: {name} below the joint model"
-        listed.append(PaperResult("section 6.3", title, value, "extended", drop(name), "known"))
-    base = moved["epochs"][BASELINE]
-    listed.append(
-        PaperResult(
-            "section 6.3",
-            f"epochs after the transfer, {BASELINE}",
-            base,
-            "extended",
-            epochs(BASELINE),
-        )
-    )
+        title = f"AI2-THOR's entities: {label(name)} below the joint model"
+        yield transferred(title, value, drop, name, "known")
+    title = f"epochs after the transfer, {label(BASELINE)}"
+    yield transferred(title, moved["epochs"][BASELINE], epochs, BASELINE)
     for name in isi(gains):
+        title = f"best number of indicators of {label(name)}"
         best = paper["indicators_degrade_after"]
-        title = f"best number of indicators of {name}"
-        listed.append(PaperResult("Figure 2a", title, best, "sweep", best_indicators(name)))
-    return listed
+        yield PaperResult("Figure 2a", title, best, "sweep", best_indicators, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,14 +230,12 @@ class Fit:
         """
         side = np.where(self.paper >= self.values, self.high - self.values, self.values - self.low)
         apart = np.abs(self.paper - self.values) / np.maximum(side, PRINTED)
-        distance: np.ndarray = np.nan_to_num(apart, nan=FAR).clip(max=FAR)
-        return distance
+        return np.asarray(np.nan_to_num(apart, nan=FAR).clip(max=FAR))
 
     @property
     def within(self) -> np.ndarray:
         """Whether the paper's value lies in the interval; as ``values``."""
-        lies: np.ndarray = self.distance <= 1
-        return lies
+        return np.asarray(self.distance <= 1)
 
     def order(self, rows: Sequence[int] | slice = slice(None)) -> list[int]:
         """Places of the readings by mean distance over some of the results, the nearest first."""

@@ -1,20 +1,16 @@
 """A section of the page: a function gives its numbers, tables and figures,
 a template its sentences and captions.
 
-A template is text in blocks with empty lines between them. A block is a paragraph, or starts with
-one of these::
+A template is text in blocks with empty lines between them. A block is a paragraph or a list of
+Markdown (of which only lists, ```code```, ``**weight**`` and ``[links](address)`` are marked up; a
+link to a section that the page does not have is plain text), or starts with one of these::
 
     # TITLE [| open]                    the section's title; an open section is expanded at first
-    ## TITLE                            a heading within the section
-    - TEXT                              items of a list
     @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
     @data NAME | TITLE                  links to a table's files, without the table
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
     @terms NAME | TITLE [| folded]      words and their meanings
     @explorer NAME, @guide              parts of the page with templates of their own
-
-In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](address)`` are marked up; a
-link to a section that the page does not have is plain text.
 """
 
 import re
@@ -32,6 +28,10 @@ from isi.report.data import Experiment, Results
 from isi.report.figures import Figure
 from isi.report.stats import LEVEL, values
 from isi.report.tables import ReportTable
+
+Numbers = dict[str, Any]  #: Values for a template, by name.
+Tables = dict[str, Any]  #: Rows (``ReportTable.of``) by name of table.
+Figures = dict[str, Canvas]
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,12 @@ class Content:
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a template: a paragraph, list or heading;
-    or, after ``@``, a table, figure or numbers by name.
+    """A block of a template: ``prose``, or what stands after ``@``, with its caption as text;
+    ``content``: the table, figure or numbers that it names.
     """
 
     kind: str
     text: str = ""
-    items: Sequence[str] = ()
     title: str = ""
     folded: bool = False
     content: Any = None
@@ -106,23 +105,16 @@ class ReportSection:
             if self.text
             else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         )
-        title, flag, blocks = "", "", list[Block]()
-        for number, content in enumerate(self.contents(results)):
+        heading, blocks = Block("section"), list[Block]()
+        for content in self.contents(results):
             about = {"results": results, "params": results.params, "tables": content.tables}
-            for block in parsed(
-                template.render({**about, "first": number == 0, **content.numbers}), content
-            ):
-                if block.kind == "section":
-                    title, flag = block.title, block.text
-                elif block.kind == "list" and blocks and blocks[-1].kind == "list":
-                    blocks[-1] = replace(block, items=[*blocks[-1].items, *block.items])
-                else:
-                    blocks.append(block)
-        return (
-            FilledSection(self.name.replace("_", "-"), title, flag == "open", blocks, self.group)
-            if blocks
-            else None
-        )
+            text = template.render(about | dict(content.numbers))
+            heading, *others = parsed(text, content)
+            blocks += others
+        if not blocks:
+            return None
+        name = self.name.replace("_", "-")
+        return FilledSection(name, heading.title, heading.text == "open", blocks, self.group)
 
 
 def of_each(
@@ -158,44 +150,38 @@ def of_each_graph(
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
-    """The blocks of a rendered template, with the tables,
-    figures and numbers of ``content`` that they name.
-    """
-    for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
-        first, *others = part.split("\n")
-        mark, _, rest = first.partition(" ")
-        title, _, flag = (text.strip() for text in rest.partition(" | "))
-        if mark == "#":
-            yield Block("section", flag, title=title)
-        elif mark in ("@table", "@figure", "@data"):
-            name, (title, _, flag) = title, flag.partition(" | ")
-            title += f" ({content.title})" if content.title else ""
-            drawn = mark == "@figure"
-            made: Any = (Figure, content.figures) if drawn else (ReportTable.of, content.tables)
-            kind = "data" if content.only_files else mark[1:]
-            text = " ".join(" ".join(others).split())
-            yield Block(
-                kind,
-                text,
-                (),
-                title,
-                flag == "folded",
-                made[0](f"{name}{content.suffix}", made[1][name]),
-            )
-        elif content.only_files:
-            continue
-        elif mark.startswith("@"):
-            name, (title, _, flag) = title, flag.partition(" | ")
-            yield Block(mark[1:], "", (), title, flag == "folded", content.numbers.get(name))
-        elif mark == "##":
-            yield Block("heading", title=title)
-        elif mark == "-":
-            texts = re.split(r"^- ", part, flags=re.MULTILINE)[1:]
-            yield Block("list", items=[" ".join(text.split()) for text in texts])
-        else:
-            yield Block("paragraph", " ".join(part.split()))
+    """The blocks of a rendered template, the section's title first."""
+    heading, *parts = filter(None, map(str.strip, re.split(r"\n\s*\n", text)))
+    title, _, flag = heading.removeprefix("# ").partition(" | ")
+    yield Block("section", flag, title)
+    for part in parts:
+        if part.startswith("@"):
+            block = _named(part, content)
+        else:  # each item of a list on one line
+            block = Block("prose", re.sub(r"\s+(?!- )", " ", part))
+        if block.kind == "data" or not content.only_files:
+            yield block
 
 
+def _named(part: str, content: Content) -> Block:
+    """A block after ``@``, with what it names."""
+    mark, _, caption = part.removeprefix("@").partition("\n")
+    kind, _, rest = mark.partition(" ")
+    name, title, flag, *_ = [*rest.split(" | "), "", ""]
+    folded, file = flag == "folded", f"{name}{content.suffix}"
+    item: Figure | ReportTable
+    if kind == "figure":
+        item = Figure(file, content.figures[name])
+    elif kind in ("table", "data"):
+        item = ReportTable.of(file, content.tables[name])
+    else:
+        return Block(kind, "", title, folded, content.numbers.get(name))
+    title += f" ({content.title})" if content.title else ""
+    kind = "data" if content.only_files else kind
+    return Block(kind, " ".join(caption.split()), title, folded, item)
+
+
+Contents = Iterator[Content]
 _ENVIRONMENT = Environment(
     loader=PackageLoader("isi.report", "templates/sections"),
     undefined=StrictUndefined,

@@ -2,7 +2,7 @@
 and differences with tests.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import combinations
@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from isi.random import stream
-from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, SCOPE, isi, label
+from isi.report.tables import Cells, Column, Estimate, Rows
+from isi.report.words import BASELINE, HALVES, SCOPE, Names, isi, label
 
 #: Columns that identify a run of an initializer.
 CELL = ["session", "size", "seed"]
@@ -28,8 +28,10 @@ signed = "{:+.2f}".format
 #: The sign-flip test is exact up to ``_COUNTED`` nonzero differences; beyond, it samples ``_DRAWN``
 #: choices of signs.
 _COUNTED, _DRAWN = 40, 99_999
-#: Values by scope, then by model.
-ByScope = dict[str, dict[str, float]]
+#: Values and estimates by model, and values by scope, then by model.
+Values = dict[str, float]
+Estimates = dict[str, Estimate]
+ByScope = dict[str, Values]
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,15 @@ class Pair:
         return self.holm < LEVEL
 
 
-def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
+def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:
+    """The rows with these values in their columns; a list or tuple: any of them."""
+    for column, value in values.items():
+        listed = value if isinstance(value, list | tuple) else [value]
+        rows = rows[rows[column].isin(listed)]
+    return rows
+
+
+def by_scope(values: pd.Series, models: Names) -> ByScope:
     """Values indexed by (scope, model) as a mapping for each scope, in the order of ``models``."""
     return {
         str(scope): {
@@ -70,31 +80,28 @@ def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
     }
 
 
-def means(
-    rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100
-) -> dict[str, float]:
-    """Mean of a column times ``scale`` for each group, without an interval."""
-    return {
-        str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()
-    }
+def means(rows: pd.DataFrame, column: str, scale: float = 100) -> Values:
+    """Mean of a column times ``scale`` for each model, without an interval."""
+    by_model = rows.groupby("model")[column].mean().items()
+    return {str(model): scale * float(mean) for model, mean in by_model}
 
 
-def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
+def values(estimates: Estimates) -> Values:
     """The means of estimates."""
     return {name: estimate.mean for name, estimate in estimates.items()}
 
 
-def mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
+def mean_of(numbers: Values, models: Names) -> float:
     """The mean over the models that have a number; NaN if none has one."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else np.nan
 
 
-def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
+def improvements(immediate: pd.DataFrame, scope: str) -> Estimates:
     """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1),
     averaged over sizes (section 6.1).
     """
-    cells = immediate[immediate["scope"] == scope].pivot_table(
+    cells = where(immediate, scope=scope).pivot_table(
         "mrr_star", "seed", ["model", "size"], dropna=False
     )
     return relative(
@@ -106,9 +113,7 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
     )
 
 
-def relative(
-    pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1
-) -> dict[str, Estimate]:
+def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> Estimates:
     """Per cent by which means over seeds (rows) exceed those of a reference,
     averaged over grid points (columns).
 
@@ -137,7 +142,7 @@ def relative(
     return {name: estimate for name, estimate in estimates.items() if not np.isnan(estimate.mean)}
 
 
-def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
     """Epochs to convergence by group: mean, standard deviation, median,
     and per cent of runs without convergence.
     """
@@ -150,16 +155,14 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
     return pd.concat([means, middle, never], axis=1)
 
 
-def by_label(
-    models: Sequence[str], columns: Mapping[Any, Any], header: str = "model"
-) -> dict[Any, list[Any]]:
+def by_label(models: Iterable[str], columns: Mapping[Any, Any], header: str = "model") -> Cells:
     """Columns of a table with a row for each model:
     its label, then its values in ``columns`` (None if it has none).
     """
-    cells = {
-        column: [of_model.get(model) for model in models] for column, of_model in columns.items()
-    }
-    return {header: list(map(label, models)), **cells}
+    table: Cells = {header: list(map(label, models))}
+    for column, of_model in columns.items():
+        table[column] = [of_model.get(model) for model in models]
+    return table
 
 
 def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> dict[Any, Any]:
@@ -181,7 +184,7 @@ def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
 
 
 def ordered_rows(
-    means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any
+    means: pd.DataFrame, models: Names, header: Any = "model", **orders: Any
 ) -> pd.DataFrame:
     """Means by group as rows of a table, sorted by index level;
     ``orders``: values of a level to show, in order.
@@ -194,16 +197,16 @@ def ordered_rows(
     return frame.rename(columns={"model": header, "scope": SCOPE})
 
 
-def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
+def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.DataFrame:
     """Values of ``column`` in one scope: a row for each session, size and seed,
     a column for each model.
     """
-    shown = rows[rows["scope"] == scope]
+    shown = where(rows, scope=scope)
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
 
 
 def over_seeds(
-    rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0
+    rows: pd.DataFrame, by: Names, columns: Mapping[str, str], scale: float = 100.0
 ) -> pd.DataFrame:
     """Means × ``scale`` of ``columns`` (name to new name) by group, with 95 % intervals over seeds;
     nulls left out.
@@ -225,9 +228,7 @@ def over_seeds(
     )
 
 
-def by_model(
-    rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0
-) -> dict[str, Estimate]:
+def by_model(rows: pd.DataFrame, column: str, models: Names, scale: float = 100.0) -> Estimates:
     """Mean × ``scale`` of a column, with its interval over seeds,
     for each of ``models`` that has rows, in order.
     """
@@ -284,7 +285,7 @@ def resamples(seeds: int) -> np.ndarray:
     )
 
 
-def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+def combined(rows: pd.DataFrame, by: Names) -> pd.DataFrame:
     """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
 
     The entity half is a mean over relations, weighted by observations, of the mean over a
@@ -304,7 +305,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     return halves[list(HALVES)].reset_index()
 
 
-def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
+def compare(measures: Mapping[str, pd.DataFrame], models: Names) -> list[Pair]:
     """Compare all pairs of models, ISI first; ``measures``: frames with a row per run,
     a column per model.
     """
@@ -322,7 +323,7 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
     return pairs
 
 
-def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
+def pairs_table(pairs: Iterable[Pair]) -> Rows:
     """Rows of a table: each pair with its interval and test; its p is "none" if no seed differs."""
 
     def form(p: float) -> str:

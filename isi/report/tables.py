@@ -13,6 +13,8 @@ import pandas as pd
 #: In files: decimals of points, epochs and per cent; significant digits of numbers of any size.
 DECIMALS, DIGITS = 2, 4
 Form = Callable[[float], str]
+Rows = list[dict[Any, Any]]  #: Rows of a table: cells by column.
+Cells = dict[Any, list[Any]]  #: Columns of a table.
 
 
 @dataclass(frozen=True)

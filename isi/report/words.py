@@ -10,6 +10,7 @@ from isi import config
 from isi.initializers.api import INITIALIZERS, Registered, Role
 from isi.report.tables import Column
 
+Names = Sequence[str]  #: Of models, scopes or columns, in order.
 JOINT = "joint"
 #: The model without insertion: Θ⁰, fine-tuned.
 FINETUNE_ONLY = "finetune_only"
@@ -71,7 +72,7 @@ def contenders(models: Iterable[str]) -> list[str]:
     return of_role(models, "paper", "isi", "baseline", "own")
 
 
-def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
+def line_style(model: str, models: Names) -> dict[str, Any]:
     """Matplotlib's colour, label and dashes of a model;
     ``models``: all in the figures (for spare colours).
     """
@@ -88,7 +89,7 @@ def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def colour(model: str, models: Sequence[str]) -> str:
+def colour(model: str, models: Names) -> str:
     """The colour of a model in every figure."""
     return str(line_style(model, models)["color"])
 
@@ -108,7 +109,7 @@ def with_values(
 
 
 def listed_epochs(
-    epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Sequence[str]
+    epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Names
 ) -> str:
     """An enumeration of models with epochs to convergence and the per cent of their
     runs that never converge.
@@ -130,7 +131,7 @@ def capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def in_order(values: Iterable[str], first: Sequence[str]) -> list[str]:
+def in_order(values: Iterable[str], first: Names) -> list[str]:
     """Values in the order of ``first``, then the others in their own order."""
     present = list(values)
     return [value for value in first if value in present] + [

@@ -84,14 +84,20 @@ class Reader:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-#: The module ``recorder`` is not imported: it loads the package ``ai2thor`` and registers no
-#: reader.
-READERS: config.Plugins[Reader] = config.Plugins("isi.sources", skipped=["recorder"])
+READERS: config.Plugins[Reader] = config.Plugins("isi.sources")
 
 
 def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:
     """A decorator that registers a function as a reader;
     ``known`` are the other fields of ``Reader``.
+
+    Example:
+        >>> @reader("two_cups", name_entities=lambda triples, rooms: None)
+        ... def two_cups(mining: Mining, relation: str) -> Iterator[Observation]:
+        ...     yield None, None, None, "cup", relation, "kitchen", 2
+        >>> chosen, settings = settings_of({"reader": "two_cups", "relation": "in"}, "sources.mine")
+        >>> list(chosen.read(Mining(0), **settings))
+        [(None, None, None, 'cup', 'in', 'kitchen', 2)]
     """
 
     def register(read: Read) -> Read:

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from typing import Literal as Choice
 from urllib.parse import unquote
 
@@ -15,7 +15,7 @@ from isi.errors import InputError, cut, extra, short
 from isi.names import clean, name_fault
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import KindsByRelation, Naming
-from isi.sources.readers import MOST, open_text, parse_json, read_text, reading, suffix_of
+from isi.sources.readers import MOST, open_text, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
 
 if TYPE_CHECKING:
@@ -33,19 +33,11 @@ MANY_TYPES = (
 )
 UNUSABLE = "labels dropped that are empty, too long, or contain control characters"
 REPEATED = "triples dropped that repeat an earlier one"
-SUFFIXES = (".nt", ".ttl", ".jsonld")
+SUFFIXES = (".nt", ".ttl")
 SHACL = "http://www.w3.org/ns/shacl#"
 
 
-def _is_jsonld(value: object) -> bool:
-    """Whether JSON is RDF: an object with a context or a graph,
-    or a list whose objects have IRIs.
-    """
-    first = value[0] if isinstance(value, list) and value else value
-    return isinstance(first, dict) and not {"@context", "@graph", "@id"}.isdisjoint(first)
-
-
-@reader("rdf", Naming(), path="path", suffixes=SUFFIXES, reads_json=_is_jsonld)
+@reader("rdf", Naming(), path="path", suffixes=SUFFIXES)
 def rdf(
     mining: Mining,
     path: str,
@@ -54,7 +46,7 @@ def rdf(
     household: bool = False,
     names: Choice["local", "iri"] = "local",
 ) -> Iterator[Observation]:
-    """Observations of an RDF graph (``.nt``, ``.ttl``, ``.jsonld``, perhaps with ``.gz``):
+    """Observations of an RDF graph (``.nt``, ``.ttl``, perhaps with ``.gz``):
     types are kinds.
 
     Labels are phrases. The other settings are those of ``table``; the table ``entities`` overrides
@@ -208,39 +200,7 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
                 place, problem = f"line {error.lines + 1}", str(error._why)
             raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
         yield from (("", triple) for triple in sorted(graph))
-    elif suffix_of(path) in (".jsonld", ".json"):
-        text = read_text(path, "JSON-LD, which is read as a whole,")
-        if address := _remote_context(parse_json(Any, text, path)):
-            raise InputError(
-                path,
-                "@context",
-                f"expected a context in the file: {short(address)} is not downloaded",
-            )
-        try:
-            graph = Graph().parse(data=text, format="json-ld", publicID="file:///")
-        except Exception as error:  # as above
-            raise InputError(
-                path, "", f"expected JSON-LD ({type(error).__name__}: {cut(str(error), 120)})"
-            ) from error
-        yield from (("", triple) for triple in sorted(graph))
     else:
         raise InputError(
-            path, "", "expected a file name that ends in .nt, .ttl or .jsonld (or these with .gz)"
+            path, "", "expected a file name that ends in .nt or .ttl (or these with .gz)"
         )
-
-
-def _remote_context(value: Any) -> str | None:
-    """The address of a context that JSON-LD would have downloaded; None without any."""
-    waiting = [value]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, dict):
-            context = part.get("@context")
-            contexts = context if isinstance(context, list) else [context]
-            for address in (*contexts, part.get("@import")):
-                if isinstance(address, str):
-                    return address
-        waiting += (
-            part.values() if isinstance(part, dict) else part if isinstance(part, list) else []
-        )
-    return None

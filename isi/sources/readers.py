@@ -10,7 +10,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from io import BufferedReader, TextIOWrapper
@@ -198,7 +198,6 @@ def read_table(
     columns: Sequence[str],
     *keys: Sequence[str],
     optional: Sequence[str] | None = None,
-    aliases: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Read a whole table of 1 to ``MOST_ROWS`` rows of valid names;
     its index holds line numbers (``read_batches``).
@@ -207,7 +206,7 @@ def read_table(
     columns.
     """
     batches, rows = [], 0
-    for batch in read_batches(path, columns, optional or (), optional is None, aliases):
+    for batch in read_batches(path, columns, optional or (), optional is None):
         check_names(batch, path, optional or ())
         batches.append(cleaned(batch))
         rows += len(batch)
@@ -231,14 +230,13 @@ def read_batches(
     required: Sequence[str],
     optional: Sequence[str] = (),
     others: bool = False,
-    aliases: Mapping[str, str] | None = None,
     headerless: Counter[str] | None = None,
 ) -> Iterator[pd.DataFrame]:
     """Yield the rows of a file
     (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
 
     Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if
-    ``others``, else refused. ``aliases``: columns by other names. Values: text (None is empty); in
+    ``others``, else refused. Values: text (None is empty); in
     ``COUNT``, integers of at least 1. Index: numbers of lines, or of rows of Parquet from 1; its
     name is ``line`` or ``row``. ``headerless``: where the lines of a text without a header, which
     then has the columns ``required``, are counted; None refuses such a text.
@@ -256,9 +254,10 @@ def read_batches(
         else (_text_rows(path, SEPARATORS[form]), "line")
     )
     _, first = next(rows)
-    known = {name: name for name in (*required, *optional)} | dict(aliases or {})
-    header = [known.get(name, known.get(name.strip().lower(), name)) for name in first]
-    names = [name for name in header if name in (*required, *optional)]
+    known = (*required, *optional)
+    folded = {name: name.strip().lower() for name in first}
+    header = [folded[name] if folded[name] in known else name for name in first]
+    names = [name for name in header if name in known]
     is_header = set(required) <= set(names)
     if not is_header and unit == "line" and headerless is not None and _is_triple(first):
         rows, header, names = chain([(1, first)], rows), list(required), list(required)

@@ -29,20 +29,6 @@ from isi.tables import paths
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
 #: Files of a folder of triples (``isi graph --out``).
 TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"
-EDGES_FILE, NODES_FILE = "edges.csv", "nodes.csv"  #: Files of a folder for Neo4j (``isi export``).
-FOLDERS = ((TRIPLES_FILE, ENTITIES_FILE), (EDGES_FILE, NODES_FILE))
-#: Columns by their header in files of Neo4j's importer.
-OF_NEO4J = {
-    ":ID": "entity",
-    "phrase": "phrase",
-    ":LABEL": "kind",
-    ":START_ID": "head",
-    ":END_ID": "tail",
-    ":TYPE": "relation",
-    "count:int": "count",
-    "score:float": "score",
-    "rank:int": "rank",
-}
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: The kind of an entity by the suffix of its name, after the last dot.
 KINDS_BY_SUFFIX = {
@@ -57,9 +43,7 @@ SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
 
 
-@reader(
-    "table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE, EDGES_FILE)
-)
+@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet", TRIPLES_FILE))
 def table(
     mining: Mining,
     path: str,
@@ -71,7 +55,7 @@ def table(
 
     Its columns are ``TRIPLE``, and optionally ``count`` and ``PLACES``; three columns without a
     header are ``TRIPLE``. ``path`` may be a folder with such a table, ``triples.csv``, and perhaps
-    ``entities.csv``, the table ``entities``, or with Neo4j's ``edges.csv`` and ``nodes.csv``.
+    ``entities.csv``, the table ``entities``.
     ``entities``: path of a table with the column ``entity`` and optionally ``kind`` and ``phrase``.
     ``kinds``: kinds of each relation's heads and tails, for entities without a kind in that table.
     ``household``: relations and kinds are ``HOUSEHOLD``; the names in the column ``room`` are
@@ -79,16 +63,11 @@ def table(
     """
     file = Path(path)
     if file.is_dir():
-        present = [names for names in FOLDERS if (file / names[0]).exists()]
-        if len(present) > 1:
-            tables = " and ".join(triples for triples, _ in present)
-            raise InputError(file, "", f"expected one table of triples, got {tables}")
-        file, listed = (file / name for name in (present or FOLDERS)[0])
+        listed = file / ENTITIES_FILE
+        file /= TRIPLES_FILE
         entities = entities or (str(listed) if listed.exists() else None)
     mining.name_entities = naming(entities, kinds, household, mining.counts)
-    for batch in read_batches(
-        file, TRIPLE, [COUNT, *PLACES], aliases=OF_NEO4J, headerless=mining.counts
-    ):
+    for batch in read_batches(file, TRIPLE, [COUNT, *PLACES], headerless=mining.counts):
         rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
         check_names(rows[[*TRIPLE, *PLACES]], file, PLACES)
         places = ([place or None for place in rows[name]] for name in PLACES)
@@ -113,9 +92,7 @@ def naming(
     named = Naming(kinds, household, strict=bool(kinds) or household)
     if entities:
         columns, optional = ["entity"], ["kind", "phrase"]
-        listed = read_table(
-            Path(entities), columns, columns, optional=optional, aliases=OF_NEO4J
-        ).set_index("entity")
+        listed = read_table(Path(entities), columns, columns, optional=optional).set_index("entity")
         for column, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if column in listed:
                 given.update(listed.loc[listed[column] != "", column])

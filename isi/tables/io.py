@@ -49,12 +49,6 @@ def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Te
     return tensors
 
 
-def tensors_in(path: Path) -> list[str]:
-    """The names of the tensors of a safetensors file."""
-    with _opened(path) as file:
-        return list(file.keys())
-
-
 def shape_of(path: Path, name: str) -> tuple[int, ...]:
     """The shape of a tensor of a safetensors file."""
     with _opened(path) as file:

@@ -43,7 +43,6 @@ class ColumnType:
     expected: str = ""  #: message; ``{}`` is the column's name
     broken: Callable[[pd.Series], Broken] | None = None
     nullable: bool = False
-    is_entity: bool = False  #: its values are ids of the experiment's entities
 
     @property
     def optional(self) -> ColumnType:
@@ -97,7 +96,6 @@ _NAMED = (
 #: Names: plain, for columns of unique names; dictionary-encoded, for names that repeat.
 TEXT, NAME = (ColumnType(kind, _NAMED, _nameless) for kind in ("string", "category"))
 FROM_0, FROM_1 = at_least(0, "int32"), at_least(1, "int32")
-ENTITY = replace(FROM_0, is_entity=True)
 REAL = ColumnType("float64", "expected {} to be finite", np.isinf)
 SHARE = within(0, 1)
 #: Numbers of observations: at least 1 in a row, at most ``MOST_OBSERVED`` in all rows.

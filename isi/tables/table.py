@@ -4,12 +4,10 @@ each is declared once, in the module of the feature that writes it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from string import Formatter
 from typing import TYPE_CHECKING
 
 from isi.tables import io
@@ -20,13 +18,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from torch import Tensor
 
-_DECLARED: list[DataFile] = []
-
-
-def declared() -> list[DataFile]:
-    """All tables and tensor files that imported modules declare."""
-    return list(_DECLARED)
-
 
 @dataclass(frozen=True, eq=False)
 class DataFile:
@@ -36,23 +27,9 @@ class DataFile:
 
     template: str
 
-    def __post_init__(self) -> None:
-        _DECLARED.append(self)
-
     def path(self, **names: str | int) -> Path:
         """The template completed by ``names``: a path relative to the folder of ``dvc.yaml``."""
         return Path(self.template.format(**names))
-
-    def names_in(self, path: Path) -> dict[str, str] | None:
-        """The names that complete the template to this path; None if the path does not match."""
-        parts = [(re.escape(text), name) for text, name, *_ in Formatter().parse(self.template)]
-        pattern = "".join(text + (rf"(?P<{name}>\w+)" if name else "") for text, name in parts)
-        match = re.fullmatch(pattern, path.as_posix())
-        return match and match.groupdict()
-
-    def read_file(self, path: Path) -> object:
-        """Read a whole file; InputError where it is missing, broken or not as declared."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +48,6 @@ class Table(DataFile):
         from isi.tables.parquet import schema_of
 
         return schema_of(self.columns)
-
-    @property
-    def entity_ids(self) -> list[str]:
-        """The columns of ids of the experiment's entities."""
-        return [name for name, column in self.columns.items() if column.is_entity]
 
     def check(self, frame: pd.DataFrame, path: Path) -> None:
         """Check all rules; InputError names the first row (from 0) that breaks one,
@@ -97,6 +69,7 @@ class Table(DataFile):
         return as_text(self.read(**names))
 
     def read_file(self, path: Path) -> pd.DataFrame:
+        """Like ``read``, from any path."""
         from isi.tables import parquet
 
         frame: pd.DataFrame = parquet.read(path, self.schema).to_pandas()

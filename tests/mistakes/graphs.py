@@ -1,4 +1,4 @@
-"""Mistakes in command lines about graphs (``isi graph``, ``export``, ``check``)."""
+"""Mistakes in command lines about graphs (``isi graph``, ``export``)."""
 
 from pathlib import Path
 

@@ -15,7 +15,6 @@ TYPED = "import mine --family distmult --out out"
 THEIRS = "import theirs --family distmult --out out"
 NAMED = [f"{place}\t{name}" for place, name in enumerate("abcdef")]
 OF_PYKEEN = [f"{slot}_representations.0._embeddings.weight" for slot in ("entity", "relation")]
-RE, IM, OF = "ent_re_embeddings.weight", "ent_im_embeddings.weight", "rel_emb"
 
 
 def with_tables(**changed: Any) -> Callable[[], object]:
@@ -153,8 +152,6 @@ TABLES: list[tuple[str, Callable[[], object]]] = [
     ("tables.npz", with_tables(entities=None, relations=None, vectors=ENTITIES)),
     ("tables.npz", with_tables(entities=np.array([{}, None]))),  # Python's objects
     ("tables.npz", corrupt),
-    ("t.json", with_file("t.json", f'{{"entities": [[1{"0" * 400}]]}}', write_lists)),
-    ("t.json", with_file("t.json", "[]", write_lists)),
     ("t.pt", with_file("t.pt", b"\x80\x02cos\nmkdir\nq\x00.", write_lists)),
     ("t.pt", with_state([torch.ones(2)])),
     ("entities.txt", with_file("entities.txt", b"\xff")),
@@ -174,14 +171,6 @@ TENSOR_CASES = [
         "mine/tables.npz",
         before=lambda: write_lists(
             **dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True))
-        ),
-    ),
-    Typed(
-        "halves of two widths",
-        "import mine --family complex --out out",
-        "mine/tables.npz|ent_im_embeddings.weight",
-        before=with_tables(
-            entities=None, relations=None, **{RE: ENTITIES, IM: ENTITIES[:, :3], OF: LABELS}
         ),
     ),
 ]

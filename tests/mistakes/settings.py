@@ -62,43 +62,43 @@ def lines(*records: object) -> bytes:
 PARAMS_CASES = [
     Typed(
         "a variant of an unknown initializer",
-        "",
+        "beyond",
         "beyond/params.yaml|variants.baselines.initializers",
         before=beyond(variants=first(initializers=["xaver"])),
     ),
     Typed(
         "a variant that changes no section",
-        "",
+        "beyond",
         "beyond/params.yaml|variants.baselines.changes",
         before=beyond(variants=first(changes={"sesions.valid": 0.2})),
     ),
     Typed(
         "a variant that changes what it may not",
-        "",
+        "beyond",
         "beyond/params.yaml|variants.baselines.changes.training.learning_rate",
         before=beyond(variants=first(changes={"training.learning_rate": -1.0})),
     ),
     Typed(
         "two graphs of one title",
-        "",
+        "beyond",
         "beyond/params.yaml|graphs",
         before=beyond(graphs=lambda section: {**section, "again": next(iter(section.values()))}),
     ),
     Typed(
         "a graph by the name of an experiment",
-        "",
+        "beyond",
         "beyond/params.yaml|graphs.ai2thor",
         before=beyond(graphs=lambda section: {"ai2thor": next(iter(section.values()))}),
     ),
     Typed(
         "a graph of an unknown reader",
-        "",
+        "beyond",
         "beyond/params.yaml|graphs.behavior.source.reader",
         before=beyond(graphs=first(source={"reader": "whales"})),
     ),
     Typed(
         "entities hidden in a graph that there is not",
-        "",
+        "beyond",
         "beyond/params.yaml|hidden.place.graph",
         before=beyond(
             hidden=lambda section: {

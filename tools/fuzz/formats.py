@@ -19,13 +19,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.errors import InputError
+from isi.extras import procthor_houses
+from isi.extras.recorder import Recording
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.live.stream import answer
 from isi.names import name_fault
-from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
-from isi.sources.recorder import Recording
+from isi.sources import KINDS, OBSERVATIONS, Source
 from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
@@ -97,11 +98,6 @@ GRAPHML = """<?xml version='1.0' encoding='utf-8'?>
 <edge source="mug" target="kitchen"><data key="r">at</data><data key="c">3</data></edge>
 </graph>
 </graphml>
-"""
-JSONLD = """[
- {"@id": "urn:x:mug", "@type": ["urn:x:Cup"], "urn:x:at": [{"@id": "urn:x:kitchen"}],
-  "http://www.w3.org/2000/01/rdf-schema#label": [{"@value": "coffee mug"}]}
-]
 """
 TRIPLES_CSV = (
     b"head,relation,tail,count\nmug,atLocation,kitchen,3\nmug,hasMaterial,ceramic,1\n"
@@ -450,7 +446,6 @@ def _formats() -> dict[str, Format]:
         "GraphML": _source(
             {"home.graphml": GRAPHML.encode()}, reader="graphml", path="home.graphml"
         ),
-        "RDF, JSON-LD": _source({"home.jsonld": JSONLD.encode()}, reader="rdf", path="home.jsonld"),
         "table without a header": _source(
             {"train.txt": b'mug\tat\tkitchen\n"tv 55"""\tat\thall\n'},
             reader="table",

@@ -1,6 +1,6 @@
 """The answer of the report, and what the gain of ISI over Xavier consists of."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from matplotlib.figure import Figure as Canvas
@@ -8,10 +8,10 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import stats, words
 from isi.report.data import Experiment, ModelRuns, Results
 from isi.report.figures import composed
-from isi.report.section import Content, of_each_graph
-from isi.report.stats import Difference, by_seed, difference, mean_of, signed
+from isi.report.section import Content, Contents, of_each_graph
+from isi.report.stats import Difference, Values, by_seed, difference, mean_of, signed
 from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, isi, joined, label, of_role
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, Names, isi, joined, label, of_role
 
 #: Points of MRR* below which a number is shown as 0.0.
 ZERO = 0.05
@@ -28,7 +28,7 @@ Step = tuple[str, str, str]
 Gains = dict[Step, Difference]
 
 
-def answer(results: Results) -> Iterator[Content]:
+def answer(results: Results) -> Contents:
     """The answer from the first standalone experiment;
     nothing unless Xavier and an initializer of ISI were run.
     """
@@ -76,7 +76,7 @@ def answer(results: Results) -> Iterator[Content]:
         yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
 
 
-def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
+def _means(experiment: ModelRuns, scope: str) -> Values:
     """Mean MRR* (points) right after insertion, by model that has queries."""
     return {
         str(name): float(mean)
@@ -84,7 +84,7 @@ def _means(experiment: ModelRuns, scope: str) -> dict[str, float]:
     }
 
 
-def _against(experiment: ModelRuns, other: str, best: str, scopes: Sequence[str]) -> dict[str, Any]:
+def _against(experiment: ModelRuns, other: str, best: str, scopes: Names) -> dict[str, Any]:
     """The initializer ``other`` minus ``best`` of ISI in points:
     over both query sets and over earlier knowledge.
     """
@@ -138,7 +138,7 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
     )
 
 
-def steps(method: str, models: Sequence[str]) -> list[Step]:
+def steps(method: str, models: Names) -> list[Step]:
     """Steps from Xavier over the controls that were run to ``method``:
     part, model with it, model without it.
     """
@@ -187,13 +187,13 @@ def composition(gains: Gains, method: str) -> dict[str, Any] | None:
 def _drawn(
     experiment: Experiment,
     gains: Mapping[str, Gains],
-    methods: Sequence[str],
-    marks: Mapping[str, Mapping[str, float]],
+    methods: Names,
+    marks: Mapping[str, Values],
 ) -> Canvas:
     """A bar for each query set and method: Xavier's MRR*, then the parts of the gain;
     ``marks``: further models.
     """
-    rows = dict[str, tuple[list[tuple[str, float]], Mapping[str, float], Estimate | None]]()
+    rows = dict[str, tuple[list[tuple[str, float]], Values, Estimate | None]]()
     for scope, of_scope in gains.items():
         means = experiment.given_means if scope == "given" else experiment.immediate_means(scope)
         now = _means(experiment, scope)

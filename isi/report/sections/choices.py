@@ -2,7 +2,7 @@
 embedding models.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import nan
 from typing import Any
 
@@ -14,15 +14,15 @@ from isi.evaluation.query_sets import CONVERGING
 from isi.models.model import MODELS
 from isi.report.data import Results
 from isi.report.figures import legend, panels, with_band
-from isi.report.section import Content
-from isi.report.stats import over_seeds
-from isi.report.tables import Column
-from isi.report.words import HALVES, SCOPES, colour, label
+from isi.report.section import Content, Contents
+from isi.report.stats import Values, over_seeds, where
+from isi.report.tables import Column, Rows
+from isi.report.words import HALVES, SCOPES, Names, colour, label
 
 #: Indicator set sizes, by source (this run, the paper, the rule) and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
 #: A value for each factor that cross-validation varies.
-Setting = Mapping[str, float]
+Setting = Values
 #: Markers of the chosen sizes in figures, by source.
 _MARKS: dict[str, dict[str, Any]] = {
     "this run": {"marker": "s", "fillstyle": "full", "ms": 5},
@@ -34,61 +34,46 @@ _MARKS: dict[str, dict[str, Any]] = {
 NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
 
 
-def indicators(results: Results) -> Iterator[Content]:
+def indicators(results: Results) -> Contents:
     """Sensitivity to the indicator set size (section 5.3): Figures 2a and 2b, and their numbers."""
     for experiment, sweep in results.analysis("sweep"):
-        models, runs = list(results.params.sweep.initializers), sweep[sweep["epoch"] == 0]
+        models, runs = list(results.params.sweep.initializers), where(sweep, epoch=0)
         epochs = experiment.converged(sweep, ["model", "k"])
         means = means_of(runs, epochs, models)
         chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
-        now = _by_size(
-            runs.assign(value=100 * runs["mrr_star"]),
-            models,
-            chosen,
-            None,
-            "MRR* (points)",
-            ("all", "novel"),
-        )
-        later = _by_size(
-            epochs.assign(value=epochs["epochs"]),
-            models,
-            chosen,
-            0,
-            "epochs to convergence",
-            CONVERGING,
-        )
-        frame = (
-            means.rename(index=label, level="model")
-            .rename_axis(["initializer", "indicators"])
-            .reset_index()
-        )
+        of_points = runs.assign(value=100 * runs["mrr_star"])
+        of_epochs = epochs.assign(value=epochs["epochs"])
+        now = _by_size("MRR* (points)", of_points, ("all", "novel"), models, chosen)
+        later = _by_size("epochs to convergence", of_epochs, CONVERGING, models, chosen)
+        for panel in later.axes:
+            panel.set_ylim(bottom=0)
+        frame = means.rename(index=label, level="model").reset_index()
         yield Content(
             {"chosen": chosen, "models": models},
-            {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
+            {
+                "indicator_sizes": indicator_sizes(means, chosen),
+                "sensitivity": frame.rename(columns={"model": "initializer", "k": "indicators"}),
+            },
             {"figure2a_immediate_sensitivity": now, "figure2b_convergence_sensitivity": later},
         )
 
 
-def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
+def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Names) -> pd.DataFrame:
     """Means over seeds: a row for each model and k, a ``Column`` for each measure and scope;
     MRR* in points.
     """
     by = ["model", "k", "scope"]
-    mrr_star, groups = (
-        100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"),
-        epochs.groupby(by),
-    )
-    means, never = (
-        groups["epochs"].mean().unstack("scope"),
-        100 * (1 - groups["converged"].mean()).unstack("scope"),
-    )
-    columns = {Column("MRR*", scope): mrr_star.get(scope) for scope in ("all", "novel")}
-    for scope in CONVERGING:
-        columns |= {
-            Column("epochs", scope): means.get(scope),
-            Column("unconverged %", scope): never.get(scope),
-        }
-    frame = pd.DataFrame(columns, index=mrr_star.index, dtype=float)
+    groups = epochs.groupby(by)
+    measures = {
+        "MRR*": 100 * immediate.groupby(by)["mrr_star"].mean(),
+        "epochs": groups["epochs"].mean(),
+        "unconverged %": 100 * (1 - groups["converged"].mean()),
+    }
+    shown = [("MRR*", "all"), ("MRR*", "novel")]
+    shown += [(name, scope) for scope in CONVERGING for name in ("epochs", "unconverged %")]
+    by_scope = {name: means.unstack("scope") for name, means in measures.items()}
+    columns = {Column(name, scope): by_scope[name].get(scope) for name, scope in shown}
+    frame = pd.DataFrame(columns, index=by_scope["MRR*"].index, dtype=float)
     return frame.loc[[model for model in models if model in frame.index]]
 
 
@@ -99,25 +84,26 @@ def chosen_sizes(
     by initializer.
     """
     picked = picked_sizes(means)
-    ours = {model: int(options[model]["k"]) for model in picked if "k" in options.get(model, {})}
-    theirs = {model: paper[model] for model in picked if model in paper}
-    return {"this run": ours, "paper": theirs, "picked by the rule": picked}
+    return {
+        "this run": {
+            model: int(options[model]["k"]) for model in picked if "k" in options.get(model, {})
+        },
+        "paper": {model: paper[model] for model in picked if model in paper},
+        "picked by the rule": picked,
+    }
 
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
     """The size that the paper's rule picks for each initializer from MRR* and
     epochs about novel entities.
     """
-    mrr_star, epochs = (
-        means[Column("MRR*", "novel")] / 100,
-        means[Column("epochs", "novel_heldout")],
-    )
-    return {
-        model: select_size(
-            mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist()
-        )
-        for model in means.index.unique("model")
-    }
+    picked = {}
+    for model in means.index.unique("model"):
+        of_model = means.loc[model]
+        mrr_star = of_model[Column("MRR*", "novel")] / 100
+        epochs = of_model[Column("epochs", "novel_heldout")]
+        picked[model] = select_size(of_model.index.tolist(), mrr_star.tolist(), epochs.tolist())
+    return picked
 
 
 def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
@@ -144,7 +130,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     return sizes[picked]
 
 
-def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]:
+def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> Rows:
     """The indicator set size that the paper's rule picks,
     beside those of this run and of the paper.
     """
@@ -163,39 +149,28 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]
 
 
 def _by_size(
-    rows: pd.DataFrame,
-    models: Sequence[str],
-    chosen: Chosen,
-    lowest: float | None,
-    ylabel: str,
-    scopes: Sequence[str],
+    ylabel: str, rows: pd.DataFrame, scopes: Names, models: Names, chosen: Chosen
 ) -> Canvas:
     """Mean and interval of ``value`` by k, with the chosen sizes; a panel for each scope."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         for model in models:
-            of_model, color = (
-                rows[(rows["model"] == model) & (rows["scope"] == scope)],
-                colour(model, models),
-            )
-            sizes, mean, *_ = with_band(
-                panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4
-            )
-            for who, k in (
-                (who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]
-            ):
-                # no marker beyond the line
-                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
-                panel.plot(k, height, color=color, ls="", clip_on=False, **_MARKS[who])
+            of_model = where(rows, model=model, scope=scope)
+            style = {"color": colour(model, models), "label": label(model), "lw": 1.4}
+            sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, **style)
+            for who, mark in _MARKS.items():
+                if len(sizes) and model in chosen[who]:
+                    k = chosen[who][model]  # no marker beyond the line
+                    height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
+                    panel.plot(k, height, color=style["color"], ls="", clip_on=False, **mark)
         panel.set(title=SCOPES[scope], xlabel="indicators k", ylabel=ylabel)
-        panel.set_ylim(bottom=lowest)
     for who, mark in _MARKS.items():
         axes[-1].plot([], [], color="#555555", ls="", label=who, **mark)
     legend(canvas, axes)
     return canvas
 
 
-def cross_validation(results: Results) -> Iterator[Content]:
+def cross_validation(results: Results) -> Contents:
     """Cross-validation of the joint model with other settings (section 5.3)."""
     for _, rows in results.analysis("cross_validation"):
         settings = [setting.model_dump() for setting in results.params.settings]
@@ -210,55 +185,44 @@ def cross_validation(results: Results) -> Iterator[Content]:
             "points": (means[tuple(choice.values())], means.iloc[top]),
             "choice": choice,
             "best": best,
-            "within": _within(rows, choice, best),
+            "within": _beside(rows, choice, best)[1],
         }
         yield Content(numbers, {"cross_validation": cross_validation_table(rows, settings, paper)})
 
 
-def cross_validation_table(
-    rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting
-) -> list[dict[Any, Any]]:
+def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> Rows:
     """A row for each setting, this run's first:
     mean and deviation of MRR* over folds, and whose choice it is.
     """
-    lines, choice = list[dict[Any, Any]](), settings[0]
+    lines, choice = Rows(), settings[0]
     for setting in settings:
-        folds = _of_setting(rows, setting)
-        means = 100 * folds[list(HALVES)].mean()
+        folds, (lead, within) = _of_setting(rows, setting), _beside(rows, choice, setting)
+        measures = folds[list(HALVES)].mean().rename(HALVES)
+        who = {"this run": choice, "paper": paper}
         lines.append(
-            {
-                **{name.replace("_", " "): f"{value:g}" for name, value in setting.items()},
-                "MRR*": means["mrr_star"],
-                "std": 100 * folds["mrr_star"].std(ddof=1),
-                "entity half": means["mrr_star_entity"],
-                "relation half": means["mrr_star_relation"],
+            {name.replace("_", " "): f"{value:g}" for name, value in setting.items()}
+            | {
+                "MRR*": 100 * measures["MRR*"],
+                "std": 100 * folds["mrr_star"].std(),
+                "entity half": 100 * measures["entity half"],
+                "relation half": 100 * measures["relation half"],
                 "best epoch": folds["epoch"].mean(),
-                Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
-                "beyond the folds' deviation": ""
-                if setting == choice
-                else "no"
-                if _within(rows, choice, setting)
-                else "yes",
-                "choice of": ", ".join(
-                    who for who, best in (("this run", choice), ("paper", paper)) if setting == best
-                ),
+                Column("from the choice", form="{:+.1f}".format): lead,
+                "beyond the folds' deviation": "no" if within else "yes",
+                "choice of": ", ".join(name for name, best in who.items() if setting == best),
             }
         )
+    lines[0]["beyond the folds' deviation"] = ""
     return lines
 
 
-def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
-    """Mean MRR* of setting ``other`` minus that of ``choice``, in points."""
-    first, second = (_of_setting(rows, setting)["mrr_star"].mean() for setting in (other, choice))
-    return float(100 * (first - second))
-
-
-def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
-    """Whether two settings differ in mean MRR* by less than the larger of their
-    standard deviations over folds.
+def _beside(rows: pd.DataFrame, choice: Setting, other: Setting) -> tuple[float, bool]:
+    """Mean MRR* of setting ``other`` minus that of ``choice``, in points; whether this is less
+    than the larger of their standard deviations over folds.
     """
-    spread = max(_of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
-    return bool(abs(_lead(rows, choice, other)) < 100 * spread)
+    first, second = (_of_setting(rows, setting)["mrr_star"] for setting in (choice, other))
+    lead = float(100 * (second.mean() - first.mean()))
+    return lead, bool(abs(lead) < 100 * max(first.std(), second.std()))
 
 
 def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
@@ -270,20 +234,18 @@ def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
     NaN without folds.
     """
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
-    if others["mrr_star"].isna().all():
+    means = others.groupby(factor)["mrr_star"].mean().dropna()
+    top = list(means[means == means.max()].index)
+    if not top:
         return nan, ""
-    means = others.groupby(factor)["mrr_star"].mean()
-    top = means.index.to_numpy()[means.to_numpy() == means.max()]
     if choice[factor] in top:
         return float(choice[factor]), ""
-    other = {**choice, factor: float(top[0])}
-    less = ", less than the folds deviate" if _within(rows, choice, other) else ""
-    return other[
-        factor
-    ], f"{_lead(rows, choice, other):+.1f} points from the choice of this run{less}"
+    lead, within = _beside(rows, choice, {**choice, factor: top[0]})
+    less = ", less than the folds deviate" if within else ""
+    return float(top[0]), f"{lead:+.1f} points from the choice of this run{less}"
 
 
-def embedding_models(results: Results) -> Iterator[Content]:
+def embedding_models(results: Results) -> Contents:
     """The joint model with each embedding model,
     whose training options were chosen on validation triples.
     """
@@ -293,13 +255,11 @@ def embedding_models(results: Results) -> Iterator[Content]:
             name: model.model_dump() | results.params.models[name]
             for name, model in settings.models.items()
         }
-        means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(
-            ascending=False, kind="stable"
-        )
+        means = 100 * rows.groupby("family")["mrr_star"].mean()
         numbers = {
             "title": experiment.title,
             "main": class_name(results.params.embedding.model),
-            "means": means.rename(class_name),
+            "means": means.sort_values(ascending=False, kind="stable").rename(class_name),
         }
         if len(rows):
             yield Content(numbers, {"embedding_models": embedding_table(rows, options)})
@@ -310,21 +270,14 @@ def class_name(model: str) -> str:
     return MODELS.get(model, f"models.{model}").__name__
 
 
-def embedding_table(
-    rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> Rows:
     """A row for each embedding model: measures, mean over seeds,
     and the options that were chosen for it.
     """
-    means = over_seeds(
-        rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
-    )
+    columns = {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
+    means, epochs = over_seeds(rows, ["family"], columns), rows.groupby("family")["epochs"].mean()
     return [
-        {
-            "embedding": class_name(name),
-            **means.loc[name],
-            "epochs": rows.loc[rows["family"] == name, "epochs"].mean(),
-        }
+        {"embedding": class_name(name), **means.loc[name], "epochs": epochs[name]}
         | {option.replace("_", " "): _written(value) for option, value in values.items()}
         for name, values in options.items()
         if name in means.index

@@ -14,10 +14,21 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_size, legend, panels
-from isi.report.section import Content, of_each_graph
-from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table
-from isi.report.tables import Column
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPES, colour, in_order, isi, label, of_role
+from isi.report.section import Content, Tables, of_each_graph
+from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table, where
+from isi.report.tables import Column, Rows
+from isi.report.words import (
+    BASELINE,
+    HALVES,
+    JOINT,
+    SCOPES,
+    Names,
+    colour,
+    in_order,
+    isi,
+    label,
+    of_role,
+)
 
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
 #: Maximum number of pairs without significant difference that a sentence names.
@@ -44,10 +55,10 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     )
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
-        means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
+        means = stats.over_seeds(where(runs, scope=scopes), by, HALVES)
         return stats.ordered_rows(means, models, scope=scopes)
 
-    queries = runs[runs["model"] == initializers[0]].groupby("scope")["queries"].sum()
+    queries = where(runs, model=initializers[0]).groupby("scope")["queries"].sum()
     numbers = {
         "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}),
         "gain": stats.values(gains["all"]),
@@ -58,7 +69,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         for scope, of_models in gains.items()
     }
     others = [name for name in initializers if name != BASELINE]
-    tables: dict[str, Any] = {
+    tables: Tables = {
         "immediate": stats.by_label(models, stats.halves(runs, "all", "novel")),
         "improvement": stats.by_label(others, {**columns, "paper": paper}, "initializer"),
         "novel_by_kind": stats.ordered_rows(of_kinds, initializers, "initializer", kind=kinds),
@@ -73,7 +84,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     )
 
 
-def gain_and_cost(runs: pd.DataFrame, initializers: Sequence[str]) -> Canvas:
+def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Canvas:
     """MRR* about novel entities against what known triples lose since novel entities
     are candidates; in points.
     """
@@ -112,7 +123,7 @@ def differences(results: Results, experiment: Experiment) -> Content | None:
 
 
 def measures(
-    immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]
+    immediate: pd.DataFrame, convergence: pd.DataFrame, models: Names
 ) -> dict[str, pd.DataFrame]:
     """Headline measures (points or epochs) by title: rows (session, size, seed), columns models;
     null: no queries.
@@ -130,7 +141,7 @@ def measures(
     }
 
 
-def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
+def differences_isi(pairs: Sequence[Pair], initializers: Names) -> Rows:
     """A row for each pair of an initializer of ISI and one outside ISI,
     a column for each measure.
     """
@@ -146,7 +157,7 @@ def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[
     return list(rows.values())
 
 
-def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
+def counts(pairs: Sequence[Pair]) -> Rows:
     """For each measure with queries: number of pairs and of significant ones; the others, if few;
     seeds, if too few.
     """

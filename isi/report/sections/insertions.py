@@ -2,7 +2,7 @@
 and the explorer of the page.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -13,14 +13,14 @@ from matplotlib.patheffects import withStroke
 from isi.report.data import Results
 from isi.report.explorer import payload, plane, script
 from isi.report.figures import legend, panels
-from isi.report.section import Content
-from isi.report.words import colour, isi, label
+from isi.report.section import Content, Contents
+from isi.report.words import Names, colour, isi, label
 
 #: Arrays of ``TRAJECTORY``, by name: the path of one entity.
 Traces = Mapping[str, np.ndarray]
 
 
-def trajectory(results: Results) -> Iterator[Content]:
+def trajectory(results: Results) -> Contents:
     """Figure 1, and a table of its distances in all dimensions."""
     for experiment, traces in results.analysis("trajectory"):
         names, rows, titles = experiment.entities["entity"], [], {}
@@ -121,7 +121,7 @@ def _drawn(
     return canvas
 
 
-def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
+def _indicators(axes: Axes, points: np.ndarray, names: Names, color: str) -> None:
     """Draw triangles with names in the right margin;
     call it last in a panel, since it reads the panel's limits.
     """
@@ -162,7 +162,7 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
     return spread_out
 
 
-def explorer(results: Results) -> Iterator[Content]:
+def explorer(results: Results) -> Contents:
     """The data and the script of the explorer;
     without data if Θ⁰ is of another model than it computes.
     """

@@ -1,9 +1,10 @@
 """The paper against this run: the numbers of both, and the causes of the gap."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,57 +16,56 @@ from isi.initializers.api import INITIALIZERS
 from isi.report import stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch, legend, panels
-from isi.report.section import Content
+from isi.report.section import Content, Contents, Figures, Tables
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
-from isi.report.stats import mean_of
-from isi.report.tables import Column
-from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label
+from isi.report.stats import Values, mean_of, where
+from isi.report.tables import Column, Rows
+from isi.report.words import BASELINE, JOINT, TEMPLATES, Names, isi, label
 
 #: The rows of the table of all numbers; the file says how they are written.
 ROWS = TEMPLATES / "paper_rows.yaml"
 #: A number of this run agrees with the paper's if it differs by at most this share.
 AGREES = 0.1
-#: Place of a number in the paper, its title, the paper's number, ours (NaN if there is none), and a
-#: note on ours.
-Row = tuple[str, str, float, float, str]
 
 
-def paper(results: Results) -> Iterator[Content]:
+class Row(NamedTuple):
+    """A number of the paper beside this run's; NaN: there is none."""
+
+    place: str  #: in the paper
+    what: str
+    paper: float
+    ours: float
+    note: str  #: on ours
+
+    @property
+    def compared(self) -> str:
+        return comparison(self.paper, self.ours)
+
+
+def paper(results: Results) -> Contents:
     """The paper's numbers beside those of each standalone experiment; nothing without one."""
     if not results.standalone:
         return
     first, *others = results.standalone
-    columns = {"paper": "", "this run": ""} | {
-        experiment.name: experiment.title for experiment in others
-    }
-    rows = rows_of(results, first)
-    ours = [{row[:2]: row[3] for row in rows_of(results, experiment)} for experiment in others]
-    compared = [comparison(theirs, of_run) for _, _, theirs, of_run, _ in rows]
-    table = [
-        {
-            "where": where,
-            "what": title,
-            **{
-                Column(name, title=header, form=shown, any_size=True): number
-                for (name, header), number in zip(
-                    columns.items(),
-                    [*numbers, *(values.get((where, title), nan) for values in ours)],
-                    strict=True,
-                )
-            },
-            "this run is": word,
-            "note": note,
-        }
-        for (where, title, *numbers, note), word in zip(rows, compared, strict=True)
+    titles = {"paper": "", "this run": ""} | {other.name: other.title for other in others}
+    columns = [
+        Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
-    like = [word for word, row in zip(compared, rows, strict=True) if "instead" not in row[1]]
-    counts = {word: like.count(word) for word in ("agrees", "larger", "smaller")}
-    drawn = _scatter([(where, theirs, of_run) for where, _, theirs, of_run, _ in rows])
+    rows, table = rows_of(results, first), Rows()
+    for row, *of_others in zip(rows, *(rows_of(results, other) for other in others), strict=True):
+        numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
+        table.append(
+            {"where": row.place, "what": row.what}
+            | dict(zip(columns, numbers, strict=True))
+            | {"this run is": row.compared, "note": row.note}
+        )
+    counts = Counter(row.compared for row in rows if "instead" not in row.what)
+    counts.pop("", None)
     yield Content(
         {"others": others, "counts": counts},
         {"paper_against_this_run": table},
-        {"paper_against_this_run": drawn},
+        {"paper_against_this_run": _scatter(rows)},
     )
 
 
@@ -75,23 +75,19 @@ def comparison(paper: float, ours: float) -> str:
     """
     if np.isnan(paper) or np.isnan(ours):
         return ""
-    return (
-        "agrees"
-        if abs(ours - paper) <= AGREES * abs(paper)
-        else "larger"
-        if ours > paper
-        else "smaller"
-    )
+    if abs(ours - paper) <= AGREES * abs(paper):
+        return "agrees"
+    return "larger" if ours > paper else "smaller"
 
 
-def _scatter(numbers: Sequence[tuple[str, float, float]]) -> Canvas:
+def _scatter(rows: Sequence[Row]) -> Canvas:
     """The paper's results (across) and ours (up) on logarithmic axes,
     with a colour for each part of the paper.
     """
     canvas, (axes,) = panels(1, 1, 4.4, 6.4)
-    for where in dict.fromkeys(where for where, *_ in numbers):
-        pairs = np.array([(theirs, ours) for place, theirs, ours in numbers if place == where])
-        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=where)
+    for place in dict.fromkeys(row.place for row in rows):
+        pairs = np.array([(row.paper, row.ours) for row in rows if row.place == place])
+        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=place)
     axes.set_xscale("symlog", linthresh=1)
     axes.set_yscale("symlog", linthresh=1)
     axes.axline((1, 1), (10, 10), color="#999999", lw=1)
@@ -100,7 +96,7 @@ def _scatter(numbers: Sequence[tuple[str, float, float]]) -> Canvas:
     return canvas
 
 
-def own_graph(results: Results) -> Iterator[Content]:
+def own_graph(results: Results) -> Contents:
     """The standalone graphs side by side, and where ISI is significantly below the
     mean of an entity's kind.
     """
@@ -116,58 +112,57 @@ def own_graph(results: Results) -> Iterator[Content]:
         }
         if "kind_mean" in experiment.initializers and experiment is not graphs[0]:
             cells = experiment.by_grid_point("novel")
-            below = {
-                name: stats.difference(stats.by_seed(cells[name], cells["kind_mean"]))
+            below = [
+                name
                 for name in isi(experiment.initializers)
-            }
-            compared.append(
-                (
-                    experiment,
-                    [name for name, points in below.items() if points.high < 0],
-                    "kind_mean",
-                )
-            )
-    models = list(dict.fromkeys(name for experiment in graphs for name in experiment.models))
+                if stats.difference(stats.by_seed(cells[name], cells["kind_mean"])).high < 0
+            ]
+            compared.append((experiment, below, "kind_mean"))
+    models = dict.fromkeys(name for experiment in graphs for name in experiment.models)
     yield Content({"compared": compared}, {"standalone_graphs": stats.by_label(models, columns)})
 
 
 def shown(value: float) -> str:
     """A number as text: whole, with one decimal from 1 up, else with two significant digits."""
     value = round(value, 6)  # a mean may miss a whole number by its last bits
-    return (
-        f"{value:,.0f}"
-        if float(value).is_integer()
-        else f"{value:.1f}"
-        if abs(value) >= 1
-        else f"{value:.2g}"
-    )
+    if float(value).is_integer():
+        return f"{value:,.0f}"
+    return f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
 def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     """All numbers of the paper beside those of one experiment;
     the rows do not depend on what was run.
     """
-    source, paper, methods = (
-        experiment.settings.graph.source,
-        results.paper,
-        list(results.paper["indicators"]),
-    )
-    moved = next(
-        (other for other in results.extended if other.settings.graph.source == source), None
-    )
-    gain, fewer = (
-        stats.values(stats.improvements(experiment.immediate, "all")),
-        fewer_epochs(experiment),
-    )
-    means, dropped = (
-        (moved.mrr_star, stats.values(interference_percent(moved.immediate))) if moved else ({}, {})
-    )
-    gained, saved = (
-        paper["immediate"]["improvement_over_xavier"],
-        paper["convergence"]["fewer_epochs_than_xavier"],
-    )
-    answers, whose = paper["affordances"], dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
-    theirs = {
+    theirs, ours = _papers(results.paper), _ours(results, experiment)
+    labels = {name: label(name) for name in INITIALIZERS.names()}
+    filled = {
+        "answers": queries.TOP * len(results.params.affordances.entities),
+        "first": results.standalone[0].title,
+    }
+    rows = list[Row]()
+    for section, titles, key, *ours_key in config.read(ROWS)["rows"]:
+        named = value_of(theirs, key)
+        names = list(named) if isinstance(named, dict) else [""]
+        parts = titles if isinstance(titles, dict) else {"": titles}
+        for name, (part, title) in product(names, parts.items()):
+            place = "".join(f".{step}" for step in (name, part) if step)
+            number = value_of(theirs, key + place)
+            value, note = value_of(ours, (*ours_key, key)[0] + place), ""
+            if isinstance(value, tuple):
+                value, note = value
+            text = (f"{labels.get(name, name)}: {title}" if name else title).format(**filled)
+            of_paper, of_run = (nan if each is None else float(each) for each in (number, value))
+            rows.append(Row(section, text, of_paper, of_run, note))
+    return rows
+
+
+def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
+    """The paper's numbers, and what follows from them."""
+    methods, saved = list(paper["indicators"]), paper["convergence"]["fewer_epochs_than_xavier"]
+    gained, answers = paper["immediate"]["improvement_over_xavier"], paper["affordances"]
+    whose = dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
+    return {
         **paper,
         "means": {"gain": mean_of(gained, methods), "fewer": saved.get("mean")},
         "fewer_epochs": {name: saved.get(name) for name in methods},
@@ -177,7 +172,24 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
             for name, who in whose.items()
         },
     }
-    ours = {
+
+
+def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
+    """This run's numbers under the keys of the paper's."""
+    methods, source = list(results.paper["indicators"]), experiment.settings.graph.source
+    of_source = (other for other in results.extended if other.settings.graph.source == source)
+    moved = next(of_source, None)
+    gain = stats.values(stats.improvements(experiment.immediate, "all"))
+    fewer = fewer_epochs(experiment)
+    transfer = dict[str, Any]()
+    if moved:
+        transfer = {
+            "all_queries": moved.mrr_star.get("all"),
+            "novel_queries": moved.mrr_star.get("novel"),
+            "drop": stats.values(interference_percent(moved.immediate)),
+            "epochs": moved.epochs().get("all"),
+        }
+    return {
         "means": {"gain": mean_of(gain, methods), "fewer": mean_of(fewer, methods)},
         "fewer_epochs": fewer,
         "immediate": {"improvement_over_xavier": gain},
@@ -188,43 +200,12 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
             "epochs": _epochs(experiment, "all"),
             "heldout": _epochs(experiment, "novel_heldout"),
         },
-        "transfer": {
-            "all_queries": means.get("all"),
-            "novel_queries": means.get("novel"),
-            "drop": dropped,
-            "epochs": moved and moved.epochs().get("all"),
-        },
-        "judged": _judged(results, list(whose), experiment, moved),
+        "transfer": transfer,
+        "judged": _judged(results, [*methods, BASELINE], experiment, moved),
     }
-    labels = {name: label(name) for name in INITIALIZERS.names()}
-    filled = {
-        "answers": queries.TOP * len(results.params.affordances.entities),
-        "first": results.standalone[0].title,
-    }
-    rows = list[Row]()
-    for where, titles, key, *ours_key in config.read(ROWS)["rows"]:
-        names = list(value_of(theirs, key)) if isinstance(value_of(theirs, key), dict) else [""]
-        parts = titles.items() if isinstance(titles, dict) else [("", titles)]
-        for name, (part, title) in product(names, parts):
-            place = "".join(f".{step}" for step in (name, part) if step)
-            number, value = (
-                value_of(theirs, key + place),
-                value_of(ours, (*ours_key, key)[0] + place),
-            )
-            value, note = value if isinstance(value, tuple) else (value, "")
-            text = (f"{labels.get(name, name)}: {title}" if name else title).format(**filled)
-            rows.append(
-                (
-                    where,
-                    text,
-                    *(nan if each is None else float(each) for each in (number, value)),
-                    note,
-                )
-            )
-    return rows
 
 
-def fewer_epochs(experiment: Experiment) -> dict[str, float]:
+def fewer_epochs(experiment: Experiment) -> Values:
     """Per cent by which each initializer's mean epochs to convergence are
     below Xavier's (section 6.2).
     """
@@ -265,30 +246,26 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
     """Best settings in cross-validation, each with a note, the rule,
     and the sizes that it picks.
     """
-    choice, picked, tops = (
+    choice, models = (
         results.params.settings[0].model_dump(),
-        dict[str, int](),
-        dict[str, int](),
+        list(results.params.sweep.initializers),
     )
-    models, training = list(results.params.sweep.initializers), dict[str, tuple[float, str]]()
+    found = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
     for _, folds in results.analysis("cross_validation", experiment, moved):
-        training = {name: choices.best(folds, choice, name) for name in choice}
+        found["training"] = {name: choices.best(folds, choice, name) for name in choice}
     for swept, runs in results.analysis("sweep", experiment, moved):
-        means = choices.means_of(
-            runs[runs["epoch"] == 0], swept.converged(runs, ["model", "k"]), models
-        )
-        picked, mrr_star = choices.picked_sizes(means), means[Column("MRR*", "all")].dropna()
-        tops = {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
-    return {
-        "training": training,
-        "indicators": picked,
-        "best_indicators": tops,
-    }
+        epochs = swept.converged(runs, ["model", "k"])
+        means = choices.means_of(where(runs, epoch=0), epochs, models)
+        mrr_star = means[Column("MRR*", "all")].dropna()
+        found["indicators"] = choices.picked_sizes(means)
+        for model in mrr_star.index.unique("model"):
+            found["best_indicators"][model] = int(mrr_star[model].idxmax())
+    return found
 
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     """Table 2 in one scope, by model: mean and standard deviation of the epochs to convergence."""
-    rows = experiment.convergence[experiment.convergence["scope"] == scope]
+    rows = where(experiment.convergence, scope=scope)
     return (
         rows.groupby("model")["epochs"]
         .agg(["mean", "std"])
@@ -297,31 +274,26 @@ def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     )
 
 
-def _judged(
-    results: Results, models: Sequence[str], *experiments: Experiment | None
-) -> dict[str, Any]:
+def _judged(results: Results, models: Names, *experiments: Experiment | None) -> dict[str, Any]:
     """Table 3 by model: how many of the answers shown are affordances, and how many are plausible,
     unlikely, wrong.
     """
     entities, afforded = results.params.affordances.entities, results.vocabulary["afforded"]
-    answers = [
-        queries.AffordanceAnswers.of(experiment)
-        for experiment, _ in results.analysis("affordances", *experiments)
-    ]
-    return {
-        name: ranked.judged(name, entities, afforded)
-        for ranked in answers
-        for name in models
-        if name in set(ranked.ranks["model"])
-    }
+    judged = dict[str, Any]()
+    for experiment, ranks in results.analysis("affordances", *experiments):
+        answers = queries.AffordanceAnswers.of(experiment)
+        for name in models:
+            if name in set(ranks["model"]):
+                judged[name] = answers.judged(name, entities, afforded)
+    return judged
 
 
 #: The name of a row, MRR* over all queries right after insertion, and epochs to convergence, by
 #: model.
-Line = tuple[str, Mapping[str, float], Mapping[str, float]]
+Line = tuple[str, Values, Values]
 
 
-def causes(results: Results) -> Iterator[Content]:
+def causes(results: Results) -> Contents:
     """Causes of the gap to the paper: a row for each changed setting;
     Figure 3b and Table 2 for full curves.
     """
@@ -336,17 +308,14 @@ def causes(results: Results) -> Iterator[Content]:
     ):
         return
     paper, margin = results.paper["convergence"]["epochs"], results.params.convergence.margin
-    xavier, epochs = (
-        Column(label(BASELINE), "epochs"),
-        {name: numbers["mean"] for name, numbers in paper.items()},
-    )
-    rows = list[dict[Any, Any]]()
+    xavier, of_isi = Column(label(BASELINE), "epochs"), Column("ISI", "epochs")
+    rows = Rows()
     for name, now, later in _lines(results, first, variants):
+        base = now.get(BASELINE, nan)
         mean, mean_epochs = (
             float(np.mean([values.get(method, nan) for method in methods]))
             for values in (now, later)
         )
-        base = now.get(BASELINE, nan)
         rows.append(
             {
                 "row": name,
@@ -355,38 +324,35 @@ def causes(results: Results) -> Iterator[Content]:
                 "ISI": mean,
                 "gain %": 100 * (mean / base - 1),
                 xavier: later.get(BASELINE, nan),
-                Column("ISI", "epochs"): mean_epochs,
+                of_isi: mean_epochs,
             }
         )
-    gain = mean_of(results.paper["immediate"]["improvement_over_xavier"], methods)
+    epochs = {name: numbers["mean"] for name, numbers in paper.items()}
     theirs = {
         "row": "the paper",
-        "gain %": gain,
+        "gain %": mean_of(results.paper["immediate"]["improvement_over_xavier"], methods),
         xavier: epochs.get(BASELINE, nan),
-        Column("ISI", "epochs"): mean_of(epochs, methods),
+        of_isi: mean_of(epochs, methods),
     }
     most_gain, slowest = (
-        pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", xavier)
+        rows[pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax()] for name in ("gain %", xavier)
     )
     curves = [runs for runs in variants if runs.variant.full_curves]
     numbers = {
         "methods": methods,
         "curves": curves,
-        "gain": [row["gain %"] for row in (theirs, rows[0], rows[most_gain])],
-        "of_gain": rows[most_gain]["row"],
-        "epochs": [row[xavier] for row in (theirs, rows[0], rows[slowest])],
-        "of_epochs": rows[slowest]["row"],
-        "isi_epochs": [row[Column("ISI", "epochs")] for row in (rows[slowest], theirs)],
+        "gain": [row["gain %"] for row in (theirs, rows[0], most_gain)],
+        "of_gain": most_gain["row"],
+        "epochs": [row[xavier] for row in (theirs, rows[0], slowest)],
+        "of_epochs": slowest["row"],
+        "isi_epochs": [row[of_isi] for row in (slowest, theirs)],
     }
-    tables = {
-        f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper)
-        for runs in curves
-    }
-    figures = {
-        f"curves_{runs.id}": by_epoch(runs.runs, runs.initializers, CURVES, margin=margin)
-        for runs in curves
-    }
-    yield Content(numbers, {"causes": [*rows, theirs], **tables}, figures)
+    tables, figures = Tables(causes=[*rows, theirs]), Figures()
+    for runs in curves:
+        tables[f"convergence_{runs.id}"] = table2(runs.convergence, runs.initializers, paper)
+        drawn = by_epoch(runs.runs, runs.initializers, CURVES, margin=margin)
+        figures[f"curves_{runs.id}"] = drawn
+    yield Content(numbers, tables, figures)
 
 
 def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns]) -> Iterator[Line]:
@@ -401,7 +367,7 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
         yield _line(f"{largest} novel entities, {share:.0f} % of all", first.of_size(largest))
     yield "entity prediction alone", _line("", main, "mrr_star_entity")[1], {}
     if main.queries is not None:
-        true = main.queries[(main.queries["scope"] == "all") & (main.queries["filter"] == "true")]
+        true = where(main.queries, scope="all", filter="true")
         means = stats.means(stats.combined(true, ["model", "size", "seed"]), "mrr_star")
         yield "all true triples left out of the candidates", means, {}
     for runs in variants:
@@ -413,5 +379,5 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
 
 
 def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
-    now, later = (rows[rows["scope"] == "all"] for rows in (runs.immediate, runs.convergence))
+    now, later = (where(rows, scope="all") for rows in (runs.immediate, runs.convergence))
     return title, stats.means(now, column), stats.means(later, "epochs", scale=1)

@@ -4,7 +4,7 @@ and Table 3 (section 6.3).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,20 @@ import pandas as pd
 
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_size
-from isi.report.section import Content, of_each
-from isi.report.stats import DIRECTIONS, by_label, by_model, combined, means, values
-from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, isi, joined, label
+from isi.report.section import Content, Contents, Tables, of_each
+from isi.report.stats import (
+    DIRECTIONS,
+    Estimates,
+    Values,
+    by_label,
+    by_model,
+    combined,
+    means,
+    values,
+    where,
+)
+from isi.report.tables import Column, Rows
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, Names, contenders, isi, joined, label
 
 #: Number of highest-ranked answers that are shown and counted.
 TOP = 4
@@ -25,7 +35,7 @@ _CELL = ("model", "size", "seed")
 _PAIR = ["scope", "relation", "hidden", "novel"]
 
 
-def query_breakdown(results: Results) -> Iterator[Content]:
+def query_breakdown(results: Results) -> Contents:
     """MRR* by direction, by relation, and with both filters,
     for each experiment with a query breakdown.
     """
@@ -56,7 +66,7 @@ def _breakdown(experiment: Experiment) -> Content:
     pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(
         columns=columns | {"scope": SCOPE}
     )
-    tables: dict[str, Any] = {
+    tables: Tables = {
         "directions": by_label(models, {title: given[name] for name, title in DIRECTIONS.items()}),
         "by_relation": pairs,
         "filters": [
@@ -73,7 +83,7 @@ def _breakdown(experiment: Experiment) -> Content:
     return Content(numbers, tables, {"directions": canvas})
 
 
-def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
+def leader(estimates: Estimates) -> tuple[str, float, Values] | None:
     """The initializer of the highest mean, this mean, and the means of all but controls;
     None if all are missing.
     """
@@ -121,7 +131,7 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
     """MRR* with its halves under each filter: means over sizes and seeds in points, by scope,
     model and filter.
     """
-    queries = combined(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
+    queries = combined(where(rows, scope=["all", "novel"]), ["scope", "filter", *_CELL])
     return 100 * queries.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
 
 
@@ -135,7 +145,7 @@ class AffordanceAnswers:
     entities: pd.DataFrame
     relation: str
     #: kinds of the relation's tails; answers of other kinds are wrong
-    kinds: Sequence[str]
+    kinds: Names
     #: source of the entities that are in every repeat; only these are shown as answers
     source: str
 
@@ -171,9 +181,7 @@ class AffordanceAnswers:
         best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
         return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
-    def judged(
-        self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]
-    ) -> dict[str, int]:
+    def judged(self, model: str, entities: Names, afforded: Mapping[str, Names]) -> dict[str, int]:
         """Number of ``top`` answers of a right kind
         (plausible: in ``afforded``, or unlikely) and of a wrong kind.
         """
@@ -187,11 +195,11 @@ class AffordanceAnswers:
 
     def ranked(
         self,
-        entities: Sequence[str],
-        models: Sequence[str],
-        afforded: Mapping[str, Sequence[str]],
-        paper: Mapping[str, Mapping[str, Sequence[str]]],
-    ) -> list[dict[str, Any]]:
+        entities: Names,
+        models: Names,
+        afforded: Mapping[str, Names],
+        paper: Mapping[str, Mapping[str, Names]],
+    ) -> Rows:
         """Rows of ``top`` answers about entities, a column for each initializer, then the paper's.
 
         × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the
@@ -207,7 +215,7 @@ class AffordanceAnswers:
             other = entity if entity in named else next(replaced, entity)
             number, likely = self.about(entity)["seed"].nunique(), afforded.get(entity)
 
-            def marked(answer: str, kind: str, likely: Sequence[str] | None = likely) -> str:
+            def marked(answer: str, kind: str, likely: Names | None = likely) -> str:
                 wrong = kind not in self.kinds
                 unlikely = likely is not None and answer not in likely
                 return f"{'× ' if wrong else '? ' if unlikely else ''}{answer}"
@@ -237,21 +245,21 @@ class AffordanceAnswers:
         return rows.assign(hit=rows["answer"].map(self.entities["kind"]).isin(self.kinds))
 
     @property
-    def shares(self) -> dict[str, float]:
+    def shares(self) -> Values:
         """Per cent of ``hits`` whose answer has a right kind, by model."""
         return means(self.hits, "hit")
 
-    def shares_table(self, initializers: Sequence[str]) -> dict[str, list[Any]]:
+    def shares_table(self, initializers: Names) -> dict[str, list[Any]]:
         """Per cent of answers of a right kind among the ``TOP`` and the first,
         over all inserted entities.
         """
-        first = self.hits[self.hits["rank"] == 1]
+        first = where(self.hits, rank=1)
         listed = {f"top {TOP}: {self.plural} %": self.hits, f"first: {joined(self.kinds)} %": first}
         shares = {title: by_model(rows, "hit", initializers) for title, rows in listed.items()}
         return by_label(initializers, shares, "initializer")
 
 
-def affordances(results: Results) -> Iterator[Content]:
+def affordances(results: Results) -> Contents:
     """Table 3: ranked affordances of inserted entities, right after insertion."""
     for experiment, _ in results.analysis("affordances"):
         answers, initializers = AffordanceAnswers.of(experiment), experiment.initializers

@@ -4,24 +4,26 @@ which fits, what it leaves, and the figures drawn under it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from isi import config
-from isi.evaluation.readings import ASPECTS, Reading, place_of, readings
+from isi.evaluation.readings import Reading, place_of, readings
 from isi.report import readings as fits
 from isi.report.data import Results
 from isi.report.figures import by_epoch, legend, panels, with_band
 from isi.report.readings import CaseRuns, Fit, PaperResult
-from isi.report.section import Content
-from isi.report.stats import ratios
-from isi.report.tables import Column, Estimate
+from isi.report.section import Content, Contents, Figures, Tables
+from isi.report.stats import Values, by_label, ratios
+from isi.report.stats import mean_of as mean_over
+from isi.report.tables import Column, Estimate, Rows
 from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label, line_style
 
 #: What the paper's words say, and the readings of the table of graphs.
@@ -40,92 +42,91 @@ GRAPHS = ("published", "extended", "ai2thor")
 @cache
 def fit_of(results: Results) -> Fit:
     """Every result of the paper whose case was run, under every reading."""
-    listed = [
-        result for result in fits.results_of(results.paper) if result.case in results.readings
-    ]
+    every = fits.results_of(results.paper)
+    listed = [result for result in every if result.case in results.readings]
     return Fit.of(listed, results.readings, results.paper["settings"]["repeats"])
-
-
-def allowed(reading: Reading) -> bool:
-    """Whether the paper's words allow a reading."""
-    return all(ABOUT["words"][aspect][getattr(reading, aspect)] for aspect in ASPECTS)
-
-
-def in_words(reading: Reading) -> str:
-    """The choices of a reading as a phrase."""
-    return ", ".join(ABOUT["titles"][aspect][getattr(reading, aspect)] for aspect in ASPECTS)
 
 
 def quotes_of(reading: Reading) -> dict[str, str]:
     """What the paper's words say about each choice of a reading."""
-    choices = {aspect: getattr(reading, aspect) for aspect in ASPECTS}
+    choices = vars(reading).items()
     return {
         ABOUT["titles"][aspect][choice]: ABOUT["words"][aspect][choice]
-        for aspect, choice in choices.items()
+        for aspect, choice in choices
     }
 
 
+def allowed(reading: Reading) -> bool:
+    """Whether the paper's words allow a reading."""
+    return all(quotes_of(reading).values())
+
+
+def in_words(reading: Reading) -> str:
+    """The choices of a reading as a phrase."""
+    return ", ".join(quotes_of(reading))
+
+
+def nearest(fit: Fit, rows: Sequence[int] | slice = slice(None)) -> Reading:
+    """The nearest reading to some of the paper's results among those that its words allow."""
+    every = (readings()[place] for place in fit.order(rows))
+    return next(filter(allowed, every))
+
+
 def chosen(results: Results) -> Reading:
-    """The nearest reading to the paper's results among those that its words allow."""
-    every = readings()
-    return next(every[place] for place in fit_of(results).order() if allowed(every[place]))
+    """The nearest reading to all results."""
+    return nearest(fit_of(results))
 
 
-def title_of(result: PaperResult) -> str:
-    """The title of a result with the label of its initializer."""
-    *words, name = result.title.split()
-    if name == "model":
-        return result.title.replace("xavier", label("xavier"))
-    return " ".join([*words, label(name)])
+def of_the_papers_graph(
+    contents: Callable[[Results], Content],
+) -> Callable[[Results], Contents]:
+    """Decorate a section's function: without the case ``MAIN``, the section has no content."""
+    return lambda results: iter([contents(results)] if MAIN in results.readings else [])
 
 
-def paper_results(results: Results) -> Iterator[Content]:
+@of_the_papers_graph
+def paper_results(results: Results) -> Content:
     """Every result beside its value under the chosen reading, and under this project's."""
-    if MAIN not in results.readings:
-        return
     fit, reading = fit_of(results), chosen(results)
     place, ours = place_of(reading), place_of(fits.OURS)
     orders = same_orders(fit, place)
-    rows, words = list[dict[Any, Any]](), list[str]()
+    rows = Rows()
     for row, result in enumerate(fit.results):
-        word = "within the interval" if fit.within[row, place] else "not explained"
-        if word == "not explained" and orders.get((result.case, result.group)):
+        word = "not explained"
+        if fit.within[row, place]:
+            word = "within the interval"
+        elif orders.get((result.case, result.group)):
             word = "same order"
-        words.append(word)
         rows.append(
             {
                 "where": result.place,
-                "what": title_of(result),
+                "what": result.title,
                 "paper": result.paper,
                 "this reading": fit.estimate(row, place),
                 "and the paper": word,
                 "this project's reading": fit.estimate(row, ours),
             }
         )
+    within = fit.within.sum(0)
+    never = np.flatnonzero(~fit.within.any(1))
     numbers = {
         "reading": in_words(reading),
-        "within": int(fit.within[:, place].sum()),
-        "number": len(fit.results),
-        "ours": int(fit.within[:, ours].sum()),
+        "within": within[place],
+        "number": len(rows),
+        "ours": within[ours],
         "quotes": quotes_of(reading),
-        "outside": [
-            title_of(result)
-            for result, word in zip(fit.results, words, strict=True)
-            if word != "within the interval"
-        ],
-        "never": [
-            title_of(result) for row, result in enumerate(fit.results) if not fit.within[row].any()
-        ],
+        "outside": [row["what"] for row in rows if row["and the paper"] != "within the interval"],
+        "never": [rows[row]["what"] for row in never],
         "drawn": results.readings[MAIN].seeds,
-        "most": int(fit.within.sum(0).max()),
-        "of_most": in_words(readings()[int(fit.within.sum(0).argmax())]),
+        "most": within.max(),
+        "of_most": in_words(readings()[within.argmax()]),
     }
     counted = {"one allowed by the paper's words": place, "this project's": ours}
     counts = [
-        {"reading": title, "within": int(fit.within[:, which].sum()), "results": len(fit.results)}
+        {"reading": title, "within": int(within[which]), "results": len(rows)}
         for title, which in counted.items()
     ]
-    yield Content(numbers, {"paper_results": rows, "readings_within": counts})
+    return Content(numbers, {"paper_results": rows, "readings_within": counts})
 
 
 def same_orders(fit: Fit, place: int) -> dict[tuple[str, str], bool]:
@@ -142,27 +143,25 @@ def same_orders(fit: Fit, place: int) -> dict[tuple[str, str], bool]:
     }
 
 
-def which_reading(results: Results) -> Iterator[Content]:
+@of_the_papers_graph
+def which_reading(results: Results) -> Content:
     """The nearest readings, this project's, the choice on one half of the results shown
     on the other, neighbours.
     """
-    if MAIN not in results.readings:
-        return
     fit, reading, every = fit_of(results), chosen(results), readings()
     order = fit.order()
-    places = list(dict.fromkeys([*order[:BEST], place_of(reading), place_of(fits.OURS)]))
-    table = [_reading_row(fit, place, order) for place in places]
-    halves = [_half(fit, kept) for kept in (0, 1)]
+    places = dict.fromkeys([*order[:BEST], place_of(reading), place_of(fits.OURS)])
     near = [_reading_row(fit, place_of(other), order) for other in reading.neighbours]
     near.sort(key=lambda row: int(row["rank"]))
     numbers = {
         "reading": in_words(reading),
         "number": len(every),
-        "halves": halves,
+        "halves": [_half(fit, kept) for kept in (0, 1)],
         "allowed": sum(map(allowed, every)),
         "far": fits.FAR,
     }
-    yield Content(numbers, {"nearest_readings": table, "neighbours_of_the_reading": near})
+    table = [_reading_row(fit, place, order) for place in places]
+    return Content(numbers, {"nearest_readings": table, "neighbours_of_the_reading": near})
 
 
 def _reading_row(fit: Fit, place: int, order: Sequence[int]) -> dict[Any, Any]:
@@ -171,8 +170,8 @@ def _reading_row(fit: Fit, place: int, order: Sequence[int]) -> dict[Any, Any]:
     """
     reading = readings()[place]
     choices = {
-        Column(aspect, words=ABOUT["titles"][aspect]): getattr(reading, aspect)
-        for aspect in ASPECTS
+        Column(aspect, words=ABOUT["titles"][aspect]): choice
+        for aspect, choice in vars(reading).items()
     }
     return {
         "rank": str(1 + order.index(place)),
@@ -187,41 +186,39 @@ def _half(fit: Fit, kept: int) -> dict[str, Any]:
     """The nearest allowed reading by every other result,
     and how it does on the results that did not choose it.
     """
-    rows = np.arange(len(fit.results))
-    chosen_on, shown_on = rows[rows % 2 == kept], rows[rows % 2 != kept]
-    place = next(place for place in fit.order(chosen_on.tolist()) if allowed(readings()[place]))
-    rank = fit.order(shown_on.tolist()).index(place) + 1
+    rows = range(len(fit.results))
+    chosen_on, shown_on = rows[kept::2], rows[1 - kept :: 2]
+    reading = nearest(fit, chosen_on)
+    within = fit.within[:, place_of(reading)]
     return {
-        "reading": in_words(readings()[place]),
+        "reading": in_words(reading),
         "number": len(shown_on),
-        "within": int(fit.within[shown_on, place].sum()),
-        "rank": rank,
-        "chosen_within": int(fit.within[chosen_on, place].sum()),
+        "within": within[shown_on].sum(),
+        "rank": fit.order(shown_on).index(place_of(reading)) + 1,
+        "chosen_within": within[chosen_on].sum(),
         "chosen_on": len(chosen_on),
     }
 
 
-def gaps(results: Results) -> Iterator[Content]:
+@of_the_papers_graph
+def gaps(results: Results) -> Content:
     """How much of each gap the reading, the conditions and the graph explain."""
-    if MAIN not in results.readings:
-        return
-    fit, reading = fit_of(results), chosen(results)
-    run = {case for case, steps in STEPS.items() if set(steps) <= set(results.readings)}
-    rows = [_steps(results, result, reading) for result in fit.results if result.case in run]
-    yield Content({"reading": in_words(reading)}, {"steps_to_the_paper": rows})
-
-
-def _steps(results: Results, result: PaperResult, reading: Reading) -> dict[Any, Any]:
-    """A result in this project's run, then with one thing after the other as in the paper."""
-    batches, today, theirs = (results.readings[name] for name in STEPS[result.case])
-    cells = (
-        ("this run", batches, fits.OURS),
-        ("the reading", batches, reading),
-        ("the conditions", today, reading),
-        ("the graph", theirs, reading),
-    )
-    values = {name: _measured(result, runs, of) for name, runs, of in cells}
-    return {"what": title_of(result), **values, "paper": result.paper}
+    cases, reading = results.readings, chosen(results)
+    rows = Rows()
+    for result in fit_of(results).results:
+        batches, today, theirs = (cases.get(name) for name in STEPS.get(result.case, [""] * 3))
+        if batches and today and theirs:
+            rows.append(
+                {
+                    "what": result.title,
+                    "this run": _measured(result, batches, fits.OURS),
+                    "the reading": _measured(result, batches, reading),
+                    "the conditions": _measured(result, today, reading),
+                    "the graph": _measured(result, theirs, reading),
+                    "paper": result.paper,
+                }
+            )
+    return Content({"reading": in_words(reading)}, {"steps_to_the_paper": rows})
 
 
 def _measured(result: PaperResult, runs: CaseRuns, reading: Reading) -> float:
@@ -231,26 +228,20 @@ def _measured(result: PaperResult, runs: CaseRuns, reading: Reading) -> float:
     return float(result.measured(runs, places, weights)[0, 0])
 
 
-def on_three_graphs(results: Results) -> Iterator[Content]:
+def on_three_graphs(results: Results) -> Contents:
     """MRR* right after insertion of every model under named readings on each graph,
     with intervals.
     """
     cases = {name: results.readings[name] for name in GRAPHS if name in results.readings}
     if not cases:
         return
-    tables = {
-        f"readings_{name}": [
-            {
-                "reading": title,
-                **{
-                    label(model): of_model(runs, model, Reading.of(reading))
-                    for model in runs.models
-                },
-            }
+    tables = Tables()
+    for name, runs in cases.items():
+        tables[f"readings_{name}"] = [
+            {"reading": title}
+            | {label(model): of_model(runs, model, Reading.of(reading)) for model in runs.models}
             for title, reading in ABOUT["shown"].items()
         ]
-        for name, runs in cases.items()
-    }
     yield Content({"cases": cases}, tables)
 
 
@@ -276,18 +267,13 @@ def mean_of(parts: Sequence[np.ndarray], reading: Reading) -> Estimate:
     )
 
 
-def drawn(results: Results) -> Iterator[Content]:
+@of_the_papers_graph
+def drawn(results: Results) -> Content:
     """The paper's figures and tables under the chosen reading,
     with this project's as the second form.
     """
-    if MAIN not in results.readings:
-        return
-    reading, cases, tables, figures = (
-        chosen(results),
-        results.readings,
-        dict[str, Any](),
-        dict[str, Canvas](),
-    )
+    reading, cases = chosen(results), results.readings
+    tables, figures = Tables(), Figures()
     pairs = {"the chosen reading": reading, "this project's": fits.OURS}
     if "sweep" in cases:
         figures["figure2_readings"] = _by_indicators(cases["sweep"], pairs)
@@ -300,45 +286,34 @@ def drawn(results: Results) -> Iterator[Content]:
             figures[f"figure3b_readings_{name}"] = _by_epoch(results, cases[name], pairs)
     if "extended" in cases:
         tables["transfer_readings"] = _transfer(results, cases["extended"], pairs)
-    if "extended" in cases and cases["extended"].case.curves:
-        known = {title: fits.about(of, "known") for title, of in pairs.items()}
-        figures["figure4_readings"] = _by_epoch(results, cases["extended"], known)
+        if cases["extended"].case.curves:
+            known = {title: fits.about(of, "known") for title, of in pairs.items()}
+            figures["figure4_readings"] = _by_epoch(results, cases["extended"], known)
     if "decay" in cases and set(cases["decay"].case.finetuned) & set(cases[MAIN].case.finetuned):
         tables["decay_readings"] = _decay(results, cases, reading)
     numbers = {
         "reading": in_words(reading),
         "both": reading.about == "both",
         "cases": cases,
-        "parts": _centre(cases, pairs),
+        "parts": _centre(cases[MAIN], pairs),
         "figures": list(figures),
     }
-    yield Content(numbers, tables, figures)
+    return Content(numbers, tables, figures)
 
 
 def _by_indicators(runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
     """Figure 2: MRR* right after insertion, and epochs to convergence, by number of indicators."""
-    size, models = runs.sizes[0], list(runs.case.indicators)
-    measures = {"MRR* (points)": runs.mrr_star} | (
-        {"epochs": runs.epochs} if size in runs.case.finetuned else {}
-    )
+    size, swept = runs.sizes[0], runs.case.indicators
+    measures = {"MRR* (points)": runs.mrr_star}
+    if size in runs.case.finetuned:
+        measures["epochs"] = runs.epochs
     canvas, axes = panels(2 * len(measures), 2, 3.2 * len(measures))
-    for panel, ((name, values), title) in zip(axes, product(measures.items(), pairs), strict=True):
-        for model in models:
-            frames = [
-                _rows(values[model, k, size], pairs[title]).assign(k=k) for k in runs.swept(model)
-            ]
-            with_band(
-                panel,
-                pd.concat(frames),
-                "k",
-                "value",
-                1,
-                0.1,
-                marker="o",
-                ms=3,
-                **line_style(model, models),
-            )
-        panel.set(title=title, xlabel="number of indicators k", ylabel=name)
+    for panel, (measure, title) in zip(axes, product(measures, pairs), strict=True):
+        for model, numbers in swept.items():
+            values = {k: measures[measure][model, k, size] for k in numbers}
+            style = line_style(model, list(swept)) | {"marker": "o", "ms": 3}
+            _line(panel, values, pairs[title], style)
+        panel.set(title=title, xlabel="number of indicators k", ylabel=measure)
     legend(canvas, axes)
     return canvas
 
@@ -348,16 +323,22 @@ def _by_size(runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
     canvas, axes = panels(len(pairs))
     for panel, (title, reading) in zip(axes, pairs.items(), strict=True):
         for model in runs.models:
-            frames = [
-                _rows(runs.mrr_star[model, 0, size], reading).assign(size=size)
-                for size in runs.sizes
-            ]
-            with_band(
-                panel, pd.concat(frames), "size", "value", 1, 0.1, **line_style(model, runs.models)
-            )
+            values = {size: runs.mrr_star[model, 0, size] for size in runs.sizes}
+            _line(panel, values, reading, line_style(model, runs.models))
         panel.set(title=title, xlabel="novel entities |ξ|", ylabel="MRR* (points)")
     legend(canvas, axes)
     return canvas
+
+
+def _line(
+    panel: Axes, values: Mapping[int, np.ndarray], reading: Reading, style: dict[str, Any]
+) -> None:
+    """Draw values under a reading, (seeds, readings), by their keys, with a band."""
+    frames = [
+        pd.DataFrame({"x": x, "value": of_seeds[:, place_of(reading)]}).rename_axis("seed")
+        for x, of_seeds in values.items()
+    ]
+    with_band(panel, pd.concat(frames).reset_index(), "x", "value", 1, 0.1, **style)
 
 
 def _by_epoch(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> Canvas:
@@ -383,84 +364,76 @@ def _by_epoch(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) ->
     return by_epoch(rows, runs.case.initializers, list(pairs), results.params.convergence.margin)
 
 
-def _rows(values: np.ndarray, reading: Reading) -> pd.DataFrame:
-    """Values under a reading by seed."""
-    return pd.DataFrame({"seed": np.arange(len(values)), "value": values[:, place_of(reading)]})
-
-
-def _table2(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> list[dict[Any, Any]]:
+def _table2(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> dict[Any, Any]:
     """Table 2: epochs to convergence, mean with its interval and deviation, beside the paper's."""
-    paper, rows = results.paper["convergence"]["epochs"], list[dict[Any, Any]]()
-    for model in runs.case.initializers:
-        sizes = [runs.epochs[model, 0, size] for size in sorted(runs.case.finetuned)]
-        row: dict[Any, Any] = {"model": label(model)}
-        for title, reading in pairs.items():
-            every = np.concatenate([of_size[:, place_of(reading)] for of_size in sizes])
-            row[Column("mean", title)] = mean_of(sizes, reading)
-            decided = every[np.isfinite(every)]
-            row[Column("deviation", title)] = (
-                float(np.std(decided, ddof=1)) if len(decided) > 1 else np.nan
-            )
-        numbers = paper.get(model, {})
-        row |= {Column(name, "paper"): numbers.get(name) for name in ("mean", "deviation")}
-        rows.append(row)
-    return rows
+    columns, models = dict[Any, Any](), runs.case.initializers
+    epochs = {
+        model: [runs.epochs[model, 0, size] for size in sorted(runs.case.finetuned)]
+        for model in models
+    }
+    for title, reading in pairs.items():
+        columns[Column("mean", title)] = {
+            model: mean_of(sizes, reading) for model, sizes in epochs.items()
+        }
+        columns[Column("deviation", title)] = {
+            model: _deviation(np.concatenate(sizes)[:, place_of(reading)])
+            for model, sizes in epochs.items()
+        }
+    for name in ("mean", "deviation"):
+        paper = results.paper["convergence"]["epochs"].items()
+        columns[Column(name, "paper")] = {model: numbers[name] for model, numbers in paper}
+    return by_label(models, columns)
 
 
-def _transfer(
-    results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]
-) -> list[dict[Any, Any]]:
+def _deviation(values: np.ndarray) -> float:
+    """The standard deviation of the decided values; NaN of fewer than two."""
+    decided = values[np.isfinite(values)]
+    return float(np.std(decided, ddof=1)) if len(decided) > 1 else np.nan
+
+
+def _transfer(results: Results, runs: CaseRuns, pairs: Mapping[str, Reading]) -> dict[Any, Any]:
     """The transfer's MRR* right after insertion, over all queries and about the new entities,
     beside the paper's.
     """
-    paper, rows = results.paper["transfer"], list[dict[Any, Any]]()
-    for model in runs.models:
-        row: dict[Any, Any] = {"model": label(model)}
-        for about, key, queries in (
-            ("", "all_queries", "all queries"),
-            ("novel", "novel_queries", "new entities"),
-        ):
-            for title, reading in pairs.items():
-                row[Column(title, queries)] = of_model(runs, model, fits.about(reading, about))
-            row[Column("paper", queries)] = paper[key].get(model)
-        rows.append(row)
-    return rows
+    columns = dict[Any, Any]()
+    for about, key, queries in (
+        ("", "all_queries", "all queries"),
+        ("novel", "novel_queries", "new entities"),
+    ):
+        for title, reading in pairs.items():
+            under = fits.about(reading, about)
+            columns[Column(title, queries)] = {
+                model: of_model(runs, model, under) for model in runs.models
+            }
+        columns[Column("paper", queries)] = results.paper["transfer"][key]
+    return by_label(runs.models, columns)
 
 
-def _decay(
-    results: Results, cases: Mapping[str, CaseRuns], reading: Reading
-) -> list[dict[Any, Any]]:
+def _decay(results: Results, cases: Mapping[str, CaseRuns], reading: Reading) -> dict[Any, Any]:
     """Epochs to convergence at the sizes of both cases, with each weight decay of fine-tuning."""
-    compared = {name: cases[name] for name in (MAIN, "decay")}
-    sizes = sorted(set.intersection(*(set(runs.case.finetuned) for runs in compared.values())))
-    paper, rows = results.paper["convergence"]["epochs"], list[dict[Any, Any]]()
-    for model in cases["decay"].case.initializers:
-        row: dict[Any, Any] = {"model": label(model)}
-        for runs in compared.values():
-            decay = runs.case.changes.get(
-                "finetuning.weight_decay", results.params.finetuning.weight_decay
-            )
-            row[f"weight decay of {decay:g}"] = mean_of(
-                [runs.epochs[model, 0, size] for size in sizes], reading
-            )
-        rows.append(row | {"paper": paper.get(model, {}).get("mean")})
-    return rows
+    models, columns = cases["decay"].case.initializers, dict[str, Any]()
+    sizes = sorted({*cases[MAIN].case.finetuned} & {*cases["decay"].case.finetuned})
+    for runs in (cases[MAIN], cases["decay"]):
+        usual = results.params.finetuning.weight_decay
+        decay = runs.case.changes.get("finetuning.weight_decay", usual)
+        columns[f"weight decay of {decay:g}"] = {
+            model: mean_of([runs.epochs[model, 0, size] for size in sizes], reading)
+            for model in models
+        }
+    paper = results.paper["convergence"]["epochs"].items()
+    return by_label(models, columns | {"paper": {name: numbers["mean"] for name, numbers in paper}})
 
 
-def _centre(
-    cases: Mapping[str, CaseRuns], pairs: Mapping[str, Reading]
-) -> dict[str, dict[str, float]]:
+def _centre(runs: CaseRuns, pairs: Mapping[str, Reading]) -> dict[str, Values]:
     """By reading, mean MRR* on the paper's graph of Xavier, ISI and the joint model,
     and what the mean has of it.
     """
-    runs = cases[MAIN]
-    methods = isi(runs.case.initializers)
-    gained = dict[str, dict[str, float]]()
+    gained = dict[str, Values]()
     for title, reading in pairs.items():
-        base = of_model(runs, BASELINE, reading).mean
-        reached = float(np.mean([of_model(runs, method, reading).mean for method in methods]))
-        gained[title] = {"base": base, "isi": reached, "joint": of_model(runs, JOINT, reading).mean}
-        if "mean" in runs.case.initializers:
-            centre = of_model(runs, "mean", reading).mean
-            gained[title] |= {"mean": centre, "share": 100 * (centre - base) / (reached - base)}
+        means = {model: of_model(runs, model, reading).mean for model in runs.models}
+        base, reached = means[BASELINE], mean_over(means, isi(means))
+        gained[title] = {"base": base, "isi": reached, "joint": means[JOINT]}
+        if "mean" in means:
+            share = 100 * (means["mean"] - base) / (reached - base)
+            gained[title] |= {"mean": means["mean"], "share": share}
     return gained

@@ -2,13 +2,10 @@
 and the params and counts of the run.
 """
 
-import json
 import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +14,10 @@ import pandas as pd
 from isi.params import Params
 from isi.report import glossary
 from isi.report.data import Experiment, Results
-from isi.report.section import Content, of_each
+from isi.report.section import Content, Contents, Tables, of_each
 from isi.report.sections.variants import relations_by_kind
-from isi.report.tables import Column
+from isi.report.stats import Values, where
+from isi.report.tables import Column, Rows
 from isi.report.words import HALVES, JOINT, SCOPES, in_order, label
 
 _PACKAGES = (
@@ -35,18 +33,17 @@ _PACKAGES = (
 )
 #: Sections of params that the report's list of params omits.
 UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
-_SOURCES = ("isi", "stages", "data/raw")  # hashed as a whole
 #: The page's words for fallbacks.
 _FALLBACKS = {"centroid": "mean of all known vectors", "es": "ES", "rs": "RS"}
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
-def guide(results: Results) -> Iterator[Content]:
+def guide(results: Results) -> Contents:
     """A drawing of the method, then the glossary."""
     yield Content({"words": glossary.of_the_page(), "initializers": glossary.of_models(results)})
 
 
-def graph(results: Results) -> Iterator[Content]:
+def graph(results: Results) -> Contents:
     """Statistics of each standalone graph, then the training on all graphs."""
     yield from of_each(results.standalone, lambda experiment: _of_graph(results, experiment))
     yield Content({"of_all": True}, {"training": _training(results)})
@@ -62,7 +59,7 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
         "entities": len(entities),
         **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds},
     }
-    tables: dict[str, Any] = {
+    tables: Tables = {
         "graph_totals": [
             {"": name.replace("_", " "), "this run": number, "paper": paper.get(name)}
             for name, number in ours.items()
@@ -109,11 +106,11 @@ def table1(
     return pd.DataFrame(lines).dropna(axis=1, how="all")
 
 
-def _training(results: Results) -> list[dict[Any, Any]]:
+def _training(results: Results) -> Rows:
     """Rows for Θ⁰ and the joint model: epochs, validation MRR* (points),
     and coordinates in use (per cent).
     """
-    rows = list[dict[Any, Any]]()
+    rows = Rows()
     for experiment in results.experiments.values():
         for name, log in (("theta0", experiment.theta0_log), (JOINT, experiment.joint_log)):
             epochs = log.groupby(["size", "seed"])["epoch"].max()
@@ -137,7 +134,7 @@ def _training(results: Results) -> list[dict[Any, Any]]:
     return rows
 
 
-def in_use(used: pd.DataFrame) -> dict[str, float]:
+def in_use(used: pd.DataFrame) -> Values:
     """Per cent of scalars and blocks that any relation uses;
     ``used``: rows of ``USED_COORDINATES``.
     """
@@ -147,7 +144,7 @@ def in_use(used: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def definitions(results: Results) -> Iterator[Content]:
+def definitions(results: Results) -> Contents:
     """Triples that word vectors could leak: the definition of one end names the other end."""
     meaning = dict(
         zip(results.definitions["phrase"], results.definitions["definition"], strict=True)
@@ -195,8 +192,8 @@ def names(text: str, phrase: str) -> bool:
     return re.search(rf"\b{pattern}\b", text) is not None
 
 
-def run(results: Results) -> Iterator[Content]:
-    """Counts by experiment, then hashes, params and versions of the run."""
+def run(results: Results) -> Contents:
+    """Counts by experiment, then params and versions of the run."""
     experiments = results.experiments
     coverage = pd.concat(experiment.coverage for experiment in experiments.values())
     sets = {
@@ -223,32 +220,12 @@ def run(results: Results) -> Iterator[Content]:
 
 
 def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
-    """Hashes, params and versions; no time, place or name of a machine,
-    so that equal runs have equal reports.
+    """Params and versions; no time, place, machine or hash of the code,
+    so that equal results have equal reports.
     """
     values = params.model_dump(exclude=set(UNUSED), exclude_unset=True)
-    files = sorted(
-        path
-        for source in _SOURCES
-        for path in Path(source).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
-    )
-    hashes = {
-        "code and shipped inputs": sha256(
-            b"".join(str(path).encode() + path.read_bytes() for path in files)
-        ),
-        "params": sha256(json.dumps(values, sort_keys=True).encode()),
-    }
-    recorded = {
-        name: settings.get("sha256") for name, settings in (values.get("sources") or {}).items()
-    }
     versions = {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
-    return {
-        "Hashes (SHA-256)": {name: code.hexdigest() for name, code in hashes.items()}
-        | {f"recording of {name}": code for name, code in recorded.items() if code},
-        "Params": dict(_flat(values)),
-        "Versions": versions,
-    }
+    return {"Params": dict(_flat(values)), "Versions": versions}
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -264,7 +241,7 @@ def _left_out(experiment: Experiment) -> dict[str, int]:
     """Counts of sets without queries, and of entities without word vector,
     insert triples or training triples.
     """
-    sets = experiment.immediate[experiment.immediate["model"] == experiment.initializers[0]]
+    sets = where(experiment.immediate, model=experiment.initializers[0])
     empty = (sets["queries"] == 0).groupby(sets["scope"]).sum()
     with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
     return {
@@ -290,14 +267,14 @@ def orphans(
     ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
     lost = 0
     for (_, seed), cell in novel.groupby(["size", "seed"]):
-        split = splits[splits["seed"] == seed]
+        split = where(splits, seed=seed)
         listed = ends[split["triple"]]
         trained = ~np.isin(listed, cell["entity"]).any(1) & (split["split"] == "train").to_numpy()
         lost += len(np.setdiff1d(np.setdiff1d(listed, cell["entity"]), listed[trained]))
     return lost
 
 
-def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
+def ties(experiments: Mapping[str, Experiment]) -> Rows:
     """Number of competitors tied with the answer right after insertion, by experiment,
     model and scope.
     """
@@ -343,7 +320,7 @@ def _experiment(experiments: Mapping[str, Experiment]) -> Column:
     )
 
 
-def departures(_: Results) -> Iterator[Content]:
+def departures(_: Results) -> Contents:
     """A list, in the template alone: differences from the paper,
     and decisions that the paper leaves open.
     """

@@ -3,7 +3,7 @@ embedding models and graphs.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
 from math import inf
@@ -14,10 +14,10 @@ import pandas as pd
 
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_row
-from isi.report.section import Content
+from isi.report.section import Content, Contents, Tables
 from isi.report.sections.answer import ZERO
-from isi.report.stats import by_label, by_seed, difference, signed, values
-from isi.report.tables import Column, Estimate
+from isi.report.stats import Estimates, by_label, by_seed, difference, signed, values, where
+from isi.report.tables import Column, Rows
 from isi.report.words import BASELINE, JOINT, isi, label
 
 #: The initializer with which all others are compared, paired by seed.
@@ -31,7 +31,7 @@ _PAIRS = (
     ("map", "soft_hybrid"),
 )
 #: A function from runs to estimates by model.
-Means = Callable[[Any], Mapping[str, Estimate]]
+Means = Callable[[Any], Estimates]
 #: Measures of the tables by graph, by the end of the table's name.
 _MEASURES: dict[str, Means] = {
     "immediate": lambda runs: runs.immediate_means("novel"),
@@ -40,7 +40,7 @@ _MEASURES: dict[str, Means] = {
 }
 
 
-def stronger(results: Results) -> Iterator[Content]:
+def stronger(results: Results) -> Contents:
     """Initializers beyond the paper: a table for each graph,
     sorted by entity MRR* with the novel entity given.
     """
@@ -86,11 +86,11 @@ def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
     """Entity MRR* (points) with the novel entity given:
     a row for each seed and size, a column for each model.
     """
-    given = runs.directed[runs.directed["scope"] == "given"]
+    given = where(runs.directed, scope="given")
     return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
 
 
-def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[dict[str, Any]]:
+def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> Rows:
     """A row of estimates by model for each of ``ran``, sorted by graph;
     ``column``, if given, has the variant.
     """
@@ -103,7 +103,7 @@ def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[
     ]
 
 
-def n_insert_triples(results: Results) -> Iterator[Content]:
+def n_insert_triples(results: Results) -> Contents:
     """Entity MRR* with the novel entity given by number of insert triples,
     on the first graph with such runs.
     """
@@ -147,7 +147,7 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
         yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
 
 
-def other_words(results: Results) -> Iterator[Content]:
+def other_words(results: Results) -> Contents:
     """A table with a row for each graph and kind of word vectors."""
     if variants := results.variants_of("words"):
         yield Content(
@@ -155,13 +155,13 @@ def other_words(results: Results) -> Iterator[Content]:
         )
 
 
-def embeddings(results: Results) -> Iterator[Content]:
+def embeddings(results: Results) -> Contents:
     """Other embedding models: MRR* and epochs by graph, and how often ISI is above Xavier."""
     variants = results.variants_of("embeddings")
     if not variants:
         return
     names = list(dict.fromkeys(name for runs in variants for name in runs.initializers))
-    rows: dict[str, dict[str, Mapping[str, Estimate]]] = {}
+    rows: dict[str, dict[str, Estimates]] = {}
     for runs in variants:
         rows.setdefault(runs.title, {})[runs.variant.title] = runs.given_means
     numbers = {
@@ -178,14 +178,14 @@ def embeddings(results: Results) -> Iterator[Content]:
     yield Content(numbers, tables, {"embeddings": by_row(rows, variants[0].models)})
 
 
-def _best_of(means: Mapping[str, Estimate], names: Iterable[str]) -> str | None:
+def _best_of(means: Estimates, names: Iterable[str]) -> str | None:
     """The model with the highest mean, the first in a tie; None without any."""
     return max(
         (name for name in names if name in means), key=lambda name: means[name].mean, default=None
     )
 
 
-def other_graphs(results: Results) -> Iterator[Content]:
+def other_graphs(results: Results) -> Contents:
     """All graphs side by side: sizes, shared entities, and the same measures on each;
     nothing without other graphs.
     """
@@ -217,7 +217,7 @@ def other_graphs(results: Results) -> Iterator[Content]:
         if of_graphs
     ]
     graphs: list[Experiment | VariantRuns] = [*results.standalone, *others]
-    tables: dict[str, Any] = {
+    tables: Tables = {
         "graphs": sizes(graphs),
         "graphs_shared": shared(graphs),
         "graphs_gains": [
@@ -233,7 +233,7 @@ def other_graphs(results: Results) -> Iterator[Content]:
     yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": figure})
 
 
-def sizes(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
+def sizes(graphs: Iterable[Experiment | VariantRuns]) -> Rows:
     """A row for each graph: counts, and the per cent of triples whose relation
     the tail's kind predicts.
     """
@@ -261,7 +261,7 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
     return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
 
 
-def shared(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
+def shared(graphs: Iterable[Experiment | VariantRuns]) -> Rows:
     """A matrix of graphs: the number of entity phrases that two graphs share."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
     return [

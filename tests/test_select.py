@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 import isi
+from isi.evaluation.filtered import EndQueries
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import (
     INITIALIZERS,
@@ -23,7 +24,8 @@ from isi.initializers.api import (
     without_weights,
 )
 from isi.insertion.arguments import stack_of_one
-from isi.insertion.choice import Choice, HiddenDraws, Queried, calibrated, choose_by_rule, hide
+from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
+from isi.insertion.selection import Selection, compare, select_by_rule
 from isi.models.bilinear import DistMult
 
 ENTITIES, RELATIONS, DIMENSION = 40, 3, 16
@@ -73,12 +75,18 @@ def insert(**changed: Any) -> Any:
     return isi.insert(VECTORS, MAPS, GIVEN, **given)
 
 
+def hold_out(
+    triples: np.ndarray = TRIPLES, kinds: np.ndarray | None = None, seed: int = 0
+) -> HoldOut:
+    return HoldOut(THETA, triples, NUMBERS, None, kinds, seed)
+
+
 def of(
     *initializers: Registered, tolerance: float = 0.01, budget: float = 2, seed: int = 0
-) -> Choice:
-    choice = calibrated(initializers, THETA, TRIPLES, NUMBERS, None, None, seed, tolerance, budget)
-    assert choice is not None
-    return choice
+) -> Selection:
+    selection = compare(initializers, hold_out(seed=seed), tolerance, budget)
+    assert selection is not None
+    return selection
 
 
 @pytest.mark.parametrize(
@@ -95,19 +103,23 @@ def of(
 def test_the_best_that_does_no_harm_is_chosen(
     about: list[float], loss: list[float], tolerance: float, expected: int
 ) -> None:
-    assert choose_by_rule(about, loss, tolerance) == expected
+    candidates = [
+        Candidate("", {}, known_ends=mrr, hidden_ends=mrr, h_old=1.0, h_cur=1.0, loss=lost)
+        for mrr, lost in zip(about, loss, strict=True)
+    ]
+    assert select_by_rule(candidates, tolerance) is candidates[expected]
 
 
 def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> None:
     own("oracle", oracle)
     done = insert()
-    assert done.initializer == done.choice.chosen.initializer == "oracle"
-    assert done.choice.chosen.known_ends > max(
-        x.known_ends for x in done.choice.candidates if x is not done.choice.chosen
+    assert done.initializer == done.selection.selected.initializer == "oracle"
+    assert done.selection.selected.known_ends > max(
+        x.known_ends for x in done.selection.candidates if x is not done.selection.selected
     )
-    assert done.choice.chosen.h_old == pytest.approx(done.choice.chosen.h_cur)
-    assert done.why == done.choice.why
-    frame = done.choice.to_frame()
+    assert done.selection.selected.h_old == pytest.approx(done.selection.selected.h_cur)
+    assert done.why == done.selection.why
+    frame = done.selection.to_frame()
     assert set(frame["initializer"]) >= {"oracle", "mean", "map_mean", "ridge"}
     assert not {"es", "soft_hybrid"} & set(frame["initializer"])  # they need words
     assert frame.loc[frame["chosen"], "initializer"].tolist() == ["oracle"]
@@ -115,7 +127,7 @@ def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> No
 
 def test_means_of_a_few_vectors_and_controls_take_no_part_unless_they_are_a_default() -> None:
     words = RNG.standard_normal((ENTITIES + 1, 5)).astype(np.float32)
-    tried = {each.initializer for each in insert(words=words).choice.candidates}
+    tried = {each.initializer for each in insert(words=words).selection.candidates}
     assert tried >= {"map", "map_own_facts", "ridge", "soft_es", "mean"}
     assert not tried & {
         "xavier",
@@ -133,7 +145,7 @@ def test_means_of_a_few_vectors_and_controls_take_no_part_unless_they_are_a_defa
 def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() -> None:
     own("scaled", oracle, defaults={"times": 0.01}, calibration=[{"times": -1.0}, {"times": 1.0}])
     done = insert()
-    tried = [each.options for each in done.choice.candidates if each.initializer == "scaled"]
+    tried = [each.options for each in done.selection.candidates if each.initializer == "scaled"]
     assert tried == [{"times": 0.01}, {"times": -1.0}, {"times": 1.0}]
     assert (done.initializer, done.options) == ("scaled", {"times": 1.0})
 
@@ -144,13 +156,13 @@ def test_a_loud_vector_is_chosen_with_a_warning_and_only_if_there_is_nothing_els
     by_name = {each.initializer: each for each in choice.candidates}
     assert by_name["loud"].hidden_ends > by_name["mean"].hidden_ends
     assert by_name["loud"].loss > 0.1 > abs(by_name["mean"].loss)
-    assert choice.chosen is by_name["mean"]
+    assert choice.selected is by_name["mean"]
     assert not choice.warnings
     alone = of(noisy)
     (warning,) = alone.warnings
     assert "loud harms least" in warning
-    assert f"{alone.chosen.h_cur:.3f}" in warning
-    assert of(noisy, quiet, tolerance=1).chosen.initializer == "loud"
+    assert f"{alone.selected.h_cur:.3f}" in warning
+    assert of(noisy, quiet, tolerance=1).selected.initializer == "loud"
 
 
 def test_a_model_that_has_not_learned_is_noticed() -> None:
@@ -168,9 +180,9 @@ def test_initializers_without_finite_vectors_are_no_candidates() -> None:
 
 def test_the_choice_depends_on_the_arguments_alone() -> None:
     one, same, other = (insert(seed=seed) for seed in (7, 7, 8))
-    assert one.choice == same.choice
+    assert one.selection == same.selection
     assert one.entities.tobytes() == same.entities.tobytes()
-    assert one.choice.candidates != other.choice.candidates
+    assert one.selection.candidates != other.selection.candidates
 
 
 @pytest.mark.parametrize(
@@ -188,18 +200,17 @@ def test_without_calibration_the_first_of_the_listed_initializers_is_used(
     changed: dict[str, Any],
 ) -> None:
     done = insert(**changed)
-    assert done.choice is None
+    assert done.selection is None
     assert done.initializer == changed.get("initializer", "map")
 
 
 def test_a_lower_budget_hides_fewer_entities_and_then_leaves_costly_candidates_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("isi.insertion.choice.OVERHEAD", 0.0)
+    monkeypatch.setattr("isi.insertion.selection.OVERHEAD", 0.0)
     every = [INITIALIZERS.get(name) for name in ("mean", "map_mean", "soft_rs")]
     choices = [
-        calibrated(every, THETA, TRIPLES, NUMBERS, None, None, 0, 0.01, budget)
-        for budget in [0, *np.geomspace(1e-5, 1, 50)]
+        compare(every, hold_out(), 0.01, budget) for budget in [0, *np.geomspace(1e-5, 1, 50)]
     ]
     sizes = [
         (0, 0) if choice is None else (len(choice.candidates), choice.hidden) for choice in choices
@@ -214,7 +225,7 @@ def test_a_lower_budget_hides_fewer_entities_and_then_leaves_costly_candidates_o
 
 
 def test_hidden_entities_are_inserted_from_as_many_triples_and_queried_on_the_others() -> None:
-    draws = hide(THETA, TRIPLES, NUMBERS, None, None, 0, 12)
+    draws = hold_out().hide(12)
     assert draws is not None
     context = draws.context
     assert context.novel.shape == (3, 4)  # a tenth of 40 at a time
@@ -263,7 +274,7 @@ def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
         table = VECTORS.copy()
         table[hidden] = vectors[model]
         old = ~np.isin(np.arange(ENTITIES), hidden)
-        listed: list[tuple[str, Queried]] = [("about", draws.about), ("earlier", draws.earlier)]
+        listed: list[tuple[str, EndQueries]] = [("about", draws.about), ("earlier", draws.earlier)]
         for name, queries in listed:
             for triple in queries.triples[model][queries.counted[model]].tolist():
                 for slot in (HEAD, TAIL):
@@ -285,20 +296,20 @@ def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
 def test_hidden_entities_have_candidates_of_their_kind() -> None:
     # -1: none; 5: alone
     kinds = np.where(np.arange(ENTITIES) < ENTITIES - 1, np.arange(ENTITIES) % 3 - 1, 5)
-    context = hide(THETA, TRIPLES, NUMBERS, None, kinds, 0, ENTITIES).context  # type: ignore[union-attr]
+    context = hold_out(kinds=kinds).hide(ENTITIES).context  # type: ignore[union-attr]
     assert set(context.kinds[context.novel].flatten().tolist()) == {-1, 0, 1, 5}
     for draw, hidden in enumerate(context.novel.tolist()):
         for place, entity in enumerate(hidden):
             alike = context.eligible[draw] & torch.from_numpy(kinds == kinds[entity])
             expected = context.eligible[draw] if kinds[entity] in (-1, 5) else alike
             assert context.candidates[draw, place].tolist() == expected.tolist()
-    free = hide(THETA, TRIPLES, NUMBERS, None, None, 0, ENTITIES).context  # type: ignore[union-attr]
+    free = hold_out().hide(ENTITIES).context  # type: ignore[union-attr]
     assert free.candidates.tolist() == free.eligible[:, None].tolist()
 
 
 @pytest.mark.parametrize("share", [1.0, 2.5])
 def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
-    draws = hide(THETA, FEWER, NUMBERS, None, None, 1, 12)
+    draws = hold_out(FEWER, seed=1).hide(12)
     assert draws is not None
     draws, scaled = (
         replace(draws, share=share),

@@ -2,17 +2,20 @@
 their insert triples and their queries.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from isi.config import Count, Fraction, Name, Positive, Section
-from isi.errors import InputError
+from isi.config import Count, Fraction, Name, Positive, Section, check
+from isi.errors import InputError, at
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.words import Words
+from isi.initializers.api import INITIALIZERS
+from isi.params import check_names
 from isi.random import stream
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, one_of
@@ -85,6 +88,15 @@ class Hidden(Section):
     initializers: list[Name]  #: compared with the default initializer of ``isi.pykeen.insert``
     training: HiddenTraining
     epochs: Count  #: of training after insertion
+
+
+def study_of(studies: Mapping[str, dict[str, Any]], study: str) -> Hidden:
+    """An entry of ``hidden``, checked; InputError names the wrong key of ``beyond/params.yaml``."""
+    key = f"hidden.{study}"
+    settings = check(studies[study], Hidden, key, paths.BEYOND_PARAMS)
+    with at(paths.BEYOND_PARAMS):
+        check_names(settings.initializers, INITIALIZERS.names(), f"{key}.initializers")
+    return settings
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import gc
 import logging
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -24,12 +24,13 @@ from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import TriplesFactory
 from torch.optim import Adam
 
-from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
-from isi.errors import InputError, suggestion
+from isi.errors import InputError, at
 from isi.experiment.grid import GridPoints
+from isi.extras.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
 from isi.graph.graph import HEAD
 from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
+from isi.params import check_names
 from isi.pykeen import enlarge, inserted, read_model, warm
 from isi.tables import paths
 
@@ -50,8 +51,9 @@ def hidden_in(
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch; frozen objects are skipped
     graph, (seed,), training = points.graph, points.seeds, settings.training
-    check_name(training.model, model_resolver.lookup_dict, f"{key}.training.model")
-    check_name(training.loss, loss_resolver.lookup_dict, f"{key}.training.loss")
+    with at(paths.BEYOND_PARAMS):
+        check_names([training.model], model_resolver.lookup_dict, f"{key}.training.model")
+        check_names([training.loss], loss_resolver.lookup_dict, f"{key}.training.loss")
     try:
         loss_resolver.make(training.loss, training.loss_options)
     except TypeError as error:
@@ -89,13 +91,6 @@ def hidden_in(
     return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(
         seconds
     )
-
-
-def check_name(name: str, known: Iterable[str], key: str) -> None:
-    """InputError at the key of ``beyond/params.yaml`` unless PyKEEN knows the name."""
-    if name not in (names := sorted(known)):
-        expected = f"expected one of {', '.join(names)}, got {name!r}{suggestion(name, names)}"
-        raise InputError(paths.BEYOND_PARAMS, key, expected)
 
 
 @dataclass(frozen=True)

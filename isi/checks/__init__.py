@@ -1,0 +1,1 @@
+"""Named checks of a user's own models and initializers, on a small random graph."""

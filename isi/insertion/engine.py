@@ -1,0 +1,286 @@
+"""The engine of insertion: what an initializer sees, batches of novel entities, rounds, results.
+
+Every way of inserting comes here: the grid of experiments (``context_in_session``), and new
+entities in one embedding (``NovelEntities``, ``insert``). Known entities have the ids 0 to E - 1,
+novel ones E to E + n - 1; new relations follow the R known ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.graph.graph import HEAD, RELATION, TAIL, Graph
+from isi.graph.sessions import TRAIN, Session
+from isi.initializers.api import InitContext, InitResult, Registered
+from isi.insertion.relations import fit_relations
+from isi.models.stack import Embedding
+
+BUDGET = 2**24  #: Maximum number of elements of one batch of novel entities.
+FEW = 32  #: Number of triples up to which all novel entities share batches.
+ROUNDS = 3  #: Number of times that novel entities with triples between them are inserted.
+
+
+@dataclass(frozen=True, eq=False)
+class NovelEntities:
+    """Novel entities of one embedding, and all that their vectors may depend on."""
+
+    #: entities, (1, E + n, d), and relations, (1, R + q, w): the engine writes the rows of novel
+    #: entities and new relations. With only the rows of known entities, (1, E, d), they stay as
+    #: they are, which serves tables that are files.
+    theta: Embedding
+    known: int  #: E
+    number: int  #: n
+    known_relations: int  #: R
+    triples: np.ndarray  #: each with a novel entity or a new relation; ids, shape: (T, 3)
+    known_triples: np.ndarray  #: shape: (K, 3)
+    words: np.ndarray | None  #: word vectors of all entities, zero if missing; shape: (E + n, v)
+    kinds: np.ndarray | None  #: of all entities, -1 without one; shape: (E + n,)
+    seed: int  #: root of the random streams
+
+    @property
+    def ids(self) -> np.ndarray:
+        """Ids of the novel entities; shape (n,)."""
+        return np.arange(self.known, self.known + self.number)
+
+    @property
+    def has_one_novel_end(self) -> np.ndarray:
+        """Whether a triple joins a novel entity to a known one; shape (T,), bool."""
+        novel = self.triples[:, [HEAD, TAIL]] >= self.known
+        has_one: np.ndarray = novel.sum(1) == 1
+        return has_one
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether the table has rows for novel entities."""
+        return self.theta.entity.shape[1] > self.known
+
+
+@dataclass(frozen=True)
+class Method:
+    """An initializer with all its options."""
+
+    initializer: Registered  #: in the form that fits the model (``isi.insertion.inverses``)
+    options: Mapping[str, Any]
+    why: str  #: the reason for this initializer
+
+    def initialize(self, context: InitContext) -> InitResult:
+        """Vectors of the novel entities of a context (equation 8)."""
+        return self.initializer.initialize(context, self.options)
+
+
+def insert(novel: NovelEntities, method: Method) -> InitResult | None:
+    """Insert novel entities and new relations; the result of the last round, None without any.
+
+    A new relation is fitted before each round to its triples between entities that have vectors.
+    Until it has a row, its triples are not used.
+    """
+    theta, triples = novel.theta, novel.triples
+    usable = triples[:, RELATION] < novel.known_relations
+    has_vector = np.arange(novel.known + novel.number) < novel.known
+    joins_vectors = has_vector[triples[:, [HEAD, TAIL]]].all(1)
+    again = bool((~usable & ~joins_vectors).any())
+
+    def fit() -> None:
+        if theta.relation.shape[1] == novel.known_relations:
+            return
+        ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
+        usable[np.isin(triples[:, RELATION], ready[:, RELATION])] = True
+        theta.relation[0, novel.known_relations :] = fit_relations(
+            theta,
+            novel.known,
+            novel.known_relations,
+            torch.from_numpy(ready),
+            torch.from_numpy(novel.known_triples),
+        )
+
+    result = None
+    for ids, seen in schedule(triples, novel.known, novel.number, again):
+        fit()
+        result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable])
+        if result is not None and novel.has_rows:
+            theta.entity[0, ids] = result.vectors[0]
+        has_vector[ids] = True
+    if again:
+        fit()
+    return result
+
+
+def _in_batches(
+    novel: NovelEntities, method: Method, ids: Tensor, triples: np.ndarray
+) -> InitResult | None:
+    """Insert the novel entities ``ids``, (m,), from their ``triples``, (T, 3), batch by batch."""
+    _, relations, width = novel.theta.relation.shape
+    _, entities, dimension = novel.theta.entity.shape
+    most = max(1, BUDGET // max(entities, relations * dimension))
+    parts = batches(ids, triples, most, max(relations, width))
+    results = [method.initialize(context_for(novel, part, triples)) for part in parts]
+    if len(results) < 2:
+        return results[0] if results else None
+    order = torch.argsort(torch.cat(parts))
+    weights = [result.weights for result in results if result.weights is not None]
+    return InitResult(
+        vectors=torch.cat([result.vectors for result in results], 1)[:, order],
+        fallback=torch.cat([result.fallback for result in results], 1)[:, order],
+        weights=torch.cat(weights, 1)[:, order] if len(weights) == len(results) else None,
+        is_centroid=results[0].is_centroid,
+    )
+
+
+def batches(novel: Tensor, triples: np.ndarray, most: int, width: int) -> list[Tensor]:
+    """Ids of novel entities, (n,), in batches, each padded to its largest number of triples.
+
+    Entities of a batch have at most ``FEW`` triples, or numbers that differ by a factor of two at
+    most. A batch has at most ``most`` entities, and vectors of length ``width`` for all its
+    triples, padding included, have at most ``BUDGET`` numbers, or it is one entity.
+    """
+    ends = torch.from_numpy(triples[:, [HEAD, TAIL]].copy(order="C")).flatten()
+    number = torch.bincount(ends, minlength=int(novel.max()) + 1)[novel] if len(novel) else novel
+    level = (number / FEW).clamp(min=1).log2().ceil().long()
+    parts = list[Tensor]()
+    for step in sorted(set(level.tolist())):
+        affordable = BUDGET // (FEW * 2**step * width)
+        parts += torch.split(novel[level == step], max(1, min(most, affordable)))
+    return parts
+
+
+def schedule(
+    triples: np.ndarray, known: int, number: int, again: bool
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Ids of novel entities, (m,), and a mask of their triples, (T,), step by step.
+    The last step has all novel entities.
+
+    The first round inserts layer by layer, from triples with known entities and with earlier
+    layers. In later rounds (``again``, or if two novel entities have a triple) all are inserted
+    together from all triples, each with the vectors that the others had before.
+    """
+    everyone, ends = np.arange(known, known + number), triples[:, [HEAD, TAIL]]
+    proper = ends[:, 0] != ends[:, 1]
+    if again or ((ends >= known).all(1) & proper).any():
+        layer = np.concatenate([np.full(known, -1), layers(triples[proper], known, number)])
+        of_ends = layer[ends]
+        for step in range(int(layer.max()) + 1):
+            in_layer = (of_ends.max(1) == step) & (of_ends.min(1) < step)
+            yield everyone[layer[known:] == step], in_layer
+        for _ in range(ROUNDS - 2):
+            yield everyone, proper
+    yield everyone, proper
+
+
+def layers(triples: np.ndarray, known: int, number: int) -> np.ndarray:
+    """Fewest triples between each of ``number`` novel entities and a known one, minus 1;
+    0 if there is no path; (n,). ``triples``: ids, (T, 3).
+    """
+    ends = triples[:, [HEAD, TAIL]] - known
+    layer = np.full(number, number)
+    layer[ends[(ends >= 0).sum(1) == 1].max(1)] = 0
+    between = ends[(ends >= 0).all(1)]
+    for _ in range(number):
+        nearer = layer.copy()
+        np.minimum.at(nearer, between, layer[between[:, ::-1]] + 1)
+        if (nearer == layer).all():
+            break
+        layer = nearer
+    return np.where(layer < number, layer, 0)
+
+
+def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitContext:
+    """What an initializer sees of the novel entities ``ids``, (m,), ascending, and their
+    ``triples``, (T, 3). Other novel entities may have vectors; they are no candidates.
+
+    Without known triples, all known entities are eligible.
+    """
+    session = trained_session(novel.known_triples, novel.theta, novel.kinds)
+    session.entities[:, novel.known :] = False
+    ends = torch.from_numpy(triples[:, [HEAD, TAIL]].copy(order="C"))
+    place = torch.searchsorted(ids, ends).clamp(max=len(ids) - 1)
+    triple, end = (ids[place] == ends).nonzero(as_tuple=True)
+    order = torch.argsort(place[triple, end], stable=True)
+    triple, end = triple[order], end[order]
+    insert_triples = torch.stack([torch.zeros_like(triple), place[triple, end], triple], 1)
+    words = torch.zeros(len(session.graph.entities), 1)
+    if novel.words is not None:
+        words = torch.from_numpy(novel.words)
+    context = context_in_session(
+        novel.theta,
+        session,
+        ids[None],
+        insert_triples,
+        words,
+        novel.seed,
+        ids[None, :1] - novel.known,
+        torch.from_numpy(triples),
+    )
+    if not novel.has_rows:  # a row of the table stands for one without words
+        context = replace(context, novel=torch.zeros_like(ids)[None])
+    eligible = context.eligible if len(novel.known_triples) else context.known
+    return replace(context, eligible=eligible, by_kind=novel.kinds is not None)
+
+
+def context_in_session(
+    theta: Embedding,
+    before: Session,
+    novel: Tensor,
+    insert_triples: Tensor,
+    words: Tensor,
+    root: int,
+    keys: Tensor,
+    listed: Tensor | None = None,
+) -> InitContext:
+    """What an initializer sees of the novel entities, (M, n), of a stack of sessions.
+
+    Args:
+        theta: Θ of the session before.
+        before: that session.
+        insert_triples: place in the stack, place in ``novel`` and triple, (I, 3), sorted.
+        words: word vectors, (E, v).
+        root: seed of the random streams; ``keys``: of each model's streams, (M, K).
+        listed: the triples that ``insert_triples`` are rows of, (L, 3); None: the graph's.
+    """
+    model, place, triple = insert_triples.T
+    slot = model * novel.shape[1] + place
+    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity
+    longest = int(number.max()) + 1 if len(number) else 1
+    head, relation, tail = (before.graph.triples if listed is None else listed)[triple].T
+    is_tail = tail == novel[model, place]
+
+    def padded(values: Tensor) -> Tensor:
+        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
+        table[model, place, number] = values
+        return table
+
+    return InitContext(
+        theta0=theta,
+        known=before.entities,
+        eligible=before.trained(),
+        novel=novel,
+        words=words,
+        kinds=before.graph.kinds,
+        other=padded(torch.where(is_tail, head, tail)),
+        relation=padded(relation),
+        novel_is_tail=padded(is_tail),
+        observed=padded(torch.ones_like(is_tail)),
+        triples=before.graph.triples,
+        trained=before.members(TRAIN),
+        root=root,
+        keys=keys,
+    )
+
+
+def trained_session(
+    triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None
+) -> Session:
+    """A session of all entities of an embedding, with ``triples``, (T, 3),
+    as training triples of count 1.
+    """
+    entities, relations = theta.entity.shape[1], theta.relation.shape[1]
+    kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
+    seen = torch.ones(1, dtype=torch.int64).expand(len(triples))
+    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
+    everyone = torch.ones(1, entities, dtype=torch.bool)
+    return Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))

@@ -1,0 +1,253 @@
+"""The hold-out test: known entities are hidden, inserted again, and queried.
+
+Known entities are hidden, a tenth at a time: their rows are left out, and an initializer computes
+them again from as many of their own triples as the new entities have. Filtered ranks in queries of
+their other triples, and of triples of the other entities, measure both sides. The known vectors
+were trained together with the hidden entities, which flatters all initializers alike: compare
+their measures with each other only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
+
+from isi.errors import InputError
+from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
+from isi.graph.graph import HEAD, TAIL, Graph
+from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
+from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
+from isi.insertion.engine import context_in_session, trained_session
+from isi.models.stack import Embedding
+from isi.random import stream
+
+ONE_IN = (
+    10  #: One in so many known entities is hidden at a time; ``h_cur`` is for as many new ones.
+)
+HIDDEN = 48  #: Maximum number of hidden entities in all.
+#: Maximum number of queried triples per hidden entity, and least number in all.
+QUERIES, LEAST_QUERIES = 6, 16
+KEPT_BACK = 4  #: At least one in so many triples of a hidden entity is queried and not inserted.
+MOST_SCORES = 2**23  #: Maximum number of scores in one table.
+#: Rank of the second-best wrong answer, which is the proxy for an answer that is true but was not
+#: trained on.
+PROXY_RANK = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An initializer with options, and filtered MRRs after it has inserted the hidden entities."""
+
+    initializer: str
+    options: Mapping[str, Any]
+    known_ends: float  #: of the known end of a hidden entity's triple, given the hidden entity
+    hidden_ends: float  #: of the hidden entity, given the known end
+    h_old: float  #: of earlier triples, among the other known entities
+    h_cur: float  #: of the same, when a tenth more entities (or all new ones) have been inserted
+    #: mean loss of MRR of earlier triples, and of the proxies for held-out ones (``PROXY_RANK``)
+    loss: float
+
+    @property
+    def about(self) -> float:
+        """Mean MRR of both kinds of queries about hidden entities."""
+        return (self.known_ends + self.hidden_ends) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenDraws:
+    """M draws of n hidden known entities, and the triples that are
+    queried after their insertion.
+    """
+
+    context: InitContext  #: its novel entities are the hidden ones
+    about: EndQueries  #: triples of hidden entities, without their insert triples
+    earlier: EndQueries  #: triples of the other entities
+    share: float  #: number of new entities that ``h_cur`` is for, divided by n
+
+    @cached_property
+    def competes(self) -> Tensor:
+        """Competitors of the answers of ``earlier`` before the insertion;
+        shape (2, M, Q, E), bool.
+        """
+        hidden = membership(self.context.novel, self.context.known.shape[1])
+        return ~(self.earlier.right | hidden[:, None])
+
+    @cached_property
+    def before(self) -> tuple[Tensor, Tensor]:
+        """Scores and ranks of two answers of ``earlier`` before the insertion; shapes (2, 2, M, Q).
+
+        The model was trained on the right answer. The second-best wrong one stands for answers that
+        were not trained on, whose ranks are not as safe.
+        """
+        theta0 = self.context.theta0
+        scores = self.earlier.scores(theta0, theta0.entity)
+        right = self.earlier.right_scores(theta0)
+        wrong = scores.masked_fill(~self.competes, -torch.inf)
+        proxy = wrong.topk(min(PROXY_RANK, scores.shape[-1])).values[..., -1]
+        rank = 1 + ahead(scores, right, self.competes)
+        rank_of_proxy = torch.full(right.shape, float(PROXY_RANK))
+        return torch.stack([right, proxy]), torch.stack([rank, rank_of_proxy])
+
+    @property
+    def random_mrr(self) -> float:
+        """Expected MRR of earlier triples if their ranks were random."""
+        return random_ranks(self.competes, self.earlier).mean().item()
+
+    def insert(
+        self, initializer: Registered, given: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], Tensor] | None:
+        """The checked options, and the vectors of the hidden entities, (M, n, d);
+        None if not all are finite.
+        """
+        try:
+            options = options_of(initializer.name, given, "initializer")
+            return options, initializer.initialize(self.context, options).vectors
+        except (InputError, NoRelationMap):
+            return None
+
+    def theta(self, vectors: Tensor) -> Embedding:
+        """The embedding with vectors of the hidden entities, (M, n, d)."""
+        theta0, places = self.context.theta0, self.context.novel[..., None].expand_as(vectors)
+        return replace(theta0, entity=theta0.entity.scatter(1, places, vectors))
+
+    def measure(self, initializer: Registered, given: Mapping[str, Any]) -> Candidate | None:
+        """Insert the hidden entities and measure; None if the initializer has
+        no finite vectors for them.
+        """
+        inserted = self.insert(initializer, given)
+        if inserted is None:
+            return None
+        options, vectors = inserted
+        ranks = self._ranks_about(vectors)
+        novel, asked = self.context.novel, self.about.counted
+        is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)
+        before, after = self._ranks_of_earlier(vectors)
+        counted = self.earlier.counted
+        return Candidate(
+            initializer.name,
+            options,
+            known_ends=_mrr(ranks[asked & ~is_hidden]),
+            hidden_ends=_mrr(ranks[asked & is_hidden]),
+            h_old=_mrr(before[0][:, counted]),
+            h_cur=_mrr(after[0][:, counted]),
+            loss=(1 / before - 1 / after).double()[..., counted].mean().item(),
+        )
+
+    def _ranks_about(self, vectors: Tensor) -> Tensor:
+        """Ranks in queries about hidden entities with ``vectors``, (M, n, d); shape (2, M, Q)."""
+        theta = self.theta(vectors)
+        scores = self.about.scores(theta, theta.entity)
+        return 1 + ahead(scores, self.about.right_scores(theta), ~self.about.right)
+
+    def _ranks_of_earlier(self, vectors: Tensor) -> tuple[Tensor, Tensor]:
+        """Ranks of the two answers to ``earlier`` before and after the insertion;
+        shapes (2, 2, M, Q).
+        """
+        places = self.context.novel[:, None].expand(*self.earlier.right.shape[:3], -1)
+        wrong = ~self.earlier.right.gather(-1, places)
+        scores = self.earlier.scores(self.theta(vectors), vectors)
+        answers, before = self.before
+        added = torch.stack([ahead(scores, answer, wrong) for answer in answers])
+        return before, before + self.share * added
+
+
+def _mrr(ranks: Tensor) -> float:
+    return (1 / ranks).double().mean().item()
+
+
+@dataclass(frozen=True, eq=False)
+class HoldOut:
+    """Data for the hold-out test."""
+
+    theta0: Embedding  #: known entities and relations alone; one score per triple (``one_score``)
+    triples: np.ndarray  #: known triples; ids, shape: (K, 3)
+    numbers: np.ndarray  #: number of insert triples of each new entity; shape: (n,)
+    words: np.ndarray | None  #: of the known entities, shape: (E, v); None: not used
+    kinds: np.ndarray | None  #: of the known entities, shape: (E,)
+    seed: int
+
+    def hide(self, most: int = HIDDEN) -> HiddenDraws | None:
+        """Hide up to ``most`` entities, a tenth of the known ones at a time;
+        None with too few triples to query.
+
+        Entities with more triples than the median new one come first, at random. In each draw, the
+        better connected hidden entities get the larger ``numbers`` of insert triples, if they have
+        them.
+        """
+        rng, known = stream(self.seed, "hidden known entities"), self.theta0.entity.shape[1]
+        ends = self.triples[:, [HEAD, TAIL]]
+        degree = np.bincount(ends[ends[:, 0] != ends[:, 1]].flatten(), minlength=known)
+        tenth = max(1, known // ONE_IN)
+        together = min(tenth, most // -(-most // tenth))
+        order = self._order(degree, rng)
+        draws = min(most, len(order)) // together
+        novel = order[: draws * together].reshape(draws, together)
+        each = min(QUERIES * together, MOST_SCORES // known // max(1, draws))
+        inserted, about, earlier = list[list[int]](), list[list[int]](), list[list[int]]()
+        for draw, hidden in enumerate(novel):
+            hidden[:] = hidden[np.argsort(-degree[hidden], kind="stable")]
+            given = np.sort(np.resize(rng.permutation(self.numbers), together))[::-1]
+            touching = np.isin(ends, hidden).sum(1)
+            held_out = list[tuple[int, int]]()
+            for place, entity in enumerate(hidden):
+                alone = (ends == entity).any(1) & (touching == 1)
+                of_entity = rng.permutation(np.flatnonzero(alone))
+                count = min(given[place], len(of_entity) - -(-len(of_entity) // KEPT_BACK))
+                inserted += [[draw, place, triple] for triple in np.sort(of_entity[:count])]
+                held_out += enumerate(of_entity[count:].tolist())
+            held_out.sort(key=itemgetter(0))  # the first of each entity, ...
+            about.append([triple for _, triple in held_out[:each]])
+            earlier.append(rng.permutation(np.flatnonzero(touching == 0))[:each].tolist())
+        if sum(map(len, about)) < LEAST_QUERIES or sum(map(len, earlier)) < LEAST_QUERIES:
+            return None
+        graph = trained_session(self.triples, self.theta0, self.kinds).graph
+        context = self._context(graph, torch.from_numpy(novel), inserted)
+        share = max(tenth, len(self.numbers)) / together
+        return HiddenDraws(
+            context, end_queries(graph, _padded(about)), end_queries(graph, _padded(earlier)), share
+        )
+
+    def _order(self, degree: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Ids of entities that may be hidden, in the order of hiding."""
+        enough = np.median(self.numbers) + 1
+        order = np.lexsort((rng.random(len(degree)), -np.minimum(degree, enough)))
+        suitable = degree >= min(2, 1 + self.numbers.max())
+        if self.words is not None:
+            suitable &= self.words.any(1)
+        in_order: np.ndarray = order[suitable[order]]
+        return in_order
+
+    def _context(self, graph: Graph, novel: Tensor, insert_triples: list[list[int]]) -> InitContext:
+        """What an initializer sees of hidden entities, (M, n); rows of these are zero."""
+        draws, known = len(novel), self.theta0.entity.shape[1]
+        mask = membership(novel, known)
+        splits = touches(graph, mask).to(torch.int8) * (OUT - TRAIN) + TRAIN
+        words = torch.zeros(known, 1) if self.words is None else torch.from_numpy(self.words)
+        context = context_in_session(
+            replace(
+                self.theta0,
+                entity=self.theta0.entity * ~mask[..., None],
+                relation=self.theta0.relation.repeat(draws, 1, 1),
+            ),
+            Session(graph, ~mask, splits),
+            novel,
+            torch.tensor(insert_triples, dtype=torch.int64).view(-1, 3),
+            words,
+            self.seed,
+            torch.arange(draws)[:, None],
+        )
+        return replace(context, by_kind=self.kinds is not None)
+
+
+def _padded(listed: list[list[int]]) -> Tensor:
+    """Lists of ids as a table, padded with -1 to the longest."""
+    rows = [torch.tensor(ids, dtype=torch.int64) for ids in listed]
+    return pad_sequence(rows, batch_first=True, padding_value=-1)

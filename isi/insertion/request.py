@@ -1,0 +1,179 @@
+"""What is inserted into an embedding, and how: the arguments of ``isi.insert``, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+import torch
+
+from isi.config import NotNegative, Seed, check
+from isi.errors import InputError
+from isi.graph.graph import HEAD, TAIL
+from isi.insertion import arguments
+from isi.insertion.arguments import Names, Source, TripleForms, table
+from isi.insertion.engine import NovelEntities
+from isi.models.model import Model
+
+
+class Settings(TypedDict, total=False):
+    """The arguments of ``InsertRequest`` that are seldom needed, for type checkers."""
+
+    new_relations: int | Sequence[str]
+    word_source: Source | None
+    initializer: str | None
+    options: Mapping[str, Any] | None
+    seed: int
+    calibrate: bool
+    tolerance: float
+    budget: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InsertRequest:
+    """New entities and relations, and how they are inserted."""
+
+    #: (head, relation, tail) by names or ids, each with a new entity or relation, in a list, an
+    #: array, a tensor or a DataFrame; or facts by head and relation,
+    #: ``{"smart pill": {"isa": ["medical_device"]}}``
+    triples: TripleForms
+    new: int | Sequence[str]  #: names of the new entities; without ``entity_names``, their number n
+    #: names of new relations in ``triples``; without ``relation_names``, their number q. Their rows
+    #: minimize MAP's objective, too (``fit_relations``).
+    new_relations: int | Sequence[str] = 0
+    #: word vectors of known and new entities, shape (E + n, v), zero if missing; or a mapping from
+    #: names or ids to vectors or texts
+    words: Any = None
+    #: embeds the texts in ``words``: a function, gensim's ``KeyedVectors``, or a file of vectors
+    word_source: Source | None = None
+    #: a kind for each of the E + n entities; or a mapping from names or ids to kinds. Means and
+    #: priors are of known entities of a new one's kind. No kind: an empty text, None, or, in an
+    #: array of numbers, -1.
+    kinds: Any = None
+    initializer: str | None = None  #: a name; None: the best by the hold-out test
+    options: Mapping[str, Any] | None = None  #: replace default options of the initializer
+    seed: int = 0  #: root seed of random initializers and of the hidden entities
+    #: without a named initializer and ``options``, hide known entities, insert them from as many of
+    #: their triples as the new ones have, and select the initializer with the highest MRR about
+    #: them among those that keep the MRR of earlier triples (``Inserted.selection``). If false, or
+    #: with too few known triples: the preferred one for the given data.
+    calibrate: bool = True
+    #: largest loss of the MRR of earlier triples, if a tenth more entities (or all new ones) were
+    #: inserted
+    tolerance: float = 0.02
+    #: seconds of one core for the selection, by an estimate of its work; a clock would change
+    #: results
+    budget: float = 3
+
+    def __post_init__(self) -> None:
+        check(self.seed, Seed, "", "argument 'seed'")
+        check(self.tolerance, NotNegative, "", "argument 'tolerance'")
+        check(self.budget, NotNegative, "", "argument 'budget'")
+        check(self.initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class KnownEmbedding:
+    """A trained embedding in the forms that a caller of ``isi.insert`` may give."""
+
+    entities: np.ndarray | torch.Tensor  #: shape: (E, d)
+    relations: np.ndarray | torch.Tensor  #: shape: (R, w)
+    model: str | Model
+    model_options: Mapping[str, Any] | None = None
+    entity_names: Sequence[str] | None = None
+    relation_names: Sequence[str] | None = None
+    triples: TripleForms | None = None  #: of known entities
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A request whose arguments are arrays that fit each other."""
+
+    #: in the given precision, zeros for new ones; shape: (E + n, d), or (E, d) without rows
+    entities: np.ndarray
+    relations: np.ndarray  #: shape: (R + q, w)
+    names: Names  #: of all entities
+    relation_names: Names
+    novel: NovelEntities
+
+    @property
+    def model(self) -> Model:
+        return self.novel.theta.model
+
+    @property
+    def has_triple(self) -> np.ndarray:
+        """Whether a new entity has a triple with another entity; shape (n,), bool."""
+        ends = self.novel.triples[:, [HEAD, TAIL]]
+        return np.isin(self.novel.ids, ends[ends[:, 0] != ends[:, 1]])
+
+    @property
+    def has_words(self) -> np.ndarray:
+        """Whether a new entity has a word vector; shape (n,), bool."""
+        words = self.novel.words
+        if words is None:
+            return np.zeros(self.novel.number, bool)
+        has_words: np.ndarray = np.array(words[self.novel.known :].any(1))
+        return has_words
+
+    @property
+    def words_serve(self) -> bool:
+        """Whether known and new entities have word vectors."""
+        words = self.novel.words
+        return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
+
+    def refusal(self, entities: np.ndarray, expected: str) -> InputError:
+        """The error of the first new entity of a mask, (n,)."""
+        name = self.names.of(self.novel.known + int(np.argmax(entities)))
+        return InputError(f"new entity {name!r:.80}", "", expected)
+
+
+def checked_request(
+    known: KnownEmbedding, request: InsertRequest, with_rows: bool = True
+) -> Checked:
+    """Check a request against an embedding. ``InputError`` names the argument.
+
+    ``with_rows``: whether the table gets rows for new entities, which copies it.
+    """
+    rows = table(known.entities, "entities")
+    number = len(rows)
+    names = Names("entity_names", number, known.entity_names)
+    names = arguments.all_names(names, request.new, "new")
+    added = np.zeros((names.number - number, rows.shape[1]), rows.dtype)
+    if with_rows:
+        rows = np.concatenate([rows, added])
+    given = arguments.checked_arguments(
+        rows,
+        known.relations,
+        known.model,
+        known.model_options,
+        names,
+        known.relation_names,
+        number,
+        request.triples,
+        known.triples,
+        request.new_relations,
+    )
+    if not len(added) and len(given.relations) == len(known.relations):
+        raise InputError("argument 'new'", "", "expected at least one new entity")
+    novel = NovelEntities(
+        theta=arguments.stack_of_one(rows, given.relations, given.model),
+        known=number,
+        number=len(added),
+        known_relations=len(known.relations),
+        triples=given.triples,
+        known_triples=given.known_triples,
+        words=arguments.word_table(request.words, request.word_source, names),
+        kinds=arguments.kinds_of(request.kinds, names),
+        seed=request.seed,
+    )
+    checked = Checked(rows, given.relations, names, given.relation_names, novel)
+    without = ~(checked.has_triple | (checked.has_words & checked.words_serve))
+    if request.initializer is None and without.any():
+        expected = (
+            "expected insert triples, word vectors (also of known entities), "
+            "or an initializer such as mean"
+        )
+        raise checked.refusal(without, expected)
+    return checked

@@ -1,0 +1,72 @@
+"""What a small run wrote is read whole; broken tables and tensors are named where they are read."""
+
+from collections.abc import Callable
+from contextlib import chdir
+from pathlib import Path
+
+import pytest
+
+from isi.errors import InputError
+from isi.experiment.insert import joint_targets
+from isi.experiment.store import RUNS, Store
+from isi.params import load
+from isi.sources import KINDS, OBSERVATIONS
+from isi.tables.table import Table
+from tests import small
+from tests.broken_tables import CASES, TENSOR_CASES, Tensors
+from tests.example_tables import Change, change_table, change_tensors
+from tests.small import NAME, for_a_while
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    small.run_all(folder)
+    return folder
+
+
+def read_all() -> None:
+    """Read the tables and tensors of the small run, as stages do."""
+    for table in (OBSERVATIONS, KINDS):
+        table.read(source=NAME)
+    store, params = Store(NAME), load()
+    runs = RUNS.read(experiment=NAME, model="joint")
+    store.words()
+    for points in store.grid(stack=100):
+        store.theta0(points, params.model_of())
+        store.joint_models(points, params.model_of())
+        store.initial_vectors("rs", points)
+        joint_targets(runs, points)
+
+
+def test_what_the_stages_wrote_is_read(made: Path) -> None:
+    with chdir(made):
+        read_all()
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "pattern"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
+)
+def test_a_broken_table_is_named_with_what_was_expected(
+    made: Path, table: Table, change: Change, pattern: str
+) -> None:
+    with chdir(made):
+        path = table.path(experiment=NAME, source=NAME, model="joint")
+        with for_a_while(path, lambda path: change_table(table, path, change)):
+            with pytest.raises(InputError, match=pattern) as refused:
+                read_all()
+            assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("path", "change", "pattern"),
+    [case[1:] for case in TENSOR_CASES],
+    ids=[case[0] for case in TENSOR_CASES],
+)
+def test_broken_tensors_are_named_with_what_was_expected(
+    made: Path, path: Path, change: Callable[[Tensors], None], pattern: str
+) -> None:
+    with chdir(made), for_a_while(path, lambda path: change_tensors(path, change)):
+        with pytest.raises(InputError, match=pattern) as refused:
+            read_all()
+        assert str(refused.value).startswith(str(path))

@@ -1,0 +1,98 @@
+"""The examples in docstrings: all public names have one, and it prints what it says."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from doctest import DocTestFinder, DocTestRunner
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import isi
+from isi.initializers.api import INITIALIZERS
+from isi.live.embedding import LiveEmbedding
+from isi.models.model import MODELS
+from isi.sources import READERS
+
+API = Path(__file__).parent.parent / "docs/api.md"
+#: Without an example: data that a caller only reads, what shows nothing, what needs a cluster.
+NO_EXAMPLE = {
+    "isi.errors.InputError",
+    "isi.initializers.api.InitContext",
+    "isi.initializers.api.InitResult",
+    "isi.insertion.api.insert",
+    "isi.insertion.interference.Interference",
+    "isi.insertion.large.insert_rows",
+    "isi.insertion.result.Entity",
+    "isi.insertion.result.Inserted",
+    "isi.insertion.workers.on_workers",
+    *(
+        f"isi.live.embedding.LiveEmbedding.{name}"
+        for name in ("ask_query", "close", "now", "prepare")
+    ),
+}
+
+
+def public_names() -> Iterator[str]:
+    """The objects on the page of the API, and the public methods of a live embedding."""
+    for name in re.findall(r"^::: (\S+)", API.read_text(encoding="utf-8"), re.MULTILINE):
+        yield name
+        if name.endswith(".LiveEmbedding"):
+            own = (method for method in vars(LiveEmbedding) if not method.startswith("_"))
+            yield from (f"{name}.{method}" for method in own)
+
+
+def found(name: str) -> tuple[Any, dict[str, Any]]:
+    """The object with a dotted name, and the globals of its module."""
+    path, _, last = name.rpartition(".")
+    try:
+        module = importlib.import_module(path)
+        return getattr(module, last), vars(module)
+    except ModuleNotFoundError:
+        owner, variables = found(path)
+        return inspect.getattr_static(owner, last), variables
+
+
+def printed(name: str, namespace: dict[str, Any]) -> int:
+    """Run the example of an object, which may use names of its module; the number of its lines."""
+    subject, variables = found(name)
+    if isinstance(subject, property) or hasattr(subject, "func"):  # a cached one
+        subject = getattr(subject, "fget", None) or subject.func
+    finder, runner = DocTestFinder(recurse=False), DocTestRunner(verbose=False)
+    tried = 0
+    for example in finder.find(subject, name, globs={**variables, **namespace}):
+        report = list[str]()
+        outcome = runner.run(example, out=report.append, clear_globs=False)
+        assert not outcome.failed, "".join(report)
+        namespace.update(example.globs)
+        tried += outcome.attempted
+    return tried
+
+
+@pytest.fixture(scope="module")
+def shared() -> dict[str, Any]:
+    """What the examples of a live embedding and of PyKEEN share: names of the first ones."""
+    names = dict[str, Any]()
+    printed("isi.live.embedding.LiveEmbedding", names)
+    pytest.importorskip("pykeen")
+    printed("isi.pykeen.insertion.insert", names)
+    return {name: names[name] for name in ("isi", "home", "model", "factory")}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", sorted({*public_names()} - NO_EXAMPLE))
+def test_a_public_name_has_an_example_that_prints_what_it_says(
+    name: str, shared: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for plugins in (MODELS, INITIALIZERS, READERS):
+        monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
+    monkeypatch.chdir(tmp_path)
+    home = LiveEmbedding(shared["home"].base)
+    assert printed(name, {**shared, "home": home}), "it has no example"
+
+
+def test_what_has_no_example_is_public() -> None:
+    assert set(public_names()) >= NO_EXAMPLE
+    assert set(isi.__all__) <= {name.rpartition(".")[2] for name in public_names()}
