@@ -3,6 +3,7 @@
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -69,9 +70,9 @@ Dvc = Callable[..., str]
 
 
 @pytest.fixture(scope="module")
-def dvc(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dvc]:
+def dvc() -> Iterator[Dvc]:
     """A function that runs DVC, whose stages start at once."""
-    with warm_python(tmp_path_factory.mktemp("python")) as environment:
+    with TemporaryDirectory() as script, warm_python(Path(script)) as environment:
 
         def run(folder: Path, *arguments: str) -> str:
             command = ["python", "-m", "dvc", *arguments]

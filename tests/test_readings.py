@@ -27,7 +27,7 @@ from isi.experiment.grid import GridPoints
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, session_of
 from isi.models.stack import Embedding, select
 from isi.tables import paths
-from tests import small
+from tests import stage_run
 from tests.beyond_entries import READING_CASE, list_entries
 from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 from tests.small_worlds import World, worlds
@@ -344,16 +344,16 @@ def run_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunCase:
     """A function that runs the stage with some of a case's settings changed;
     returns what it writes.
     """
-    small.lay_out(tmp_path, small.SMALL)
+    stage_run.lay_out(tmp_path, stage_run.SMALL)
     monkeypatch.chdir(tmp_path)
-    small.run(f"mine {small.NAME}")
+    stage_run.run(f"mine {stage_run.NAME}")
 
     def run(stack: int = 2, workers: int = 1, **changed: Any) -> Tables:
         list_entries(readings={"own": READING_CASE | changed})
         params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
         params["compute"] |= {"stack": stack, "workers": workers}
         paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-        small.run("measure_readings own")
+        stage_run.run("measure_readings own")
         curves = READING_CURVES.read_file(READING_CURVES.path(case="own"))
         return Tables(RANKS.read_text(case="own"), READINGS.read_text(case="own"), curves)
 

@@ -19,7 +19,7 @@ from isi.report import data, paper_values
 from isi.report.page import Page
 from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results, svg_alone
-from tests.strange import STRANGE, changed, of_experiments, tied
+from tests.unusual_results import STRANGE, changed, of_experiments, tied
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
 
