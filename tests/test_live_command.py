@@ -148,7 +148,7 @@ null
 {{"insert": {{"x": {{"in": [5]}}}}}}
 {{"insert": "new a", "facts": [["e1", "in", "e2"]]}}
 {{"insert": "new a", "facts": [["new a", "in", "new b"]]}}
-{{"insert": ["new a", "new a"], "facts": [["new a", "in", "e1"]]}}
+{{"insert": ["new a"], "facts": [["new a", "in", "e1"], ["new a", "in"]]}}
 {{"insert": ["new a", "New_A"], "facts": [["new a", "in", "e1"], ["New_A", "in", "e1"]]}}
 {{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"}}
 {{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": {{"new": "object"}}}}
