@@ -1,18 +1,15 @@
-"""Input of initializers (``InitContext``) from plain lists:
-one model with four novel entities, or a random stack.
-"""
+"""Input of initializers (``InitContext``) from plain lists: one model with four novel entities."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from isi.config import Option
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult
 from isi.models.model import Model
-from isi.models.stack import Embedding, select
+from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
@@ -91,37 +88,4 @@ def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
     theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
     return insertion(
         theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3], TRIPLES
-    )
-
-
-def stacked(models: int, dimension: int = 20) -> InitContext:
-    """A random stack of models with the same word vectors and kinds."""
-    rng = np.random.default_rng(1)
-    theta0 = random_embedding(models, 30, RELATIONS, dimension)
-    words = torch.randn(30, 6, generator=torch.Generator().manual_seed(7))
-    contexts = []
-    for model in range(models):
-        novel = rng.choice(30, 3, replace=False).tolist()
-        others = [entity for entity in range(30) if entity not in novel]
-        seen = [
-            [
-                (int(rng.choice(others)), int(rng.integers(3)), bool(rng.integers(2)))
-                for _ in range(4)
-            ]
-            for _ in novel
-        ]
-        theta = select(theta0, torch.tensor([model]))
-        contexts.append(insertion(theta, novel, seen, words, [e % 4 for e in range(30)]))
-    triples = torch.tensor(
-        [[*rng.choice(30, 2, replace=False), rng.integers(3)] for _ in range(60)]
-    )[:, [0, 2, 1]]
-    known = torch.cat([context.known for context in contexts])
-    per_model = ("known", "eligible", "novel", "other", "relation", "novel_is_tail", "observed")
-    return replace(
-        contexts[0],
-        **{name: torch.cat([getattr(context, name) for context in contexts]) for name in per_model},
-        theta0=replace(theta0, entity=torch.cat([context.theta0.entity for context in contexts])),
-        keys=torch.tensor([[3, seed] for seed in range(models)]),
-        triples=triples,
-        trained=known[:, triples[:, 0]] & known[:, triples[:, 2]],
     )

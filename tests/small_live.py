@@ -27,7 +27,7 @@ CURVES: dict[Any, Any] = {}  # of known entities; the same for all objects
 def chosen() -> list[Change | Selected]:
     """The choices of initializers, made once."""
     made = LiveEmbedding(KNOWN)
-    return [made.groups.select(number, False) for number in PREPARED]
+    return [made.groups.selected_for(number, False) for number in PREPARED]
 
 
 def live_of(changes: Sequence[Change] = ()) -> LiveEmbedding:

@@ -283,3 +283,13 @@ class Fifth(BlockModel):
 def test_an_own_block_model_is_compiled_and_gives_the_same_numbers() -> None:
     assert is_compiled(Fifth(), 1)
     assert isi.check_model(Fifth())[-1] == "compiled_updates_are_those_of_batches"
+
+
+def test_checks_compute_with_one_thread_and_restore_their_number() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(4)
+    try:
+        isi.check_model(Fifth())  # of d = 20, whose bits depend on the number of threads
+        assert torch.get_num_threads() == 4
+    finally:
+        torch.set_num_threads(before)

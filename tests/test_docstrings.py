@@ -17,7 +17,7 @@ from isi.models.model import MODELS
 from isi.sources import READERS
 
 API = Path(__file__).parent.parent / "docs/api.md"
-#: Without an example: data that a caller only reads, what shows nothing, what needs a cluster.
+#: May have no example: data that a caller only reads, and what shows nothing.
 NO_EXAMPLE = {
     "isi.errors.InputError",
     "isi.initializers.api.InitContext",
@@ -25,9 +25,9 @@ NO_EXAMPLE = {
     "isi.insertion.api.insert",
     "isi.insertion.interference.Interference",
     "isi.insertion.large.insert_rows",
+    "isi.insertion.request.InsertRequest",
     "isi.insertion.result.Entity",
     "isi.insertion.result.Inserted",
-    "isi.insertion.workers.on_workers",
     *(
         f"isi.live.embedding.LiveEmbedding.{name}"
         for name in ("ask_query", "close", "now", "prepare")
@@ -82,7 +82,7 @@ def shared() -> dict[str, Any]:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", sorted({*public_names()} - NO_EXAMPLE))
+@pytest.mark.parametrize("name", list(public_names()))
 def test_a_public_name_has_an_example_that_prints_what_it_says(
     name: str, shared: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,9 +90,9 @@ def test_a_public_name_has_an_example_that_prints_what_it_says(
         monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     monkeypatch.chdir(tmp_path)
     home = LiveEmbedding(shared["home"].base)
-    assert printed(name, {**shared, "home": home}), "it has no example"
+    assert printed(name, {**shared, "home": home}) or name in NO_EXAMPLE
 
 
-def test_what_has_no_example_is_public() -> None:
+def test_what_may_have_no_example_is_public() -> None:
     assert set(public_names()) >= NO_EXAMPLE
     assert set(isi.__all__) <= {name.rpartition(".")[2] for name in public_names()}

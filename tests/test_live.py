@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -388,3 +389,22 @@ def test_a_new_name_is_stored_in_one_form_and_found_in_any() -> None:
         with pytest.raises(isi.InputError, match="known"):
             live.insert(name, [(name, "in", "e2")])
     assert live.remove(hidden).removed == [composed]
+
+
+def test_an_explanation_is_of_the_vector_that_an_entity_has_among_others() -> None:
+    live = live_of()
+    live.insert(["mug", "tray"], [("mug", "on", "tray"), ("tray", "in", "e0"), ("mug", "in", "e1")])
+    for name, row in live.inserted.items():
+        result, place = live.groups.result_of(row, live.additions)
+        assert result.names.number == len(KNOWN.entities) + 2, name
+        np.testing.assert_array_equal(result.entities[result.known + place], row.vector)
+        assert live.explain(name).indicators
+
+
+def test_an_indicator_whose_fact_was_retracted_can_be_left_out() -> None:
+    live = live_of()
+    fact = live.base.named_triples()[0]
+    live.insert("mug", [("mug", "in", fact[0])], initializer="neighbour_mean")
+    live.remove(facts=[fact])
+    left_out = {(one.left_out, one.what) for one in live.explain("mug").without}
+    assert ("indicator", fact[0]) in left_out

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
+from isi.checks.sample import sample_context
 from isi.config import Option
 from isi.initializers import evidence
 from isi.initializers import map as maximum
@@ -29,10 +30,9 @@ from tests.init_contexts import (
     TRIPLES,
     four_novel,
     insertion,
-    stacked,
 )
 from tests.init_contexts import initialize as insert
-from tests.small_graphs import random_embedding
+from tests.small_graphs import ANALOGY, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
 DISTANCES: list[tuple[str, dict[str, Option]]] = [
@@ -341,7 +341,7 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: Init
 def test_known_vectors_that_do_not_differ_name_their_models(
     name: str, options: dict[str, Option]
 ) -> None:
-    of = stacked(4)
+    of = sample_context(ANALOGY, 4)
     same = torch.isin(torch.arange(4), torch.tensor([1, 3]))[:, None, None]
     with pytest.raises(NotFinite) as failed:
         insert(

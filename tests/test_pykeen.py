@@ -27,7 +27,7 @@ from torch.optim import SGD, Adam
 
 from isi.initializers.api import INITIALIZERS
 from isi.insertion.engine import Method
-from isi.insertion.inverses import adapted, both_ways
+from isi.insertion.inverses import both_ways, unpack_first
 from isi.insertion.probability import fit_curves
 from isi.models.model import MODELS as OURS
 from isi.models.model import Model, register_model
@@ -685,7 +685,7 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     draws = done.hide()
     assert draws is not None
     plain = INITIALIZERS.get("map")
-    both_ways = Method(adapted(plain, done.model), done.options, why="")
+    both_ways = Method(unpack_first(plain, done.model), done.options, why="")
     assert done.curves == fit_curves(draws, both_ways)
     assert done.curves != fit_curves(draws, Method(plain, done.options, why=""))
 

@@ -163,3 +163,13 @@ def test_kinds_that_match_no_label_are_named() -> None:
             model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"}
         )
     assert live.base.kinds[live.base.entity_names.index("e1")] == "place"
+
+
+def test_a_model_without_inverse_explains_without_relational_scores() -> None:
+    known = factory()
+    live = isi.from_pykeen(model_of("tucker", known), known)
+    live.insert("cup", FACTS)
+    indicators = live.explain("cup", top=2).indicators
+    assert indicators
+    assert {each.relations for each in indicators} == {None}
+    assert live.report("cup", top=2).entity == "cup"

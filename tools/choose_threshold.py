@@ -21,7 +21,7 @@ def main() -> None:
     torch.set_num_threads(1)
     known, rng = open_bundle(paths.final_model("ai2thor")), np.random.default_rng(0)
     groups = LiveEmbedding(known).groups
-    choices = [groups.select(number, words=True) for number in range(1, MOST_FACTS + 1)]
+    choices = [groups.selected_for(number, words=True) for number in range(1, MOST_FACTS + 1)]
     triples, rows = known.named_triples(), []
     for row in tqdm(
         rng.permutation(np.flatnonzero(np.array(known.kinds) == "object"))[:OBJECTS], "objects"

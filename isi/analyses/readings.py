@@ -301,17 +301,11 @@ def _rank_rows(
 
 def _reading_rows(measured: Tensor, epochs: np.ndarray | None, seeds: np.ndarray) -> pd.DataFrame:
     """Rows of ``READINGS`` without the model's columns and the size."""
-    frame = _by_reading(readings.readings(), seeds).assign(
-        mrr_star=measured.flatten().cpu().numpy()
-    )
-    number = np.full(measured.numel(), np.nan) if epochs is None else epochs.flatten()
-    return frame.assign(epochs=number)
-
-
-def _by_reading(shown: Sequence[readings.Reading], seeds: np.ndarray) -> pd.DataFrame:
-    """A row for each seed and reading, with the columns of both."""
-    columns: dict[str, Any] = {"seed": np.repeat(seeds, len(shown))}
+    every = readings.readings()
+    columns: dict[str, Any] = {"seed": np.repeat(seeds, len(every))}
     for aspect in ASPECTS:
-        names = [getattr(reading, aspect) for reading in shown]
+        names = [getattr(reading, aspect) for reading in every]
         columns[aspect] = pd.Categorical(names * len(seeds))
+    columns["mrr_star"] = measured.flatten().cpu().numpy()
+    columns["epochs"] = np.nan if epochs is None else epochs.flatten()
     return pd.DataFrame(columns)

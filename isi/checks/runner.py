@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
@@ -14,6 +15,18 @@ T = TypeVar("T")
 Check = Callable[[T], Iterator[str]]
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute with one thread, as workers do, on which bits depend; then as before."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@one_thread()
 def run_checks(name: str, checks: Sequence[Check[T]], subject: T) -> list[str]:
     """Run checks in turn, and return their names.
 

@@ -9,11 +9,9 @@ import numpy as np
 import pandas as pd
 
 from isi.errors import InputError
-from isi.graph.graph import Graph
+from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, SPLIT_NAMES, TRAIN
 from isi.tables.rules import refuse
-
-ENDS = [0, 2]
 
 
 def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:
@@ -75,7 +73,7 @@ def insert_triples_fit(
     entity, session, triple = (
         given[name].to_numpy(np.int64) for name in ("entity", "session", "triple")
     )
-    ends, none = graph.triples.numpy()[triple][:, ENDS], np.full(len(graph.triples), OUT)
+    ends, none = graph.triples.numpy()[triple][:, [HEAD, TAIL]], np.full(len(graph.triples), OUT)
     split = [splits.get(seed, none)[row] for seed, row in zip(given["seed"], triple, strict=True)]
     for wrong, expected in (
         (session_of(entity) != session, "expected an entity that the session inserts"),

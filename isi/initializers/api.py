@@ -37,7 +37,9 @@ class InitContext:
     it has no validation or test triple.
     """
 
-    theta0: Embedding  #: Θ⁰; rows of novel entities are zero
+    #: Θ⁰; rows of novel entities are zero, or those of the last round if they have triples with
+    #: each other (``isi.insertion.engine``)
+    theta0: Embedding
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
     #: known entities with a training triple in D⁰: candidates for indicators; shape: (M, E), bool
     eligible: Tensor
@@ -46,7 +48,8 @@ class InitContext:
     words: Tensor = field(metadata={"shared": True})
     #: the kind of each entity; ids, -1 without one; shape: (E,)
     kinds: Tensor = field(metadata={"shared": True})
-    other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
+    #: the other end of each insert triple, known or of an earlier round, padded to I; (M, n, I)
+    other: Tensor
     relation: Tensor  #: relation of each insert triple; shape: (M, n, I)
     novel_is_tail: Tensor  #: whether the triple's tail is the novel entity; shape: (M, n, I), bool
     observed: Tensor  #: true for an insert triple, false for padding; shape: (M, n, I), bool
@@ -57,6 +60,11 @@ class InitContext:
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
     #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
     by_kind: bool = False
+
+    @property
+    def worded(self) -> Tensor:
+        """Mask of the entities with a word vector; shape (E,), bool."""
+        return (self.words != 0).any(-1)
 
     @property
     def candidates(self) -> Tensor:

@@ -184,7 +184,7 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
     """ȳ + Bᵀ(x - x̄), B = argmin Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + penalty ‖B‖²; x: unit word vector, y:
     vector; (M, n, d).
     """
-    named = context.eligible & (context.words != 0).any(-1)
+    named = context.eligible & context.worded
     weight = named[..., None].double()
     words, entity = normalize(context.words.double(), dim=-1), context.theta0.entity.double()
     number = weight.sum(1, keepdim=True).clamp(min=1)

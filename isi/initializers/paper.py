@@ -191,8 +191,9 @@ def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor
     """Entity ids, (M, E), permuted per model within each group's entities that have a word vector;
     ``groups``: (E,).
     """
-    wordy = (context.words != 0).any(-1)
-    members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
+    members = [
+        (context.worded & (groups == group)).nonzero().flatten() for group in torch.unique(groups)
+    ]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
     for model, key in enumerate(context.keys.tolist()):
         rng = stream(context.root, purpose, *key)

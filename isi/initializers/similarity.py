@@ -171,7 +171,7 @@ def same_kind(context: InitContext) -> Tensor:
 
 def has_words(context: InitContext) -> Tensor:
     """Mask of the novel entities with a word vector; shape (M, n), bool."""
-    return (context.words != 0).any(-1)[context.novel]
+    return context.worded[context.novel]
 
 
 def has_insert_triples(context: InitContext) -> Tensor:
@@ -183,7 +183,7 @@ def word_eligible(context: InitContext) -> Tensor:
     """Mask of the candidates for indicators of ES, which have a word vector;
     shape (M, n or 1, E), bool.
     """
-    return context.candidates & (context.words != 0).any(-1)
+    return context.candidates & context.worded
 
 
 def cosines(vectors: Tensor) -> Tensor:

@@ -102,7 +102,7 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     method, test, selection = _method(checked, request)
     for sentence in selection.warnings if selection else ():
         warnings.warn(sentence, stacklevel=stacklevel + 1)  # the decorator is a frame, too
-    result = compute(checked, method)
+    result = run_engine(checked, method)
     novel = checked.novel
     with np.errstate(over="ignore"):
         checked.entities[novel.known :] = novel.theta.entity[0, novel.known :].numpy()
@@ -167,7 +167,7 @@ def _hold_out(checked: Checked, with_words: bool) -> HoldOut:
     )
 
 
-def compute(checked: Checked, method: Method) -> InitResult | None:
+def run_engine(checked: Checked, method: Method) -> InitResult | None:
     """Compute rows with the engine; its errors name the argument or the new entity."""
     try:
         with argument("initializer"):

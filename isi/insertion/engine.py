@@ -1,7 +1,8 @@
 """The engine of insertion: what an initializer sees, batches of novel entities, rounds, results.
 
-Every way of inserting comes here: the grid of experiments (``context_in_session``), and new
-entities in one embedding (``NovelEntities``, ``insert``). Known entities have the ids 0 to E - 1,
+Three ways of inserting come here. ``insert`` inserts the ``NovelEntities`` of one embedding, in
+rounds and batches. The grid of experiments and the hold-out test insert one stack at once: they
+take what the initializer sees from ``context_in_session``. Known entities have the ids 0 to E - 1,
 novel ones E to E + n - 1; new relations follow the R known ones.
 """
 
@@ -75,7 +76,8 @@ class Method:
 
 
 def insert(novel: NovelEntities, method: Method) -> InitResult | None:
-    """Insert novel entities and new relations; the result of the last round, None without any.
+    """Write the rows of novel entities and new relations into ``novel.theta``;
+    the result of the last round, None without novel entities.
 
     A new relation is fitted before each round to its triples between entities that have vectors.
     Until it has a row, its triples are not used.
@@ -84,7 +86,7 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     usable = triples[:, RELATION] < novel.known_relations
     has_vector = np.arange(novel.known + novel.number) < novel.known
     joins_vectors = has_vector[triples[:, [HEAD, TAIL]]].all(1)
-    again = bool((~usable & ~joins_vectors).any())
+    fit_again = bool((~usable & ~joins_vectors).any())
 
     def fit() -> None:
         if theta.relation.shape[1] == novel.known_relations:
@@ -100,13 +102,13 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
         )
 
     result = None
-    for ids, seen in schedule(triples, novel.known, novel.number, again):
+    for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
         fit()
         result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable])
         if result is not None and novel.has_rows:
             theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
-    if again:
+    if fit_again:
         fit()
     return result
 
@@ -150,18 +152,19 @@ def batches(novel: Tensor, triples: np.ndarray, most: int, width: int) -> list[T
 
 
 def schedule(
-    triples: np.ndarray, known: int, number: int, again: bool
+    triples: np.ndarray, known: int, number: int, fit_again: bool
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Ids of novel entities, (m,), and a mask of their triples, (T,), step by step.
     The last step has all novel entities.
 
     The first round inserts layer by layer, from triples with known entities and with earlier
-    layers. In later rounds (``again``, or if two novel entities have a triple) all are inserted
-    together from all triples, each with the vectors that the others had before.
+    layers. In later rounds all are inserted together from all triples, each with the vectors that
+    the others had before. There are later rounds if two novel entities have a triple, or if a new
+    relation can only be fitted then (``fit_again``).
     """
     everyone, ends = np.arange(known, known + number), triples[:, [HEAD, TAIL]]
     proper = ends[:, 0] != ends[:, 1]
-    if again or ((ends >= known).all(1) & proper).any():
+    if fit_again or ((ends >= known).all(1) & proper).any():
         layer = np.concatenate([np.full(known, -1), layers(triples[proper], known, number)])
         of_ends = layer[ends]
         for step in range(int(layer.max()) + 1):

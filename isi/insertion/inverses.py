@@ -1,7 +1,7 @@
 """Models with inverse relations: each triple (h, r, t) counts as (t, inverse of r, h), too.
 
-They have two forms. Joined: a row for each of R relations, (R, 2w), which joins those of the
-relation and of its inverse; each triple once. Apart: 2R rows, (2R, w), of which 2r is that of
+They have two forms. Packed: a row for each of R relations, (R, 2w), which joins those of the
+relation and of its inverse; each triple once. Unpacked: 2R rows, (2R, w), of which 2r is that of
 relation r and 2r + 1 that of its inverse, as in PyKEEN; each triple in both directions.
 """
 
@@ -17,8 +17,8 @@ from isi.models.stack import Embedding
 
 
 @dataclass(frozen=True, eq=False)
-class BothWays(Model):
-    """The joined form of ``base``. Predictions are f(h, r, ?) for tails,
+class InverseRelations(Model):
+    """The packed form of ``base``. Predictions are f(h, r, ?) for tails,
     and for heads f(t, inverse of r, ?).
     """
 
@@ -59,19 +59,19 @@ class BothWays(Model):
         return self.base.transform(vectors, relation.chunk(2, -1)[1])
 
 
-def joined(theta: Embedding) -> Embedding:
-    """The joined form of an embedding whose 2R relations stand apart."""
+def pack(theta: Embedding) -> Embedding:
+    """The packed form of an embedding whose 2R relations stand apart."""
     models, relations, width = theta.relation.shape
     return Embedding(
         theta.entity,
         theta.relation.reshape(models, relations // 2, 2 * width),
-        BothWays(theta.model),
+        InverseRelations(theta.model),
     )
 
 
-def apart(theta: Embedding) -> Embedding:
-    """The embedding with 2R relations of one in the joined form; another embedding as it is."""
-    if not isinstance(theta.model, BothWays):
+def unpack(theta: Embedding) -> Embedding:
+    """The embedding with 2R relations of one in the packed form; another embedding as it is."""
+    if not isinstance(theta.model, InverseRelations):
         return theta
     models, relations, width = theta.relation.shape
     return Embedding(
@@ -89,23 +89,26 @@ def both_ways(triples: Tensor) -> Tensor:
     return torch.cat([forward, backward])
 
 
-def adapted(initializer: Registered, model: Model) -> Registered:
-    """For a model in the joined form, the initializer that gets the other form;
+def unpack_first(initializer: Registered, model: Model) -> Registered:
+    """For a model in the packed form, the initializer that gets the other form;
     else the initializer itself.
     """
 
-    def initialize(joint: InitContext, **options: object) -> InitResult:
+    if not isinstance(model, InverseRelations):
+        return initializer
+
+    def initialize(packed: InitContext, **options: object) -> InitResult:
         context = replace(
-            joint,
-            theta0=apart(joint.theta0),
-            other=torch.cat([joint.other, joint.other], -1),
-            relation=torch.cat([2 * joint.relation, 2 * joint.relation + 1], -1),
-            novel_is_tail=torch.cat([joint.novel_is_tail, ~joint.novel_is_tail], -1),
-            observed=torch.cat([joint.observed, joint.observed], -1),
-            triples=both_ways(joint.triples),
-            trained=torch.cat([joint.trained, joint.trained], -1),
+            packed,
+            theta0=unpack(packed.theta0),
+            other=torch.cat([packed.other, packed.other], -1),
+            relation=torch.cat([2 * packed.relation, 2 * packed.relation + 1], -1),
+            novel_is_tail=torch.cat([packed.novel_is_tail, ~packed.novel_is_tail], -1),
+            observed=torch.cat([packed.observed, packed.observed], -1),
+            triples=both_ways(packed.triples),
+            trained=torch.cat([packed.trained, packed.trained], -1),
         )
         result: InitResult = initializer.function(context, **options)
         return result
 
-    return replace(initializer, function=initialize) if isinstance(model, BothWays) else initializer
+    return replace(initializer, function=initialize)

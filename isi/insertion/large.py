@@ -10,7 +10,7 @@ import numpy as np
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult
-from isi.insertion.api import compute
+from isi.insertion.api import run_engine
 from isi.insertion.arguments import Triple, options_by_name
 from isi.insertion.request import InsertRequest, KnownEmbedding, checked_request
 from isi.insertion.selection import named
@@ -60,5 +60,5 @@ def insert_rows(
         raise InputError("argument 'triples'", "", expected)
     given = options_by_name(options, "options")
     method = named(initializer, given, checked.model, novel.known)
-    result = cast(InitResult, compute(checked, method))  # there is a new entity
+    result = cast(InitResult, run_engine(checked, method))  # there is a new entity
     return result.vectors[0].numpy()

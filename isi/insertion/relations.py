@@ -11,7 +11,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
 from isi.initializers.newton import AnyScore, LinearScore, Problem, newton
-from isi.insertion.inverses import BothWays, apart, both_ways
+from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.stack import Embedding
 
 WIDEST = 4096  #: Maximum length of a row: the objective has a Hessian of its square.
@@ -34,13 +34,13 @@ def fit_relations(
     ``entities``: number of known entities; ``triples``: those of the new relations, ids, (I, 3),
     whose ends have vectors; ``known_triples``: (T, 3), whose relation is replaced by the new one;
     options as of MAP. A relation without triples gets the mean of the known relations. In the
-    joined form of ``BothWays``, both halves of a row are fitted. ``InputError`` if rows are longer
-    than ``WIDEST``.
+    packed form of ``InverseRelations``, both halves of a row are fitted. ``InputError`` if rows are
+    longer than ``WIDEST``.
     """
-    if isinstance(theta.model, BothWays):
+    if isinstance(theta.model, InverseRelations):
         known_triples, triples = both_ways(known_triples), both_ways(triples)
         rows = fit_relations(
-            apart(theta),
+            unpack(theta),
             entities,
             2 * relations,
             triples,

@@ -91,7 +91,8 @@ class KnownEmbedding:
 class Checked:
     """A request whose arguments are arrays that fit each other."""
 
-    #: in the given precision, zeros for new ones; shape: (E + n, d), or (E, d) without rows
+    #: in the given precision; the rows of new ones are zero until they are computed; shape:
+    #: (E + n, d), or (E, d) without rows
     entities: np.ndarray
     relations: np.ndarray  #: shape: (R + q, w)
     names: Names  #: of all entities

@@ -47,8 +47,8 @@ class Entity:
 
     name: str | int
     id: int
-    insert_triples: int  #: number of triples with a known end, which the initializer may use
-    between: int  #: number of triples whose ends are all new, which the initializer did not use
+    insert_triples: int  #: number of triples with a known end
+    between: int  #: number of triples whose ends are all new, which later rounds use
     #: the rule that replaced the initializer for lack of data: es, rs, centroid; or None
     fallback: str | None
     #: the entities whose centroid is the vector; None if it is no centroid
@@ -150,7 +150,7 @@ class Inserted:
         warnings.warn("Inserted.choice is now Inserted.selection", DeprecationWarning, stacklevel=2)
         return self.selection
 
-    @property
+    @cached_property
     def fallback(self) -> list[str | None]:
         """For each new entity, the rule that replaced the initializer: es, rs, centroid or None."""
         if self.computed is None:
@@ -169,7 +169,7 @@ class Inserted:
         weights: np.ndarray = self.computed.weights[0, :, : self.known].float().numpy()
         return weights
 
-    @property
+    @cached_property
     def indicators(self) -> list[list[int]] | None:
         """Ids of the indicators of each new entity; None if vectors are no centroids."""
         if self.computed is None or self.computed.indicators is None:

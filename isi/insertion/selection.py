@@ -18,7 +18,7 @@ from isi.initializers.evidence import SAMPLE
 from isi.insertion.arguments import argument
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HoldOut
-from isi.insertion.inverses import BothWays, adapted
+from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.model import Model
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def named(initializer: str, options: dict[str, object], model: Model, entities: 
         if is_too_large(registered, entities):
             work = f"which compares the words of every two of {entities:,} entities: choose another"
             raise InputError("", "", f"the embedding is too large for {initializer}, {work}")
-    return Method(adapted(registered, model), checked, "as named")
+    return Method(unpack_first(registered, model), checked, "as named")
 
 
 def is_too_large(initializer: Registered, entities: int) -> bool:
@@ -161,14 +161,14 @@ def suited_to(model: Model, has_triples: bool, has_words: bool) -> list[Register
         lacking.add("insert_triples")
     every = [INITIALIZERS.get(name, name) for name in INITIALIZERS.names()]
     suited = [each for each in every if not lacking & set(each.needs) and not each.misses(model)]
-    return [adapted(each, model) for each in suited]
+    return [unpack_first(each, model) for each in suited]
 
 
 def one_score(model: Model) -> Model:
     """The model, with heads scored by the relation and not by its inverse: the hold-out test has
     one score per triple.
     """
-    return replace(model, heads_by_inverse=False) if isinstance(model, BothWays) else model
+    return replace(model, heads_by_inverse=False) if isinstance(model, InverseRelations) else model
 
 
 def compare(

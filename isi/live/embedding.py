@@ -4,7 +4,7 @@ and that answers.
 The rows of known entities never change. The vector of an inserted entity is a function of its
 facts: it is computed again from all of them whenever one comes or goes, in whatever order they
 came. Inserted entities are no indicators of each other. Those that share a fact are inserted
-together (``isi.insertion.rounds``).
+together (``isi.insertion.engine``).
 """
 
 from __future__ import annotations

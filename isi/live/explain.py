@@ -263,7 +263,8 @@ def _inserted_again(
     has_words = row.words.vector is not None and left_out != "words"
     if not has_facts and not has_words and record.requested_initializer is None:
         return None
-    alone = Additions(retracted=dict(additions.retracted))
+    retracted = {fact: None for fact in additions.retracted if {fact[0], fact[2]} <= there}
+    alone = Additions(retracted=retracted)
     alone.apply(Change(do="insert", entities=members, facts=of_members))
     try:
         return groups.insert_groups(alone, [record.entity])[record.entity].vector
@@ -281,12 +282,15 @@ def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
     seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])
     has_words = bool(similarity.has_words(seen))
-    has_triples = bool(similarity.has_insert_triples(seen))
+    # a model without inverse has no relational scores
+    has_triples = bool(similarity.has_insert_triples(seen)) and seen.theta0.model.invertible
     known = slice(len(base.entities))
     candidates = seen.candidates[0, 0, known]
     named = similarity.word_eligible(seen)[0, 0, known]
     similar = similarity.word_similarity(seen)[0, 0, known]
-    related = similarity.mean_relational_score(seen)[0, 0, known]
+    related = torch.zeros_like(similar)
+    if has_triples:
+        related = similarity.mean_relational_score(seen)[0, 0, known]
     likeness = similar * named * has_words + related * has_triples
     weights = None if result.weights is None else torch.from_numpy(result.weights[place])
     if weights is not None:

@@ -140,7 +140,7 @@ class EntityGroups:
         """
         if row.key not in self._results:
             (group,) = self._groups(additions, [row.record.entity])
-            result = self._compute(group, self.known_triples(additions))
+            result = self._rows_of_group(group, self.known_triples(additions))
             self._results[row.key] = result, list(group.members).index(row.record.entity)
         return self._results[row.key]
 
@@ -202,7 +202,7 @@ class EntityGroups:
         missing = [name for name in group.members if name not in vectors]
         if missing:
             part = group if group.share_facts else group.part(missing)
-            result = self._compute(part, self.known_triples(additions))
+            result = self._rows_of_group(part, self.known_triples(additions))
             for place, name in enumerate(part.members):
                 self._results[keys[name]] = result, place
                 vector = result.entities[result.known + place]
@@ -248,7 +248,7 @@ class EntityGroups:
             keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
         return keys
 
-    def _compute(self, group: Group, known_triples: np.ndarray) -> Inserted:
+    def _rows_of_group(self, group: Group, known_triples: np.ndarray) -> Inserted:
         """Insert a group into the bundle's embedding."""
         base, members = self.base, list(group.members.values())
         method, _ = self._method(group.conditions)
@@ -292,11 +292,11 @@ class EntityGroups:
         if conditions.initializer is not None:
             options = dict(conditions.options)
             return named(conditions.initializer, options, base.model, entities), ()
-        selected = self.select(conditions.facts, conditions.words)
+        selected = self.selected_for(conditions.facts, conditions.words)
         method = named(selected.initializer, dict(selected.options), base.model, entities)
         return replace(method, why=selected.why), selected.warnings
 
-    def select(self, number: int, words: bool) -> Selected:
+    def selected_for(self, number: int, words: bool) -> Selected:
         """The initializer for so many facts, selected on hidden known entities and then
         remembered.
         """
@@ -353,7 +353,7 @@ class EntityGroups:
         some take a second.
         """
         for number, words in product(PREPARED, [False] if self.phrases is None else [False, True]):
-            yield partial(self.select, number, words)
+            yield partial(self.selected_for, number, words)
             yield partial(self._fit, Conditions(number, words, None, (), 0))
 
 

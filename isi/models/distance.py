@@ -2,7 +2,6 @@
 and RotatE (Sun et al. 2019).
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -78,9 +77,6 @@ class RotatE(DistanceModel, BlockModel):
 
     def width(self, dimension: int) -> int:
         return super().width(dimension) // 2
-
-    def half_range(self, given: float) -> float:  # noqa: ARG002
-        return math.pi
 
     def maps(self, relation: Tensor) -> Tensor:
         return torch.cat([padded(torch.cos, relation), padded(torch.sin, relation)], -1)

@@ -7,6 +7,7 @@ after the other, with gradients by autograd. If relations map heads, a subclass 
 scored together, and only the map needs autograd, or a closed-form gradient (``map``).
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
@@ -60,7 +61,7 @@ class Model(ABC):
         """Half range of the uniform distribution that initializes relations;
         ``given`` is that of entities.
         """
-        return given
+        return math.pi if self.angles else given
 
     @abstractmethod
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert_request
 from isi.insertion.arguments import Names, all_names, argument, listed_triples, triples_of
-from isi.insertion.inverses import BothWays, joined
+from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
 from isi.names import clean
@@ -155,7 +155,7 @@ def compute_rows(
             triple,
             "expected a new entity or relation, but all are known already",
         )
-    embedding = joined(embedding) if model.use_inverse_triples else embedding
+    embedding = pack(embedding) if model.use_inverse_triples else embedding
     try:
         known_embedding = KnownEmbedding(
             embedding.entity[0].numpy(),
@@ -203,7 +203,7 @@ def enlarge(
     larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)
     grown = stored(tables_of(larger), torch.from_numpy(done.entities[done.known :]))
     base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
-    if isinstance(base, BothWays):
+    if isinstance(base, InverseRelations):
         base, rows, larger.num_relations = (
             base.base,
             rows.view(-1, rows.shape[1] // 2),

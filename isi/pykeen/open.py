@@ -9,7 +9,7 @@ from pykeen.pipeline import PipelineResult
 from pykeen.triples import TriplesFactory
 
 from isi.errors import InputError
-from isi.insertion.inverses import joined
+from isi.insertion.inverses import pack
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Manifest
 from isi.live.loaded import LoadedEmbedding
@@ -53,7 +53,7 @@ def from_pykeen(
     if entities is None or relations is None:
         raise InputError("argument 'factory'", "", "expected a triples factory with labels")
     read = read_model(model, known.mapped_triples, margin)
-    read = joined(read) if model.use_inverse_triples else read
+    read = pack(read) if model.use_inverse_triples else read
     # as a folder can hold it
     name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
     options: dict[str, Any] = vars(read.model) if name else {}

@@ -36,6 +36,15 @@ from isi.tables.table import Table
 #: Analyses shown for every experiment that params list for them; the others are shown for the first
 #: one alone.
 _OF_EACH = ("query_breakdown", "finetune_only")
+#: Fields of ``Experiment`` that are a whole table.
+_OF_EXPERIMENT = {
+    "entities": ENTITIES,
+    "triples": TRIPLES,
+    "coverage": COVERAGE,
+    "splits": SPLITS,
+    "novel": NOVEL,
+    "insert_triples": INSERT_TRIPLES,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +122,10 @@ class ModelRuns:
             self.models,
         )
 
-    def epochs(self, statistic: str = "mean") -> ByScope:
-        """Mean (or another pandas ``statistic``) of the epochs to convergence,
-        by scope and model.
-        """
-        return stats.by_scope(
-            self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned
-        )
+    def epochs(self) -> ByScope:
+        """Mean epochs to convergence, by scope and model."""
+        means = self.convergence.groupby(["scope", "model"])["epochs"].mean()
+        return stats.by_scope(means, self.finetuned)
 
     @property
     def unconverged(self) -> ByScope:
@@ -132,18 +138,12 @@ class ModelRuns:
         """Entity MRR* in [0, 1] in scope ``novel`` by direction (in column ``scope``), model,
         size and seed.
         """
-        rows = self.queries
-        assert rows is not None  # noqa: S101  # used only with a query breakdown
-        rows = rows[
-            (rows["scope"] == "novel")
-            & (rows["filter"] == "learned")
-            & (rows["hidden"] != "relation")
-        ]
-        rows = (
-            rows[rows["novel"].isin(list(DIRECTIONS))]
-            .drop(columns="scope")
-            .rename(columns={"novel": "scope"})
+        assert self.queries is not None  # noqa: S101  # used only with a query breakdown
+        novel = list(DIRECTIONS)
+        rows = where(
+            self.queries, scope="novel", filter="learned", hidden=["head", "tail"], novel=novel
         )
+        rows = rows.drop(columns="scope").rename(columns={"novel": "scope"})
         measures = stats.combined(rows, ["scope", "model", "size", "seed"])
         return measures.drop(columns=["mrr_star", "mrr_star_relation"])
 
@@ -165,10 +165,10 @@ class ModelRuns:
         In scope ``given``: entity MRR* over the queries that give a novel entity.
         """
         if scope == "given":
-            return 100 * stats.cells_of(
-                self.directed.assign(session=1), self.models, scope, "mrr_star_entity"
-            )
-        return 100 * stats.cells_of(self.immediate, self.models, scope, measure)
+            rows, measure = self.directed.assign(session=1), "mrr_star_entity"
+        else:
+            rows = self.immediate
+        return 100 * stats.cells_of(rows, self.models, scope, measure)
 
     @property
     def given_means(self) -> Estimates:
@@ -308,12 +308,12 @@ class Results:
     #: params and versions, by title
     run: Mapping[str, Mapping[str, Any]]
     paper: Mapping[str, Any]
-    vocabulary: Mapping[str, Any]
-    definitions: pd.DataFrame
-    experiments: Mapping[str, Experiment]
+    vocabulary: Mapping[str, Any] = field(default_factory=dict)
+    definitions: pd.DataFrame = field(default_factory=pd.DataFrame)
+    experiments: Mapping[str, Experiment] = field(default_factory=dict)
     #: observations of each source, and its counts after each step of mining (``MINED``)
-    observed: Mapping[str, MinedSource]
-    mined: Mapping[str, pd.DataFrame]
+    observed: Mapping[str, MinedSource] = field(default_factory=dict)
+    mined: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     variants: Sequence[VariantRuns] = ()
     other_graphs: Sequence[VariantRuns] = ()
     #: cases measured under every reading of the paper's metric that were run, by name
@@ -322,29 +322,17 @@ class Results:
     @property
     def standalone(self) -> list[Experiment]:
         """Experiments whose entities all come from one source."""
-        return [
-            experiment
-            for experiment in self.experiments.values()
-            if experiment.settings.graph.extend is None
-        ]
+        return [each for each in self.experiments.values() if not each.settings.graph.extend]
 
     @property
     def extended(self) -> list[Experiment]:
         """Experiments that insert entities of a second source (``graph.extend``)."""
-        return [
-            experiment
-            for experiment in self.experiments.values()
-            if experiment.settings.graph.extend is not None
-        ]
+        return [each for each in self.experiments.values() if each.settings.graph.extend]
 
     def source_title(self, source: str) -> str:
         """The title of a source: that of the experiment on its graph, else its name."""
-        of_source = (
-            experiment
-            for experiment in self.standalone
-            if experiment.settings.graph.source == source
-        )
-        return next((experiment.title for experiment in of_source), source)
+        titles = {each.settings.graph.source: each.title for each in reversed(self.standalone)}
+        return titles.get(source, source)
 
     def analysis(self, name: str, *among: Experiment | None) -> list[tuple[Experiment, Any]]:
         """The experiments (without ``among``: of all) for which an analysis was run,
@@ -390,22 +378,12 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
 
 def read_readings(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     """The cases of ``readings`` that were run, without the experiments of the first pipeline."""
-    cases = load_beyond(params, runs=False).readings
-    return Results(
-        params=params,
-        run=run,
-        paper=paper_values.read(paths.PAPER),
-        experiments={},
-        definitions=pd.DataFrame(),
-        vocabulary={},
-        observed={},
-        mined={},
-        readings={
-            name: CaseRuns.read(name, case)
-            for name, case in cases.items()
-            if READINGS.path(case=name).exists()
-        },
-    )
+    cases = {
+        name: CaseRuns.read(name, case)
+        for name, case in load_beyond(params, runs=False).readings.items()
+        if READINGS.path(case=name).exists()
+    }
+    return Results(params, run, paper_values.read(paths.PAPER), readings=cases)
 
 
 def with_beyond(results: Results) -> Results:
@@ -446,14 +424,14 @@ def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns
 
 def _experiment(params: Params, name: str) -> Experiment:
     initializers, table = params.initializers_of(name), partial(_table, name)
-    models = [*initializers, JOINT]
+    models, of_initializer = [*initializers, JOINT], partial(table, slot="initializer")
     parts = ["entity", "known", "theta0"]
     for model in traced(params.initializers):
         parts += [f"{model}.path", f"{model}.indicators"]
     readers: dict[str, Callable[[], Any]] = {
         "affordances": lambda: table(AFFORDANCES).rename(columns={"initializer": "model"}),
-        "sweep": lambda: table(INDICATOR_SWEEP, params.sweep.initializers, "initializer"),
-        "rate_sweep": lambda: table(RATE_SWEEP, params.rate_sweep.initializers, "initializer"),
+        "sweep": lambda: of_initializer(INDICATOR_SWEEP, params.sweep.initializers),
+        "rate_sweep": lambda: of_initializer(RATE_SWEEP, params.rate_sweep.initializers),
         "cross_validation": lambda: table(CROSS_VALIDATION),
         "compare_models": lambda: table(
             MODEL_COMPARISON, params.compare_models.models, column="family"
@@ -465,12 +443,11 @@ def _experiment(params: Params, name: str) -> Experiment:
         "query_breakdown": lambda: table(USED_COORDINATES),
         "finetune_only": lambda: table(FINETUNE_ONLY),
     }
-    listed = {section: params.studies[section].experiments for section in readers}
-    ran = [
-        section
-        for section, names in listed.items()
-        if name in (names if section in _OF_EACH else names[:1])
-    ]
+    ran = list[str]()
+    for section in readers:
+        names = params.studies[section].experiments
+        if name in (names if section in _OF_EACH else names[:1]):
+            ran.append(section)
     return Experiment(
         name=name,
         title=params.experiments[name].title,
@@ -479,17 +456,12 @@ def _experiment(params: Params, name: str) -> Experiment:
         suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         runs=table(RUNS, models),
         ties=table(TIES, models),
-        inserted=table(INSERTED, initializers, "initializer"),
+        inserted=of_initializer(INSERTED, initializers),
         queries=table(QUERY_BREAKDOWN) if "query_breakdown" in ran else None,
-        entities=table(ENTITIES),
-        triples=table(TRIPLES),
-        coverage=table(COVERAGE),
-        splits=table(SPLITS),
-        novel=table(NOVEL),
-        insert_triples=table(INSERT_TRIPLES),
         theta0_log=table(TRAINING_LOG, ["theta0"]),
         joint_log=table(TRAINING_LOG, [JOINT]),
         analyses={section: readers[section]() for section in ran},
+        **{field: table(of_experiment) for field, of_experiment in _OF_EXPERIMENT.items()},
     )
 
 

@@ -61,25 +61,16 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
     """The explorer's data as JSON values; arrays are base64 of little-endian numbers
     (see ``explorer/data.js``).
     """
-    points, theta0, joint = (
-        explored.points,
-        explored.theta0,
-        explored.joint.entity[0].double().numpy(),
-    )
+    points, theta0, model = explored.points, explored.theta0, explored.theta0.model
+    assert isinstance(model, BlockModel)  # noqa: S101  # no other is read
     graph, known = points.graph, points.session(0).entities[0].numpy()
-    vectors, (of_kinds, names) = (
-        theta0.entity[0].double().numpy(),
-        pd.factorize(kinds.astype(str), sort=True),
-    )
-    words, upper = torch.as_tensor(explored.words), np.triu_indices(len(known))
+    vectors, joint = (of.entity[0].double().numpy() for of in (explored.theta0, explored.joint))
+    of_kinds, names = pd.factorize(kinds.astype(str), sort=True)
     centre, axes, shown = plane(vectors[known])
     turned, fitted = procrustes(joint, vectors, known)
     scale = max(float(np.abs(joint).max()), 1e-9) / STEPS
-    model = theta0.model
-    assert isinstance(model, BlockModel)  # noqa: S101  # no other is read
-    listed = {name: params.initializers[name] for name in COMPUTED if name in params.initializers}
-    novel = set(points.novel[0, 0].tolist())
-    start = next((e for e in sorted(novel) if graph.entities[e] == "mug"), min(novel))
+    upper = cosines(torch.as_tensor(explored.words))[np.triu_indices(len(known))]
+    novel = sorted(set(points.novel[0, 0].tolist()))
     return {
         "seed": points.seeds[0],
         "model": type(model).__name__,
@@ -90,11 +81,11 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "kind": of_kinds.tolist(),
         "relations": graph.relations,
         "known": np.flatnonzero(known).tolist(),
-        "novel": sorted(novel),
-        "start": start,
+        "novel": novel,
+        "start": next((e for e in novel if graph.entities[e] == "mug"), novel[0]),
         "theta0": packed(vectors[known]),
         "map": packed(model.maps(theta0.relation[0])),
-        "cosines": packed(cosines(words)[upper]),
+        "cosines": packed(upper),
         "worded": np.flatnonzero((explored.words != 0).any(1)).tolist(),
         "triples": np.c_[graph.triples, graph.counts, points.splits[0]].tolist(),
         "given": insert_triples(points, params.seed, params.sessions.insert_fraction),
@@ -105,13 +96,20 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "fitted": round(100 * fitted),
         "plane": packed(np.vstack([centre, axes])),
         "shown": round(100 * shown),
-        "uniform": {
-            name: packed(
-                stream(params.seed, name, points.size, points.seeds[0]).random(vectors.shape[1])
-            )
-            for name in ("xavier", "iu")
-            if name in listed
-        },
+        **_initializers(points, params, vectors.shape[1]),
+    }
+
+
+def _initializers(points: GridPoints, params: Params, dimension: int) -> dict[str, Any]:
+    """The initializers that the page computes, and random numbers of those that draw."""
+    listed = {name: params.initializers[name] for name in COMPUTED if name in params.initializers}
+    draws = {
+        name: stream(params.seed, name, points.size, points.seeds[0])
+        for name in ("xavier", "iu")
+        if name in listed
+    }
+    return {
+        "uniform": {name: packed(draw.random(dimension)) for name, draw in draws.items()},
         "initializers": [
             {"name": name, "label": label(name), "options": options}
             for name, options in listed.items()
@@ -128,16 +126,15 @@ def insert_triples(points: GridPoints, root: int, fraction: float) -> dict[str, 
     """Insert triples by entity: of novel ones those of the run,
     of known ones drawn by the same rule.
     """
-    splits, rows = points.session(0).splits[0].numpy(), points.insert_triples_in(1)
+    session, rows = points.session(0), points.insert_triples_in(1)
+    splits, seed = session.splits[0].numpy(), points.seeds[0]
     triples = {
         int(entity): rows[rows[:, 1] == place, 2].tolist()
         for place, entity in enumerate(points.novel[0, 0])
     }
-    for entity in np.flatnonzero(points.session(0).entities[0]):
+    for entity in np.flatnonzero(session.entities[0]):
         alone = np.array([[entity]])
-        drawn = sample_insert_triples(
-            points.graph, splits, alone, 1, root, points.seeds[0], fraction
-        )
+        drawn = sample_insert_triples(points.graph, splits, alone, 1, root, seed, fraction)
         triples[int(entity)] = [triple for _, triple in drawn]
     return {str(entity): listed for entity, listed in sorted(triples.items())}
 
@@ -170,12 +167,7 @@ def procrustes(
 
 def script() -> Markup:
     """The modules of the page in one script, without their imports and exports."""
-    sources = (TEMPLATES / "explorer" / f"{name}.js" for name in MODULES)
-    lines = [
-        line
-        for source in sources
-        for line in source.read_text(encoding="utf-8").splitlines(keepends=True)
-    ]
-    return Markup(  # noqa: S704
-        "".join(line.removeprefix("export ") for line in lines if not line.startswith("import "))
-    )
+    sources = ((TEMPLATES / "explorer" / f"{name}.js").read_text("utf-8") for name in MODULES)
+    lines = [line for source in sources for line in source.splitlines(keepends=True)]
+    shown = [line.removeprefix("export ") for line in lines if not line.startswith("import ")]
+    return Markup("".join(shown))  # noqa: S704

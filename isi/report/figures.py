@@ -3,7 +3,7 @@ colours and alternative texts.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
@@ -92,49 +92,44 @@ def in_words(canvas: Canvas) -> str:
     """
     texts = []
     for axes in canvas.axes:
-        rows = (
-            {}
-            if axes.get_ylabel()
-            else {text.get_text(): list[str]() for text in axes.get_yticklabels()}
-        )
-        lines = []
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            line: Any = handle[0] if isinstance(handle, Container) else handle
-            if rows:
-                ends: Any = (
-                    line.get_xydata()
-                    if isinstance(line, Line2D)
-                    else [(line.get_width(), line.get_y())]
-                )
-                for value, level in ends:
-                    list(rows.values())[round(level)].append(f"{name} {value:.1f}")
-                continue
-            points = (
-                np.asarray(line.get_xydata(), dtype=float)
-                if isinstance(line, Line2D)
-                else np.empty((0, 2))
-            )
+        sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
+        titles = [axes.get_title().replace("\n", ", ")]
+        titles += [f"{side}: {text}" for side, text in sides if text]
+        names = [] if axes.get_ylabel() else [text.get_text() for text in axes.get_yticklabels()]
+        numbers = _values_of_rows(axes, names) if names else _ends_of_lines(axes)
+        parts = [capitalized("; ".join(filter(None, titles))), numbers]
+        if any(parts):
+            texts.append(f"{'. '.join(filter(None, parts))}.")
+    return " ".join(texts)
+
+
+def _entries(axes: Axes) -> Iterator[tuple[str, Any]]:
+    """The names in a panel's legend, each with its line or bar."""
+    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+        yield name, handle[0] if isinstance(handle, Container) else handle
+
+
+def _values_of_rows(axes: Axes, names: Names) -> str:
+    rows = {name: list[str]() for name in names}
+    of_level = list(rows.values())
+    for name, drawn in _entries(axes):
+        is_line = isinstance(drawn, Line2D)
+        points = drawn.get_xydata() if is_line else [(drawn.get_width(), drawn.get_y())]
+        for value, level in points:
+            of_level[round(level)].append(f"{name} {value:.1f}")
+    return "; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())
+
+
+def _ends_of_lines(axes: Axes) -> str:
+    lines = []
+    for name, line in _entries(axes):
+        if isinstance(line, Line2D):
+            points = np.asarray(line.get_xydata(), dtype=float)
             heights = points[~np.isnan(points).any(1), 1]
             if len(heights):
-                level = len(np.unique(heights)) == 1
-                lines.append(
-                    f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}"
-                )
-        lines += (
-            ["; ".join(f"{row}: {', '.join(values)}" for row, values in rows.items())]
-            if rows
-            else []
-        )
-        sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
-        titles = [
-            axes.get_title().replace("\n", ", "),
-            *(f"{side}: {text}" for side, text in sides if text),
-        ]
-        text = ". ".join(
-            filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines)))
-        )
-        texts += [f"{text}."] if text else []
-    return " ".join(texts)
+                start = f"from {heights[0]:.1f} to " if len(np.unique(heights)) > 1 else ""
+                lines.append(f"{name} {start}{heights[-1]:.1f}")
+    return ", ".join(lines)
 
 
 def by_size(
@@ -255,7 +250,6 @@ def with_band(
 def by_row(
     rows_of: Mapping[str, Mapping[str, Estimates]],
     models: Names,
-    xlabel: str = "MRR* (points)",
 ) -> Canvas:
     """A panel for each title: a row for each group, a dot with its interval for each model;
     keys: title, row, model.
@@ -286,7 +280,7 @@ def by_row(
         panel.grid(visible=False, axis="y")
         for level in range(1, len(rows)):
             panel.axhline(level - 0.5, color="#cccccc", lw=0.6)
-        panel.set(title=title, xlabel=xlabel)
+        panel.set(title=title, xlabel="MRR* (points)")
     legend(canvas, axes)
     return canvas
 
@@ -300,49 +294,37 @@ def composed(
     """
     canvas, (axes,) = panels(1, 1, 1.3 + 0.55 * len(rows), 5.4)
     names = list(dict.fromkeys(name for bars, *_ in rows.values() for name, _ in bars))
+    colours = {name: _PARTS[min(place, len(_PARTS) - 1)] for place, name in enumerate(names)}
     for level, (bars, marks, end) in enumerate(rows.values()):
-        left = 0.0
-        for name, width in bars:
-            axes.barh(
-                level,
-                width,
-                0.55,
-                left,
-                color=_PARTS[min(names.index(name), len(_PARTS) - 1)],
-                label=name,
-                hatch="///" if width < 0 else None,
-                edgecolor="#ffffff",
-                lw=0.6,
-            )
-            if abs(width) >= _LABELLED:
-                axes.text(
-                    left + width / 2,
-                    level - 0.3,
-                    f"{width:.1f}",
-                    ha="center",
-                    va="bottom",
-                    fontsize=8,
-                )
-            left += width
+        _bar(axes, level, bars, colours)
         if end is not None and not np.isnan(end.low):
             axes.plot([end.low, end.high], [level, level], color="#000000", lw=1.2)
         for (model, value), shape in zip(marks.items(), ("|", "D", "o"), strict=False):
-            axes.plot(
-                value,
-                level,
-                ls="",
-                marker=shape,
-                ms=13 if shape == "|" else 7,
-                mew=2 if shape == "|" else 1,
-                color=colour(model, models),
-                label=label(model),
-            )
+            size, edge = (13, 2) if shape == "|" else (7, 1)
+            style: dict[str, Any] = {"color": colour(model, models), "label": label(model)}
+            axes.plot(value, level, ls="", marker=shape, ms=size, mew=edge, **style)
     axes.set_yticks(range(len(rows)), list(rows))
     axes.set(xlim=(min(0, axes.get_xlim()[0]), 100), xlabel="MRR* right after insertion (points)")
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     legend(canvas, [axes])
     return canvas
+
+
+def _bar(
+    axes: Axes, level: int, bars: Sequence[tuple[str, float]], colours: Mapping[str, str]
+) -> None:
+    """Parts one after the other, wide ones with their numbers above."""
+    style: dict[str, Any] = {"edgecolor": "#ffffff", "lw": 0.6}
+    left = 0.0
+    for name, width in bars:
+        hatch = "///" if width < 0 else None
+        color = colours[name]
+        axes.barh(level, width, 0.55, left, color=color, label=name, hatch=hatch, **style)
+        if abs(width) >= _LABELLED:
+            place = left + width / 2, level - 0.3
+            axes.text(*place, f"{width:.1f}", ha="center", va="bottom", fontsize=8)
+        left += width
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:

@@ -4,7 +4,7 @@ headline numbers and curves.
 
 import json
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -22,7 +22,7 @@ from isi import config
 from isi.report import figures, glossary, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
-from isi.report.section import FilledSection, ReportSection
+from isi.report.section import Block, FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
 from isi.report.stats import where
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
@@ -64,38 +64,31 @@ class Page:
         with mpl.rc_context(STYLE):
             answer = self.answer.filled(results) if self.answer else None
             parts = [part for section in self.sections if (part := section.filled(results))]
-        files, drawings = dict[Path, bytes](), dict[str, Markup]()
-        for block in (block for part in [*parts, *filter(None, [answer])] for block in part.blocks):
+        files, drawings = dict[str, bytes](), dict[str, Markup]()
+        for block in _blocks(parts, answer):
             item = block.content
             if isinstance(item, ReportTable):
-                files |= {
-                    folder / "tables" / f"{item.name}.{form}": text.encode()
-                    for form, text in item.files.items()
-                }
+                for form, text in item.files.items():
+                    files[f"tables/{item.name}.{form}"] = text.encode()
             elif isinstance(item, Figure):
-                drawn = {form: rendered(item.canvas, form) for form in ("svg", "png")}
-                files |= {
-                    folder / "figures" / f"{item.name}.{form}": drawing
-                    for form, drawing in drawn.items()
-                }
+                svg = rendered(item.canvas, "svg")
+                files[f"figures/{item.name}.svg"] = svg
+                files[f"figures/{item.name}.png"] = rendered(item.canvas, "png")
                 if block.kind == "figure":
-                    drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
+                    drawings[item.name] = figures.inline(svg.decode(), f"f{len(drawings)}")
         if self.name == "report":
-            files |= {
-                folder / "plots" / f"{name}.csv": csv(frame).encode()
-                for name, frame in plots(results).items()
-            }
-            files[folder / "metrics.json"] = (
-                json.dumps(metrics(results), indent=2) + "\n"
-            ).encode()
+            for name, frame in plots(results).items():
+                files[f"plots/{name}.csv"] = csv(frame).encode()
+            files["metrics.json"] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
         if answer:
-            files[folder / "tables" / "answer.md"] = markdown(answer).encode()
-        files[folder / "index.html"] = self.html(parts, answer, drawings, results).encode()
-        for path, data in files.items():
-            atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
+            files["tables/answer.md"] = markdown(answer).encode()
+        files["index.html"] = self.html(parts, answer, drawings, results).encode()
+        for place, data in files.items():
+            atomically(folder / place, partial(_write, data))
         for kind in ("tables", "figures", "plots"):
-            for path in set((folder / kind).glob("*")) - set(files):
-                path.unlink()
+            for path in (folder / kind).glob("*"):
+                if f"{kind}/{path.name}" not in files:
+                    path.unlink()
 
     def html(
         self,
@@ -112,10 +105,8 @@ class Page:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        blocks = [block for part in [*parts, *filter(None, [answer])] for block in part.blocks]
-        ids = {part.id for part in parts} | {
-            f"{b.kind}-{b.content.name}" for b in blocks if b.kind in _NAMED
-        }
+        blocks, ids = _blocks(parts, answer), {part.id for part in parts}
+        ids |= {f"{b.kind}-{b.content.name}" for b in blocks if b.kind in _NAMED}
         ids |= {term.id for block in blocks if block.kind == "terms" for term in block.content}
         terms = [*glossary.of_the_page(), *glossary.of_models(results)]
         marker = glossary.Marker([term for term in terms if term.id in ids])
@@ -143,6 +134,17 @@ class Page:
 
 #: Of Markdown, what the report's texts use; all else is text.
 MARKDOWN = MarkdownIt("zero").enable(["list", "link", "backticks", "emphasis"])
+
+
+def _blocks(parts: Iterable[FilledSection], answer: FilledSection | None) -> list[Block]:
+    shown = [*parts, answer] if answer else parts
+    return [block for part in shown for block in part.blocks]
+
+
+def _write(data: bytes, path: Path) -> None:
+    path.write_bytes(data)
+
+
 _LINK = r"\[([^\]]+)\]\([^)\s]+\)"
 #: Kinds of blocks that can be linked to by their names; the files of tables and figures.
 _NAMED = ("table", "figure")
@@ -181,27 +183,9 @@ def marked_up(
 
 def foot(results: Results) -> list[str]:
     """Paragraphs at the foot of a page: the paper, the run, the licence."""
-    titles = [experiment.title for experiment in results.standalone] or [
-        runs.case.title for runs in results.readings.values()
-    ]
-    graphs = joined(titles)
-    return [
-        (
-            "Angel Daruna, Weiyu Liu, Zsolt Kira, Sonia Chernova: [Leveraging Semantics for "
-            "Incremental Learning in Multi-Relational "
-            "Embeddings](https://arxiv.org/abs/1905.12181), 2019. "
-            "Please cite the paper (CITATION.cff)."
-        ),
-        (
-            f"Made by `make repro` (pages beyond the paper: `make beyond`) from {graphs}. The "
-            "sources with their dates are in data/raw/README.md; versions and params are [listed "
-            "above](#run). Licence: MIT; third-party data: NOTICE.md."
-        ),
-        (
-            "Links to files of tables and figures work in the folder `reports/`; "
-            "the page itself needs no other file."
-        ),
-    ]
+    cases = [runs.case.title for runs in results.readings.values()]
+    graphs = joined([experiment.title for experiment in results.standalone] or cases)
+    return [text.format(graphs=graphs) for text in PAGES["foot"]]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:
@@ -210,18 +194,13 @@ def best_rows(table: ReportTable) -> dict[int, set[int]]:
     """
     if sum(table.is_text) != 1:
         return {}
-    best, texts = {}, table.texts
+    best, texts, joint = {}, table.texts, label(JOINT)
     for place, column in enumerate(table.columns):
-        means = {
-            number: row[place].mean
-            for number, row in enumerate(table.rows)
-            if isinstance(row[place], Estimate) and row[0] != label(JOINT)
-        }
+        cells = {number: row[place] for number, row in enumerate(table.rows) if row[0] != joint}
+        means = {number: cell.mean for number, cell in cells.items() if isinstance(cell, Estimate)}
         if column.name in _BEST and len(means) > 1:
-            first = texts[_BEST[column.name](means, key=lambda number, means=means: means[number])][
-                place
-            ][0]
-            best[place] = {number for number in means if texts[number][place][0] == first}
+            shown = texts[_BEST[column.name](means, key=means.get)][place][0]
+            best[place] = {number for number in means if texts[number][place][0] == shown}
     return best
 
 
@@ -244,9 +223,7 @@ def metrics(results: Results) -> dict[str, Any]:
     and each other one's under its name.
     """
     first, *others = results.experiments.values()
-    return _rounded(
-        _headlines(first) | {experiment.name: _headlines(experiment) for experiment in others}
-    )
+    return _rounded(_headlines(first) | {other.name: _headlines(other) for other in others})
 
 
 def _headlines(experiment: Experiment) -> dict[str, Any]:
@@ -261,23 +238,17 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
             "unique_triples": len(experiment.triples),
             "entities": len(experiment.entities),
         }
-        gains = {
-            scope: stats.improvements(experiment.immediate, scope) for scope in ("all", "novel")
-        }
-        shown = {
-            scope: {
-                name: gain.mean for name, gain in of_scope.items() if name not in (BASELINE, JOINT)
-            }
-            for scope, of_scope in gains.items()
-        }
+        shown = {}
+        for scope in ("all", "novel"):
+            gains = stats.values(stats.improvements(experiment.immediate, scope))
+            others = gains.keys() - {BASELINE, JOINT}
+            shown[scope] = {name: gain for name, gain in gains.items() if name in others}
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
-        runs = experiment.curves
-        ended = where(runs, scope="known_closed", epoch=experiment.max_epochs)
-        numbers["drop_percent"] = stats.values(
-            finetuning.interference_percent(experiment.immediate)
-        )
-        numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
+        drops = finetuning.interference_percent(experiment.immediate)
+        last = where(experiment.curves, scope="known_closed", epoch=experiment.max_epochs)
+        numbers["drop_percent"] = stats.values(drops)
+        numbers["known_closed_at_the_end"] = stats.means(last, "mrr_star")
     if experiment.queries is not None:
         numbers["novel_entity_given"] = stats.values(experiment.given_means)
     if "affordances" in experiment.analyses:
@@ -287,14 +258,14 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     """Values rounded as in all files (``number``), without nulls."""
-    present = {
-        name: value
+    rounded = {
+        name: _rounded(value) if isinstance(value, dict) else number(value)
         for name, value in values.items()
-        if isinstance(value, dict) or not pd.isna(value)
     }
     return {
-        name: _rounded(value) if isinstance(value, dict) else number(value)
-        for name, value in present.items()
+        name: value
+        for name, value in rounded.items()
+        if isinstance(value, dict) or not pd.isna(value)
     }
 
 
@@ -309,27 +280,16 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
     for experiment in results.experiments.values():
         name = f"{experiment.name}_{{}}"
         if experiment in results.standalone:
-            means = 100 * experiment.immediate.groupby(["scope", "size", "model"])[
-                "mrr_star"
-            ].mean().unstack("model")
-            means = means.reindex(
-                columns=[*means.columns, *(name for name in initializers if name not in means)]
-            )
+            groups = experiment.immediate.groupby(["scope", "size", "model"])
+            means = 100 * groups["mrr_star"].mean().unstack("model")
+            means = means.reindex(columns=list(dict.fromkeys([*means.columns, *initializers])))
             for scope in ("all", "novel"):
-                rows = (
-                    means.loc[scope]
-                    if scope in means.index.unique("scope")
-                    else means.head(0).droplevel("scope")
-                )
-                frames[f"immediate_{scope}{experiment.suffix}"] = rows.reset_index()
+                rows = means[means.index.get_level_values("scope") == scope]
+                frames[f"immediate_{scope}{experiment.suffix}"] = rows.droplevel(0).reset_index()
             name = f"curves_{{}}{experiment.suffix}"
         runs = experiment.curves[experiment.curves["model"] != JOINT]
         for scope in ("all", "novel_heldout", "known", "known_closed"):
-            rows = (
-                where(runs, scope=scope)
-                .groupby(["epoch", "model"])["mrr_star"]
-                .mean()
-                .unstack("model")
-            )
-            frames[name.format(scope)] = (100 * rows.reindex(columns=initializers)).reset_index()
+            groups = where(runs, scope=scope).groupby(["epoch", "model"])
+            rows = 100 * groups["mrr_star"].mean().unstack("model").reindex(columns=initializers)
+            frames[name.format(scope)] = rows.reset_index()
     return frames

@@ -14,7 +14,7 @@ link to a section that the page does not have is plain text), or starts with one
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from math import nan
@@ -40,16 +40,19 @@ class Content:
     numbers for its template, tables and figures.
     """
 
-    numbers: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
-    tables: Mapping[str, Any] = field(default_factory=dict)
-    figures: Mapping[str, Canvas] = field(default_factory=dict)
+    tables: Tables = field(default_factory=dict)
+    figures: Figures = field(default_factory=dict)
     #: end of the names of tables and figures; title of the experiment, put in brackets behind their
     #: titles
     suffix: str = ""
     title: str = ""
     #: whether the page only links to the files of the tables and figures
     only_files: bool = False
+
+
+Contents = Iterator[Content]
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class ReportSection:
         heading, blocks = Block("section"), list[Block]()
         for content in self.contents(results):
             about = {"results": results, "params": results.params, "tables": content.tables}
-            text = template.render(about | dict(content.numbers))
+            text = template.render(about | content.numbers)
             heading, *others = parsed(text, content)
             blocks += others
         if not blocks:
@@ -119,28 +122,27 @@ class ReportSection:
 
 def of_each(
     experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]
-) -> Iterator[Content]:
+) -> Contents:
     """The content of each experiment, with its suffix and title;
     the page shows that of the first, files have all.
     """
-    contents = [
-        (experiment, content)
-        for experiment in experiments
-        if (content := content_of(experiment)) is not None
-    ]
-    for place, (experiment, content) in enumerate(contents):
-        yield replace(
-            content,
-            numbers={"experiment": experiment, **content.numbers},
-            suffix=experiment.suffix,
-            title=experiment.title if experiment.suffix else "",
-            only_files=place > 0,
-        )
+    only_files = False
+    for experiment in experiments:
+        content = content_of(experiment)
+        if content is not None:
+            yield replace(
+                content,
+                numbers={"experiment": experiment, **content.numbers},
+                suffix=experiment.suffix,
+                title=experiment.title if experiment.suffix else "",
+                only_files=only_files,
+            )
+            only_files = True
 
 
 def of_each_graph(
     contents: Callable[[Results, Experiment], Content | None],
-) -> Callable[[Results], Iterator[Content]]:
+) -> Callable[[Results], Contents]:
     """Decorate a section's function of one experiment,
     to apply it to every experiment with one source.
     """
@@ -181,7 +183,6 @@ def _named(part: str, content: Content) -> Block:
     return Block(kind, " ".join(caption.split()), title, folded, item)
 
 
-Contents = Iterator[Content]
 _ENVIRONMENT = Environment(
     loader=PackageLoader("isi.report", "templates/sections"),
     undefined=StrictUndefined,
@@ -192,13 +193,11 @@ _ENVIRONMENT = Environment(
 _FILTERS = (
     words.joined,
     words.with_values,
-    words.listed_epochs,
     words.label,
     words.described,
     words.capitalized,
     words.isi,
     words.contenders,
-    words.controls,
 )
 _ENVIRONMENT.filters |= {function.__name__: function for function in _FILTERS} | {
     "num": format,

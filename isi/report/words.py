@@ -45,6 +45,11 @@ def label(model: str) -> str:
     return _OTHERS[model][0] if model in _OTHERS else _registered(model).label
 
 
+def labelled(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by model as values by label."""
+    return {label(model): value for model, value in values.items()}
+
+
 def described(initializer: str) -> str:
     """The registered description of an initializer; its label if there is none."""
     return _registered(initializer).description or f"{label(initializer)}."
@@ -106,24 +111,6 @@ def with_values(
     """An enumeration of the models that have a value, each with its value."""
     names = values if models is None else [model for model in models if model in values]
     return joined(f"{label(model)} {form.format(values[model])}" for model in names)
-
-
-def listed_epochs(
-    epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Names
-) -> str:
-    """An enumeration of models with epochs to convergence and the per cent of their
-    runs that never converge.
-    """
-    never = {
-        model: f" ({share:.0f} % of runs never converge)"
-        for model, share in unconverged.items()
-        if share
-    }
-    return joined(
-        f"{label(model)} {epochs[model]:.1f}{never.get(model, '')}"
-        for model in models
-        if model in epochs
-    )
 
 
 def capitalized(text: str) -> str:

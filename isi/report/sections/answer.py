@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import stats, words
 from isi.report.data import Experiment, ModelRuns, Results
 from isi.report.figures import composed
-from isi.report.section import Content, Contents, of_each_graph
+from isi.report.section import Content, Contents, Numbers, of_each_graph
 from isi.report.stats import Difference, Values, by_seed, difference, mean_of, signed
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, Names, isi, joined, label, of_role
@@ -43,34 +43,33 @@ def answer(results: Results) -> Contents:
         best = max((name for name in methods if name in measured), key=lambda name: asked[name])
         others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
         gains = {scope: parts(experiment, scope) for scope in scopes}
+        wholes = {name: gains["all"].get((WHOLE, name, BASELINE)) for name in methods}
         ours = stats.values(stats.improvements(experiment.immediate, "all"))
         theirs = results.paper["immediate"]["improvement_over_xavier"]
-        numbers = {
+        numbers: Numbers = {
             "experiment": experiment,
             "best": best,
             "scopes": scopes,
             "means": means,
             "methods": methods,
             "parts": {scope: composition(gains[scope], best) for scope in scopes},
-            "better": [
-                name
-                for name in methods
-                if (WHOLE, name, BASELINE) in gains["all"]
-                and gains["all"][WHOLE, name, BASELINE].low > 0
-            ],
-            "other": _against(experiment, others[0], best, scopes) if others else None,
+            "better": [name for name, gain in wholes.items() if gain and gain.low > 0],
+            "other": None,
             "epochs": experiment.epochs(),
-            "answered": stats.values(experiment.directions["answer"])
-            if experiment.queries is not None
-            else {},
+            "answered": {},
             "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
         }
+        if others:
+            changes = {}
+            for scope in (*scopes, "known"):
+                cells = experiment.by_grid_point(scope)
+                changes[scope] = difference(by_seed(cells[others[0]], cells[best]))
+            numbers["other"] = {"name": others[0], "changes": changes}
+        if experiment.queries is not None:
+            numbers["answered"] = stats.values(experiment.directions["answer"])
+        marked = ("mean", *others[:1], JOINT)
         marks = {
-            scope: {
-                name: means[scope][name]
-                for name in ("mean", *others[:1], JOINT)
-                if name in means[scope]
-            }
+            scope: {name: means[scope][name] for name in marked if name in means[scope]}
             for scope in scopes
         }
         yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
@@ -78,64 +77,40 @@ def answer(results: Results) -> Contents:
 
 def _means(experiment: ModelRuns, scope: str) -> Values:
     """Mean MRR* (points) right after insertion, by model that has queries."""
-    return {
-        str(name): float(mean)
-        for name, mean in experiment.by_grid_point(scope).mean().dropna().items()
-    }
-
-
-def _against(experiment: ModelRuns, other: str, best: str, scopes: Names) -> dict[str, Any]:
-    """The initializer ``other`` minus ``best`` of ISI in points:
-    over both query sets and over earlier knowledge.
-    """
-    cells = {scope: experiment.by_grid_point(scope) for scope in (*scopes, "known")}
-    changes = {
-        scope: difference(by_seed(of_scope[other], of_scope[best]))
-        for scope, of_scope in cells.items()
-    }
-    return {"name": other, "changes": changes}
+    means = experiment.by_grid_point(scope).mean().dropna()
+    return {str(name): float(mean) for name, mean in means.items()}
 
 
 @of_each_graph
 def controls(results: Results, experiment: Experiment) -> Content | None:
     """What the gain consists of, with a description of each control; None if no control was run."""
-    names = list(
-        dict.fromkeys(
-            name for graph in results.standalone for name in words.controls(graph.initializers)
-        )
-    )
-    methods = isi(experiment.initializers)
+    ran = dict.fromkeys(name for graph in results.standalone for name in graph.initializers)
+    names, methods = words.controls(ran), isi(experiment.initializers)
     if not names or BASELINE not in experiment.initializers or not methods:
         return None
     measures = [(scope, half) for scope in ("all", "novel") for half in HALVES]
-    measures += [("given", "mrr_star_entity")] if experiment.queries is not None else []
-    gains, rows = (
-        {of: parts(experiment, *of) for of in measures},
-        dict[tuple[str, ...], dict[Any, Any]](),
-    )
+    last = "novel"
+    if experiment.queries is not None:
+        measures.append(("given", "mrr_star_entity"))
+        last = "given"
+    gains = {of: parts(experiment, *of) for of in measures}
+    rows = dict[tuple[str, ...], dict[Any, Any]]()
     for (scope, half), of_steps in gains.items():
         for (part, first, second), points in of_steps.items():
             key = scope, part, label(first), label(second)
-            row = rows.setdefault(
-                key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True))
-            )
-            row[Column(HALVES[half], form=signed)] = points
-    shown = {"all": gains["all", "mrr_star"]}
-    shown |= (
-        {"novel": gains["novel", "mrr_star"]}
-        if experiment.queries is None
-        else {"given": gains[measures[-1]]}
-    )
-    drawn = _drawn(experiment, shown, methods, {})
-    composed_of = {
-        scope: {method: composition(of_scope, method) for method in methods}
-        for scope, of_scope in shown.items()
+            named = dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True))
+            rows.setdefault(key, named)[Column(HALVES[half], form=signed)] = points
+    half = "mrr_star_entity" if last == "given" else "mrr_star"
+    shown = {"all": gains["all", "mrr_star"], last: gains[last, half]}
+    numbers = {
+        "names": names,
+        "parts": {
+            scope: {method: composition(of_scope, method) for method in methods}
+            for scope, of_scope in shown.items()
+        },
     }
-    return Content(
-        {"names": names, "parts": composed_of},
-        {"parts_of_the_gain": rows.values()},
-        {"parts_of_the_gain": drawn},
-    )
+    drawn = _drawn(experiment, shown, methods, {})
+    return Content(numbers, {"parts_of_the_gain": rows.values()}, {"parts_of_the_gain": drawn})
 
 
 def steps(method: str, models: Names) -> list[Step]:

@@ -3,6 +3,7 @@ and the explorer of the page.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,12 @@ from isi.report.words import Names, colour, isi, label
 
 #: Arrays of ``TRAJECTORY``, by name: the path of one entity.
 Traces = Mapping[str, np.ndarray]
+#: Marker, size, colour and name of what Figure 1 shows.
+_LEGEND = (
+    ("o", 2.5, "#b5bac2", "known entity"),
+    ("^", 5, "#555555", "indicator"),
+    ("*", 11, "#555555", "novel entity as inserted"),
+)
 
 
 def trajectory(results: Results) -> Contents:
@@ -57,68 +64,42 @@ def _drawn(
     a star marks the entity's initial vector.
     """
     centre, axes, _ = plane(vectors)
+    drawn = {name: (traces[f"{name}.path"] - centre) @ axes.T for name in titles}
+    entities, known = (traces["theta0"] - centre) @ axes.T, (vectors - centre) @ axes.T
     models, methods = list(titles), isi(titles)
     groups = [*([model] for model in methods), [model for model in models if model not in methods]]
     canvas, places = panels(len(groups), height=6.6)
-    halo = [withStroke(linewidth=2.5, foreground="white")]
-    arrow = {"arrowstyle": "-|>", "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
     for panel, group in zip(places, groups, strict=True):
-        panel.plot(
-            *((vectors - centre) @ axes.T).T,
-            ls="",
-            marker="o",
-            ms=2.5,
-            color="#b5bac2",
-            mew=0,
-            zorder=1,
-        )
+        panel.plot(*known.T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
         for model in group:
-            points, color = (traces[f"{model}.path"] - centre) @ axes.T, colour(model, models)
-            panel.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
-            panel.annotate(
-                label(model) if len(group) > 1 else "",
-                tuple(points[0]),
-                (7, -10),
-                fontsize=8,
-                color=color,
-                textcoords="offset points",
-                zorder=6,
-                path_effects=halo,
-            )
-            panel.plot(
-                *points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5
-            )
-            panel.annotate(
-                "",
-                tuple(points[-1]),
-                tuple(points[0]),
-                zorder=4,
-                arrowprops=arrow | {"color": color},
-            )
+            title = label(model) if len(group) > 1 else ""
+            _path(panel, drawn[model], title, colour(model, models))
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
-            points = (traces["theta0"][chosen] - centre) @ axes.T
-            start = (traces[f"{model}.path"][0] - centre) @ axes.T
+            points, color = entities[chosen], colour(model, models)
             for point in points:
-                panel.plot(
-                    *np.stack([point, start]).T,
-                    color=colour(model, models),
-                    lw=0.4,
-                    alpha=0.5,
-                    zorder=2,
-                )
-            _indicators(panel, points, names[chosen].tolist(), colour(model, models))
+                ends = np.stack([point, drawn[model][0]])
+                panel.plot(*ends.T, color=color, lw=0.4, alpha=0.5, zorder=2)
+            _indicators(panel, points, names[chosen].tolist(), color)
         panel.set(xticks=[], yticks=[])
         panel.set_title("\n".join(titles[model] for model in group), fontsize=9)
-    for marker, size, shade, name in (
-        ("o", 2.5, "#b5bac2", "known entity"),
-        ("^", 5, "#555555", "indicator"),
-        ("*", 11, "#555555", "novel entity as inserted"),
-    ):
+    for marker, size, shade, name in _LEGEND:
         places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
     places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
     legend(canvas, places)
     return canvas
+
+
+def _path(panel: Axes, points: np.ndarray, title: str, color: str) -> None:
+    """Draw the path of an entity, an arrow along it, and a star with a title at its start."""
+    start, end = tuple(points[0]), tuple(points[-1])
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    text: dict[str, Any] = {"fontsize": 8, "textcoords": "offset points", "path_effects": halo}
+    arrow = {"arrowstyle": "-|>", "lw": 1.4, "shrinkA": 4, "shrinkB": 0, "color": color}
+    panel.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
+    panel.annotate(title, start, (7, -10), color=color, zorder=6, **text)
+    panel.plot(*start, ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
+    panel.annotate("", end, start, zorder=4, arrowprops=arrow)
 
 
 def _indicators(axes: Axes, points: np.ndarray, names: Names, color: str) -> None:

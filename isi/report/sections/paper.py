@@ -250,17 +250,17 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         results.params.settings[0].model_dump(),
         list(results.params.sweep.initializers),
     )
-    found = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
+    picked = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
     for _, folds in results.analysis("cross_validation", experiment, moved):
-        found["training"] = {name: choices.best(folds, choice, name) for name in choice}
+        picked["training"] = {name: choices.best(folds, choice, name) for name in choice}
     for swept, runs in results.analysis("sweep", experiment, moved):
         epochs = swept.converged(runs, ["model", "k"])
         means = choices.means_of(where(runs, epoch=0), epochs, models)
         mrr_star = means[Column("MRR*", "all")].dropna()
-        found["indicators"] = choices.picked_sizes(means)
+        picked["indicators"] = choices.picked_sizes(means)
         for model in mrr_star.index.unique("model"):
-            found["best_indicators"][model] = int(mrr_star[model].idxmax())
-    return found
+            picked["best_indicators"][model] = int(mrr_star[model].idxmax())
+    return picked
 
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
@@ -309,24 +309,7 @@ def causes(results: Results) -> Contents:
         return
     paper, margin = results.paper["convergence"]["epochs"], results.params.convergence.margin
     xavier, of_isi = Column(label(BASELINE), "epochs"), Column("ISI", "epochs")
-    rows = Rows()
-    for name, now, later in _lines(results, first, variants):
-        base = now.get(BASELINE, nan)
-        mean, mean_epochs = (
-            float(np.mean([values.get(method, nan) for method in methods]))
-            for values in (now, later)
-        )
-        rows.append(
-            {
-                "row": name,
-                "joint": now.get(JOINT, nan),
-                label(BASELINE): base,
-                "ISI": mean,
-                "gain %": 100 * (mean / base - 1),
-                xavier: later.get(BASELINE, nan),
-                of_isi: mean_epochs,
-            }
-        )
+    rows = [_row(methods, *line) for line in _lines(results, first, variants)]
     epochs = {name: numbers["mean"] for name, numbers in paper.items()}
     theirs = {
         "row": "the paper",
@@ -353,6 +336,22 @@ def causes(results: Results) -> Contents:
         drawn = by_epoch(runs.runs, runs.initializers, CURVES, margin=margin)
         figures[f"curves_{runs.id}"] = drawn
     yield Content(numbers, tables, figures)
+
+
+def _row(methods: Names, name: str, now: Values, later: Values) -> dict[Any, Any]:
+    """A row of the table of causes: Xavier, and the mean of ISI."""
+    means = [[of.get(method, nan) for method in methods] for of in (now, later)]
+    of_isi, epochs = (float(np.mean(of_methods)) for of_methods in means)
+    base = now.get(BASELINE, nan)
+    return {
+        "row": name,
+        "joint": now.get(JOINT, nan),
+        label(BASELINE): base,
+        "ISI": of_isi,
+        "gain %": 100 * (of_isi / base - 1),
+        Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
+        Column("ISI", "epochs"): epochs,
+    }
 
 
 def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns]) -> Iterator[Line]:

@@ -87,28 +87,19 @@ def leader(estimates: Estimates) -> tuple[str, float, Values] | None:
     """The initializer of the highest mean, this mean, and the means of all but controls;
     None if all are missing.
     """
-    present = {
-        name: mean
-        for name, mean in values(estimates).items()
-        if name != JOINT and not pd.isna(mean)
-    }
-    best = max(present, key=lambda name: present[name], default=None)
-    return (
-        None
-        if best is None
-        else (best, present[best], {name: present[name] for name in contenders(present)})
-    )
+    means = values({name: estimates[name] for name in estimates if name != JOINT})
+    present = {name: mean for name, mean in means.items() if not pd.isna(mean)}
+    if not present:
+        return None
+    best = max(present, key=lambda name: present[name])
+    return best, present[best], {name: present[name] for name in contenders(present)}
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
     """Entity queries by scope, role of the novel entity, relation, hidden end:
     number, mean MRR* (points) by model.
     """
-    rows = rows[
-        (rows["filter"] == "learned")
-        & rows["scope"].isin(["all", "novel"])
-        & (rows["hidden"] != "relation")
-    ]
+    rows = where(rows, filter="learned", scope=["all", "novel"], hidden=["head", "tail"])
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
     means = (
         100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
@@ -165,9 +156,8 @@ class AffordanceAnswers:
 
     def about(self, entity: str) -> pd.DataFrame:
         """The ranks in every repeat that inserted an entity."""
-        return self.ranks[
-            self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])
-        ]
+        ids = self.entities.index[self.entities["entity"] == entity]
+        return where(self.ranks, entity=list(ids))
 
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
         """The ``TOP`` answers of lowest mean rank over the repeats that inserted the entity,

@@ -24,7 +24,7 @@ from isi.report.section import Content, Contents, Figures, Tables
 from isi.report.stats import Values, by_label, ratios
 from isi.report.stats import mean_of as mean_over
 from isi.report.tables import Column, Estimate, Rows
-from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, label, line_style
+from isi.report.words import BASELINE, JOINT, TEMPLATES, isi, labelled, line_style
 
 #: What the paper's words say, and the readings of the table of graphs.
 ABOUT = config.read(TEMPLATES / "readings.yaml")
@@ -239,7 +239,7 @@ def on_three_graphs(results: Results) -> Contents:
     for name, runs in cases.items():
         tables[f"readings_{name}"] = [
             {"reading": title}
-            | {label(model): of_model(runs, model, Reading.of(reading)) for model in runs.models}
+            | labelled({model: of_model(runs, model, Reading.of(reading)) for model in runs.models})
             for title, reading in ABOUT["shown"].items()
         ]
     yield Content({"cases": cases}, tables)

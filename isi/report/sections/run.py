@@ -75,7 +75,6 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
         "of_all": False,
         "ours": ours,
         "predicted": int(by_kind.max(axis=1).sum()),
-        "relations": triples["relation"].nunique(),
         "leads": [f"{kind} to {relation}" for kind, relation in by_kind.idxmax(axis=1).items()],
     }
     return Content(numbers, tables)

@@ -2,7 +2,7 @@
 embedding models and graphs.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -16,9 +16,17 @@ from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_row
 from isi.report.section import Content, Contents, Tables
 from isi.report.sections.answer import ZERO
-from isi.report.stats import Estimates, by_label, by_seed, difference, signed, values, where
+from isi.report.stats import (
+    Difference,
+    Estimates,
+    by_label,
+    by_seed,
+    difference,
+    signed,
+    values,
+)
 from isi.report.tables import Column, Rows
-from isi.report.words import BASELINE, JOINT, isi, label
+from isi.report.words import BASELINE, JOINT, isi, label, labelled
 
 #: The initializer with which all others are compared, paired by seed.
 REFERENCE = "ers"
@@ -45,62 +53,41 @@ def stronger(results: Results) -> Contents:
     sorted by entity MRR* with the novel entity given.
     """
     for variant, group in groupby(results.variants_of("baselines"), key=lambda runs: runs.variant):
-        listed, tables, above = list(group), {}, []
+        listed, tables, above = list(group), Tables(), []
         for runs in listed:
-            given, over_all, novel = (
-                runs.given_means,
-                runs.immediate_means("all"),
-                runs.immediate_means("novel"),
-            )
+            given, cells = runs.given_means, runs.by_grid_point("given")
             best = max((given[method].mean for method in isi(runs.initializers)), default=inf)
-            cells, order = (
-                _given_by_seed(runs),
-                sorted(runs.models, key=lambda model: -given[model].mean),
-            )
+            order = sorted(runs.models, key=lambda model: -given[model].mean)
             reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
-            tables[f"strong_{runs.name}"] = by_label(
-                order,
-                {
-                    "all": over_all,
-                    "novel": novel,
-                    "novel entity given": given,
-                    f"novel entity given, minus {label(REFERENCE)}": {
-                        model: difference(by_seed(cells[model], reference)) for model in order
-                    },
+            columns = {
+                "all": runs.immediate_means("all"),
+                "novel": runs.immediate_means("novel"),
+                "novel entity given": given,
+                f"novel entity given, minus {label(REFERENCE)}": {
+                    model: difference(by_seed(cells[model], reference)) for model in order
                 },
-            )
-            stronger = {
-                model: given[model].mean
-                for model in order
-                if given[model].mean > best and model != JOINT
             }
+            tables[f"strong_{runs.name}"] = by_label(order, columns)
+            means = {model: given[model].mean for model in order if model != JOINT}
+            stronger = {model: mean for model, mean in means.items() if mean > best}
             above.append((runs, best, stronger))
         ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
         added = [name for name in ran if name not in results.params.initializers]
-        yield Content(
-            {"added": added, "size": variant.size, "above": above, "reference": REFERENCE}, tables
-        )
+        numbers = {"added": added, "size": variant.size, "above": above, "reference": REFERENCE}
+        yield Content(numbers, tables)
 
 
-def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
-    """Entity MRR* (points) with the novel entity given:
-    a row for each seed and size, a column for each model.
-    """
-    given = where(runs.directed, scope="given")
-    return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
-
-
-def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> Rows:
+def _by_graph(ran: Sequence[ModelRuns], means: Means, variant: str = "") -> Rows:
     """A row of estimates by model for each of ``ran``, sorted by graph;
-    ``column``, if given, has the variant.
+    column ``variant``, if given, has the title of the variant.
     """
-    names = list(dict.fromkeys(runs.name for runs in ran))
-    return [
-        {"graph": runs.title}
-        | ({column: runs.variant.title} if column and isinstance(runs, VariantRuns) else {})
-        | {label(model): estimate for model, estimate in means(runs).items()}
-        for runs in sorted(ran, key=lambda runs: names.index(runs.name))
-    ]
+    names, rows = list(dict.fromkeys(runs.name for runs in ran)), Rows()
+    for runs in sorted(ran, key=lambda runs: names.index(runs.name)):
+        titles = {"graph": runs.title}
+        if variant and isinstance(runs, VariantRuns):
+            titles[variant] = runs.variant.title
+        rows.append(titles | labelled(means(runs)))
+    return rows
 
 
 def n_insert_triples(results: Results) -> Contents:
@@ -109,19 +96,19 @@ def n_insert_triples(results: Results) -> Contents:
     """
     variants = results.variants_of("insert_triples")
     for first in variants[:1]:
-        listed = [runs for runs in variants if runs.name == first.name]
-        limits = [runs.variant.max_insert_triples for runs in listed]
-        given = {
-            "all" if limit is None else str(limit): runs.given_means
-            for limit, runs in zip(limits, listed, strict=True)
-        }
-        means = pd.DataFrame({number: values(estimates) for number, estimates in given.items()}).T
+        given, rows = dict[str, Estimates](), dict[str, Estimates]()
+        for runs in (runs for runs in variants if runs.name == first.name):
+            limit = runs.variant.max_insert_triples
+            given["all" if limit is None else str(limit)] = runs.given_means
+            rows["all" if limit is None else f"at most {limit}"] = runs.given_means
+        means = pd.DataFrame({number: values(of_model) for number, of_model in given.items()}).T
+        lowest = means.min(skipna=False)
         worse = [
-            (name, means[name].min(), means[name].idxmin())
+            (name, lowest[name], means[name].idxmin())
             for name in first.initializers
-            if means[name].iloc[0] - means[name].min(skipna=False) >= ZERO
+            if means[name].iloc[0] - lowest[name] >= ZERO
         ]
-        about = {
+        numbers = {
             "variant": first,
             "fewest": means.iloc[0],
             "most": means.iloc[-1],
@@ -129,22 +116,10 @@ def n_insert_triples(results: Results) -> Contents:
             "worse": worse,
         }
         table = [
-            {
-                "insert triples": number,
-                **{label(model): estimate for model, estimate in estimates.items()},
-            }
-            for number, estimates in given.items()
+            {"insert triples": number} | labelled(of_model) for number, of_model in given.items()
         ]
-        figure = by_row(
-            {
-                "": {
-                    f"at most {number}".replace("at most all", "all"): row
-                    for number, row in given.items()
-                }
-            },
-            first.models,
-        )
-        yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
+        figure = by_row({"": rows}, first.models)
+        yield Content(numbers, {"n_insert_triples": table}, {"n_insert_triples": figure})
 
 
 def other_words(results: Results) -> Contents:
@@ -196,16 +171,16 @@ def other_graphs(results: Results) -> Contents:
         initializers = [name for name in like.initializers if name in graph.initializers]
         ran.append(replace(graph.of_size(like.size), initializers=initializers))
     ran = [runs for runs in (*ran, *others) if len(runs.runs)]
-    cells = {runs.title: _given_by_seed(runs) for runs in ran}
-    gains = {
-        title: {
-            pair: difference(by_seed(*(of_models[model] for model in pair)))
-            for pair in _PAIRS
-            if {*pair} <= set(of_models)
-        }
-        for title, of_models in cells.items()
-    }
-    compared = {pair: [pairs[pair] for pairs in gains.values() if pair in pairs] for pair in _PAIRS}
+    gains, compared = Rows(), defaultdict[tuple[str, str], list[Difference]](list)
+    for runs in ran:
+        cells = runs.by_grid_point("given")
+        row: dict[Any, Any] = {"graph": runs.title}
+        for first, second in _PAIRS:
+            if {first, second} <= set(runs.models):
+                points = difference(by_seed(cells[first], cells[second]))
+                row[Column(f"{label(first)} minus {label(second)}", form=signed)] = points
+                compared[first, second].append(points)
+        gains.append(row)
     pairs = [
         (
             pair,
@@ -213,22 +188,11 @@ def other_graphs(results: Results) -> Contents:
             sum(points.high < 0 for points in of_graphs),
             len(of_graphs),
         )
-        for pair, of_graphs in compared.items()
-        if of_graphs
+        for pair, of_graphs in sorted(compared.items(), key=lambda item: _PAIRS.index(item[0]))
     ]
     graphs: list[Experiment | VariantRuns] = [*results.standalone, *others]
-    tables: Tables = {
-        "graphs": sizes(graphs),
-        "graphs_shared": shared(graphs),
-        "graphs_gains": [
-            {"graph": title}
-            | {
-                Column(f"{label(first)} minus {label(second)}", form=signed): points
-                for (first, second), points in of_pairs.items()
-            }
-            for title, of_pairs in gains.items()
-        ],
-    } | {f"graphs_{name}": _by_graph(ran, means) for name, means in _MEASURES.items()}
+    tables = {"graphs": sizes(graphs), "graphs_shared": shared(graphs), "graphs_gains": gains}
+    tables |= {f"graphs_{name}": _by_graph(ran, means) for name, means in _MEASURES.items()}
     figure = by_row({"": {runs.title: runs.given_means for runs in ran}}, others[0].models)
     yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": figure})
 
