@@ -67,10 +67,10 @@ wheel: $(INSTALLED)  ## build the wheel and the source distribution, and check t
 	twine check --strict dist/*
 
 fuzz: $(INSTALLED)  ## feed 10,000 malformed files to the readers, in about ten minutes (ARGS="--inputs 1000" for fewer); table in docs/benchmarks
-	python -m tests.fuzz $(ARGS)
+	python -m tools.fuzz $(ARGS)
 
 kill-test: $(INSTALLED)  ## kill 20 runs of a small pipeline at random moments and fill 8 disks, in about 20 minutes (ARGS="--kills 4" for fewer); table in docs/benchmarks
-	python -m tests.kills $(ARGS)
+	python -m tools.kills $(ARGS)
 
 mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about an hour; table in docs/benchmarks (installs the extra `mutants`)
 	$(PIP) install --quiet --editable '.[mutants]'

@@ -13,7 +13,7 @@ from isi.graph.words import WORD_VECTORS
 from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table, as_text
 from tests.example_tables import Change
-from tests.small import NAME
+from tests.stage_run import NAME
 
 Tensors = dict[str, torch.Tensor]
 ChangeTensors = Callable[[Tensors], object]

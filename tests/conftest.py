@@ -19,7 +19,15 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 
 #: The files that take longest.
-LONGEST = ("test_pipeline", "test_pipeline_extended", "test_kills", "test_stopping")
+LONGEST = (
+    "test_pipeline",
+    "test_live_command",
+    "test_strange_results",
+    "test_pipeline_extended",
+    "test_docs",
+    "test_kills",
+    "test_stopping",
+)
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -1,13 +1,15 @@
 """The whole pipeline on a small grid in a folder, and DVC commands in it."""
 
 import subprocess
-import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import pytest
 import yaml
 
-from tests.environment import ENVIRONMENT
+from tests.warm_python import warm_python
 from tools import workspace
 
 EXPERIMENTS = ("ai2thor", "transfer")
@@ -63,12 +65,24 @@ SMALL: dict[str, Any] = {
 }
 
 
-def dvc(folder: Path, *arguments: str) -> str:
-    """Run DVC in a folder; returns its output."""
-    command = [sys.executable, "-m", "dvc", *arguments]
-    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
-    assert process.returncode == 0, process.stdout + process.stderr
-    return process.stdout
+#: Runs DVC in a folder with the arguments, and returns its output.
+Dvc = Callable[..., str]
+
+
+@pytest.fixture(scope="module")
+def dvc() -> Iterator[Dvc]:
+    """A function that runs DVC, whose stages start at once."""
+    with TemporaryDirectory() as script, warm_python(Path(script)) as environment:
+
+        def run(folder: Path, *arguments: str) -> str:
+            command = ["python", "-m", "dvc", *arguments]
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, env=environment
+            )
+            assert done.returncode == 0, done.stdout + done.stderr
+            return done.stdout
+
+        yield run
 
 
 def stages_run(output: str) -> set[str]:

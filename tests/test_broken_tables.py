@@ -12,16 +12,16 @@ from isi.experiment.store import RUNS, Store
 from isi.params import load
 from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table
-from tests import small
+from tests import stage_run
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors
 from tests.example_tables import Change, change_table, change_tensors
-from tests.small import NAME, for_a_while
+from tests.stage_run import NAME, for_a_while
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    small.run_all(folder)
+    stage_run.run_all(folder)
     return folder
 
 

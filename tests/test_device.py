@@ -19,7 +19,7 @@ from isi.experiment.train import evaluate_stack, train_stack
 from isi.models.model import MODELS, make_model
 from isi.training import batches
 from tests import small_grid as grid
-from tests.pretend import DEVICE, Pretend
+from tests.fake_device import DEVICE, FakeDevice
 
 TRAINED = grid.theta0(steps=2)
 (POINTS,) = grid.stacks(4, steps=2)
@@ -68,13 +68,13 @@ def on_both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., bool]]:
         there, here = (runner.run_task(function, task, device) for device in ("cuda", "cpu"))
         return bytes(ForkingPickler.dumps(there)) == bytes(ForkingPickler.dumps(here))
 
-    with Pretend():
+    with FakeDevice():
         yield same
     torch.set_flush_denormal(False)
 
 
 def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:
-    with Pretend():
+    with FakeDevice():
         here = torch.zeros(3)
         with DEVICE:
             there = torch.as_tensor(np.ones(3))

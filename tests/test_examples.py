@@ -16,7 +16,7 @@ import pytest
 
 import isi
 from isi.initializers.api import INITIALIZERS
-from tests import small
+from tests import stage_run
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPT = EXAMPLES / "read_runs.py"
@@ -26,9 +26,9 @@ Run = Callable[[str], tuple[dict[str, Any], str]]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made: Path = tmp_path_factory.mktemp("examples")
-    small.run_all(made)
+    stage_run.run_all(made)
     with chdir(made):
-        small.run(f"insert {small.NAME} iu")
+        stage_run.run(f"insert {stage_run.NAME} iu")
     return made
 
 
@@ -42,9 +42,9 @@ def shown(folder: Path, text: str) -> str:
 def test_runs_are_read_and_compared_in_pairs(folder: Path) -> None:
     text, named = SCRIPT.read_text(encoding="utf-8"), '"ai2thor", "es", "xavier"'
     assert named in text
-    printed = shown(folder, text.replace(named, f'"{small.NAME}", "rs", "iu"'))
+    printed = shown(folder, text.replace(named, f'"{stage_run.NAME}", "rs", "iu"'))
     tables = {
-        name: pd.read_parquet(folder / f"data/runs/{small.NAME}/{name}.parquet")
+        name: pd.read_parquet(folder / f"data/runs/{stage_run.NAME}/{name}.parquet")
         for name in ("rs", "iu")
     }
     by_run = [

@@ -7,8 +7,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import shutil
-import subprocess
 from collections.abc import Iterator
 from contextlib import chdir
 from dataclasses import replace
@@ -30,9 +28,8 @@ from isi.insertion.engine import context_in_session
 from isi.models.stack import Embedding
 from isi.params import Params
 from isi.report import explorer, page
-from isi.report.explorer import COMPUTED, MODULES, Explored
+from isi.report.explorer import COMPUTED, Explored
 from isi.report.section import ReportSection
-from isi.report.words import TEMPLATES
 from isi.tables import paths
 from tests import small_grid
 from tests.browser import Opened, opened
@@ -383,8 +380,7 @@ def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
         assert pointed.inner_text() != first
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_nothing_sticks_out_and_nothing_is_requested(
     chromium: Browser, report: Path, width: int, scheme: str
 ) -> None:
@@ -421,30 +417,3 @@ def test_another_model_leaves_the_explorer_out() -> None:
     section = part_of("explorer", results)
     assert section is not None
     assert [block.kind for block in section.blocks] == ["paragraph"]
-
-
-def test_types_of_the_modules_agree() -> None:
-    compiler = os.environ.get("TSC") or shutil.which("tsc")
-    if compiler is None:
-        pytest.skip("no TypeScript: tsc is not on the path, and TSC names none")
-    folder = TEMPLATES / "explorer"
-    assert {path.stem for path in folder.glob("*.js")} == set(MODULES)
-    options = (
-        "--allowJs",
-        "--checkJs",
-        "--strict",
-        "--noUnusedLocals",
-        "--noEmit",
-        "--target",
-        "es2022",
-        "--module",
-        "es2022",
-        "--moduleResolution",
-        "bundler",
-        "--lib",
-        "es2022,dom,dom.iterable",
-    )
-    checked = subprocess.run(
-        [compiler, *options, *sorted(folder.glob("*.js"))], capture_output=True, text=True
-    )
-    assert checked.returncode == 0, checked.stdout

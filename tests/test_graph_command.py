@@ -228,17 +228,24 @@ def test_a_path_may_hold_an_equals_sign_or_bytes_that_are_no_text(
 
 
 def test_bytes_that_are_no_text_are_printed_and_named_in_errors(folder: Path) -> None:
-    path = os.fsdecode(b"d\xff.csv")
-    (folder / path).write_text(LOG, encoding="utf-8")
-    (folder / os.fsdecode(b"e\xff.csv")).write_text("x\n", encoding="utf-8")
-    code = "import sys; from isi.__main__ import main; main(['graph', *sys.argv[1:]])"
-    for name, rc in ((path, 0), (os.fsdecode(b"e\xff.csv"), 1), (os.fsdecode(b"f\xff.csv"), 1)):
-        done = subprocess.run(
-            [sys.executable, "-c", code, name], capture_output=True, check=False, cwd=folder
-        )
-        assert done.returncode == rc
-        assert b"Traceback" not in done.stderr
-        assert b"udcff" in done.stdout + done.stderr
+    good, bad, missing = (os.fsdecode(letter + b"\xff.csv") for letter in (b"d", b"e", b"f"))
+    (folder / good).write_text(LOG, encoding="utf-8")
+    (folder / bad).write_text("x\n", encoding="utf-8")
+    code = """
+import sys
+from isi.__main__ import main
+for name in sys.argv[1:]:
+    try:
+        main(["graph", name])
+    except SystemExit as ended:
+        print(ended, file=sys.stderr)
+"""
+    command = [sys.executable, "-c", code, good, bad, missing]
+    done = subprocess.run(command, capture_output=True, check=True, cwd=folder)
+    assert b"d\\udcff" in done.stdout
+    assert done.stderr.count(b"\n") == 2
+    assert b"e\\udcff" in done.stderr
+    assert b"f\\udcff" in done.stderr
 
 
 def test_a_file_that_is_given_twice_is_refused(folder: Path) -> None:

@@ -11,7 +11,7 @@ import yaml
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.tables import paths
-from tests import small
+from tests import stage_run
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 
 FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
@@ -54,7 +54,7 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() ->
         "vary first",
         "explore again",
     ):
-        small.run(command)
+        stage_run.run(command)
     for table, theirs in (
         (GRAPH_ENTITIES, ENTITIES.read(experiment="published")),
         (GRAPH_TRIPLES, TRIPLES.read(experiment="published")),
@@ -81,8 +81,8 @@ def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written() -> No
         r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes: expected a lower size"
     )
     with pytest.raises(SystemExit, match=expected):
-        small.run("explore again")
+        stage_run.run("explore again")
     list_entries(graphs={"again": GRAPH | {"min_count": 10_000}})
     with pytest.raises(SystemExit, match=r"graphs\.again\.source: expected triples .* 10000 times"):
-        small.run("explore again")
+        stage_run.run("explore again")
     assert not GRAPH_RUNS.path(graph="again").parent.exists()

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from tests.kills.__main__ import survived
-from tests.kills.workspace import Fault, Lost, Workspace
+from tools.kills.__main__ import survived
+from tools.kills.workspace import Fault, Lost, Workspace
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux", reason="looks for processes as Linux has them"

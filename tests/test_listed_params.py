@@ -11,13 +11,13 @@ import yaml
 
 from isi import stage as stages
 from isi.tables import paths
-from tests import small
+from tests import stage_run
 from tests.beyond_entries import GRAPH, HIDDEN, READING_CASE, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
 from tools.workspace import DROP
 
-NAME = small.NAME
-CHANGES: dict[str, Any] = small.SMALL | {
+NAME = stage_run.NAME
+CHANGES: dict[str, Any] = stage_run.SMALL | {
     "experiments.ai2thor": DROP,
     "experiments.transfer": DROP,
     "experiments.published.initializers": ["xavier", "rs", "ers"],
@@ -75,7 +75,7 @@ BEYOND: dict[str, Any] = {
     },
 }
 COMMANDS = (
-    *small.STAGES,
+    *stage_run.STAGES,
     f"insert {NAME} xavier",
     f"insert {NAME} ers",
     f"finetune_only {NAME}",
@@ -97,7 +97,7 @@ COMMANDS = (
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("project")
-    small.lay_out(folder, CHANGES)
+    stage_run.lay_out(folder, CHANGES)
     (folder / paths.BEYOND_PARAMS).write_text(
         yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8"
     )
@@ -112,7 +112,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str) -> None:
     if "hidden" in command and not find_spec("pykeen"):
         pytest.skip("PyKEEN is not installed")
-    small.run(command)
+    stage_run.run(command)
 
 
 @pytest.mark.usefixtures("project")

@@ -24,7 +24,7 @@ import isi
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
 from isi.live.folder import Bundle, Manifest, write
 from isi.live.journal import text_of
-from isi.live.stream import VERBS, answer, serve, take_step
+from isi.live.stream import answer, serve
 from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
 from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
@@ -116,46 +116,72 @@ def test_each_request_has_an_answer(home: Path) -> None:
     assert_same(seen(again), seen(live))
 
 
-def test_an_answer_that_is_not_supported_says_so(home: Path) -> None:
-    (found,) = answered(home, {"ask": ["e0", "on", None], "top": 1})
-    best = found["answers"][0]
-    assert found["sure"] is (best["known"] or best["probability"] >= 0.2)
-    live = live_of()
-    unsure = [name for name in KNOWN.entity_names if not live.ask(name, "in").sure]
-    assert unsure
-    assert json.loads(answer(live, lines({"ask": [unsure[0], "in", None]})))["sure"] is False
-
-
-BAD: list[Any] = [
-    [], 5, None, "undo", {}, {"id": 1}, {"undo": False}, {"undo": True, "history": True},
-    {"histor": True}, {"observe": [["e1", "in"]]}, {"observe": [["e1", "in", "e99"]]},
-    {"observe": [["e1", "inn", "e2"]]}, {"observe": [], "facts": [UNKNOWN[0]]},
-    {"move": list(UNKNOWN[0]), "facts": [UNKNOWN[1]]}, {"undo": True, "kind": "place"},
-    {"nearest": "e1", "source": "camera"}, {"ask": ["e1", "in", None], "upsert": True},
-    {"observe": "e1 in e2"}, {"observe": [5]},
-    {"observe": None}, {"observe": [["new a", "in", None]]}, {"insert": "new a"},
-    {"insert": "new a", "facts": [["e1", "in", "e2"]]}, {"insert": "e1", "facts": []},
-    {"insert": 5}, {"insert": ["x", 5]}, {"insert": {"x": 5}}, {"insert": {"x": {"in": [5]}}},
-    {"insert": "a\tb"}, {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "none"},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "map",
-     "options": {"strength": -1.0}},
-    {"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}, {"remove": "e1"},
-    {"remove": "new a"}, {"remove": True, "facts": [["e1", "in", "e2"]]}, {"undo": True},
-    {"ask": ["e1", "in", "e2"]}, {"ask": [None, None, "e2"]}, {"ask": ["e1", "in", None], "top": 0},
-    {"ask": ["e1", "in", None], "tops": 3}, {"ask": ["e1", "in"]}, {"nearest": "nobody"},
-    {"nearest": ["e1"]}, {"explain": 5},
-]  # fmt: skip
+#: Requests that are refused, as a client sends them.
+BAD = f"""
+{{"undo": true, "kind": "place"}}
+{{"nearest": "e1", "source": "camera"}}
+{{"ask": ["e1", "in", null], "upsert": true}}
+[]
+5
+null
+"undo"
+{{}}
+{{"id": 1}}
+{{"undo": false}}
+{{"undo": true}}
+{{"undo": true, "history": true}}
+{{"undo": true, "source": "a\\tb"}}
+{{"histor": true}}
+{{"observe": null}}
+{{"observe": [5]}}
+{{"observe": "e1 in e2"}}
+{{"observe": [["e1", "in"]]}}
+{{"observe": [["e1", "in", "e99"]]}}
+{{"observe": [["e1", "inn", "e2"]]}}
+{{"observe": [["new a", "in", null]]}}
+{{"observe": [], "facts": {json.dumps(UNKNOWN[:1])}}}
+{{"observe": {json.dumps(UNKNOWN[:1])}, "source": "two\\nlines"}}
+{{"move": {json.dumps(UNKNOWN[0])}, "facts": {json.dumps(UNKNOWN[1:2])}}}
+{{"insert": 5}}
+{{"insert": "a\\tb"}}
+{{"insert": "new a"}}
+{{"insert": "e1", "facts": []}}
+{{"insert": ["x", 5]}}
+{{"insert": {{"x": 5}}}}
+{{"insert": {{"x": {{"in": [5]}}}}}}
+{{"insert": "new a", "facts": [["e1", "in", "e2"]]}}
+{{"insert": "new a", "facts": [["new a", "in", "new b"]]}}
+{{"insert": ["new a"], "facts": [["new a", "in", "e1"], ["new a", "in"]]}}
+{{"insert": ["new a", "New_A"], "facts": [["new a", "in", "e1"], ["New_A", "in", "e1"]]}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "robot"}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": {{"new": "object"}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "definition": {{"new": "a thing"}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "none"}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "initializer": "rs", "options": {{"k": 0}}}}
+{{"insert": "new a", "facts": [["new a", "in", "e1"]], "seed": -1}}
+{{"remove": "e1"}}
+{{"remove": "new a"}}
+{{"remove": true, "facts": [["e1", "in", "e2"]]}}
+{{"ask": ["e1", "in"]}}
+{{"ask": ["e1", "in", "e2"]}}
+{{"ask": [null, null, "e2"]}}
+{{"ask": ["e1", "in", null], "top": 0}}
+{{"ask": ["e1", "in", null], "tops": 3}}
+{{"nearest": "nobody"}}
+{{"nearest": ["e1"]}}
+{{"explain": 5}}
+{{"explain": "e1"}}
+""".strip().splitlines()
 
 
 def test_a_bad_request_is_refused_in_one_line_and_changes_nothing(home: Path) -> None:
     live, journal = live_of(), (home / "journal.jsonl").read_bytes()
     for request in BAD:
-        refused = json.loads(answer(live, json.dumps(request).encode()))
+        refused = json.loads(answer(live, request.encode()))
         assert list(refused)[-1] == "error", request
         assert "\n" not in refused["error"]
         assert live.history == []
-    *refusals, last = answered(home, *BAD, {"nearest": "e1"})
+    *refusals, last = answered(home, *map(json.loads, BAD), {"nearest": "e1"})
     assert all(refusal["error"] for refusal in refusals)
     assert len(refusals) == len(BAD)
     assert last["nearest"]
@@ -167,13 +193,6 @@ def test_a_bad_request_is_refused_in_one_line_and_changes_nothing(home: Path) ->
 )
 def test_a_line_that_is_no_json_is_refused(line: bytes) -> None:
     assert list(json.loads(answer(live_of(), line)))[-1] == "error"
-
-
-def test_the_schema_of_requests_covers_the_verbs() -> None:
-    assert all(request.model_fields[verb].is_required() for verb, request in VERBS.items())
-    assert all(
-        callable(getattr(isi.LiveEmbedding, verb, None)) or verb == "history" for verb in VERBS
-    )
 
 
 @pytest.mark.parametrize(
@@ -261,8 +280,7 @@ def thor_sized(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("by_socket", [True, False])
+@pytest.mark.parametrize(("number", "by_socket"), [(signal.SIGTERM, True), (signal.SIGINT, False)])
 def test_a_signal_ends_the_process_while_it_prepares(
     tmp_path: Path, number: signal.Signals, by_socket: bool
 ) -> None:
@@ -315,7 +333,7 @@ def uniform(number: int, rooms: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["head", "relation", "tail"])
 
 
-@pytest.mark.parametrize(("number", "rooms"), [(20, 1), (20, 2), (30, 2), (6, 1), (2, 1)])
+@pytest.mark.parametrize(("number", "rooms"), [(20, 1), (6, 1), (2, 1)])
 def test_a_small_uniform_graph_is_served(number: int, rooms: int) -> None:
     live = isi.train(uniform(number, rooms), dimension=12, budget=1)
     live.prepare()
@@ -356,22 +374,6 @@ def test_an_unexpected_error_is_answered_and_logged_and_changes_nothing(
     assert json.loads(answer(live, lines({"observe": [["new a", "on", "e3"]]})))["updated"] == [
         "new a"
     ]
-
-
-def test_a_step_of_the_preparation_that_fails_is_logged_and_the_next_one_is_taken(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    taken = list[int]()
-
-    def fail() -> None:
-        raise IndexError("no such row")
-
-    steps = iter([fail, lambda: taken.append(1)])
-    assert take_step(steps)
-    assert "IndexError" in capsys.readouterr().err
-    assert take_step(steps)
-    assert taken == [1]
-    assert not take_step(steps)
 
 
 @pytest.mark.parametrize(
@@ -580,7 +582,7 @@ def go_on(
     return counts
 
 
-@pytest.mark.parametrize("kills", [int(os.environ.get("KILLS", "5"))])
+@pytest.mark.parametrize("kills", [int(os.environ.get("KILLS", "3"))])
 def test_a_stream_that_is_killed_and_gone_on_with_equals_one_that_was_not(
     tmp_path: Path, kills: int
 ) -> None:
@@ -612,12 +614,3 @@ def test_a_torn_last_line_does_not_count(home: Path, torn: bytes) -> None:
     if torn != b'{"do": "undo"}':
         with pytest.raises(isi.InputError, match=f"line {len(chosen()) + 2}"):
             isi.open(home)
-
-
-def test_the_vectors_of_the_journal_are_those_that_the_stream_had(home: Path) -> None:
-    live = isi.open(home, journal=True)
-    for request in changes(16):
-        assert b'"error"' not in answer(live, lines(request))
-    live.close()
-    for name, row in isi.open(home).inserted.items():
-        np.testing.assert_allclose(row.vector, live.inserted[name].vector, rtol=0, atol=1e-6)

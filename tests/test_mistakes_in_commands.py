@@ -18,35 +18,42 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from tests.mistakes import assert_names, of_pykeen
-from tests.mistakes.calls import Called, Typed, lay_out
-from tests.mistakes.commands import COMMAND_CASES
+from tests.mistakes import assert_names, commands, graphs, of_pykeen
+from tests.mistakes.calls import Called, Typed, lay_out, listed
 from tests.mistakes.folders import FOLDER_CASES
-from tests.mistakes.graphs import EXPORT_CASES, GRAPH_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import FIT_CASES, INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
-from tests.mistakes.settings import (
-    HEADLINE_CASES,
-    OTHER_CASES,
-    PARAMS_CASES,
-    RECORD_CASES,
-    SOURCES_CASES,
-)
+from tests.mistakes.settings import PARAMS_CASES, RECORD_CASES
 from tests.small_embedding import call, fit
 
-#: By module: the beginning of its lines of refusal, and mistakes in its command line.
-PROGRAMS: dict[str, tuple[str, list[Typed]]] = {
-    "isi": ("isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
-    "stages.record": ("record: ", RECORD_CASES),
-    "stages.check_params": ("", PARAMS_CASES),
-    "tools.headline": ("headline: ", HEADLINE_CASES),
-    "tools.sources": ("", SOURCES_CASES),
-    **{name: ("", cases) for name, cases in OTHER_CASES.items()},
-}
+#: Mistakes in command lines by program.
+PROGRAMS = listed(
+    changed=commands.changed,
+    distances=commands.distances,
+    inserted_elsewhere=commands.inserted_elsewhere,
+    large=commands.large,
+    twins=commands.twins,
+    elsewhere=graphs.elsewhere,
+    misnamed=graphs.misnamed,
+    misspelt=graphs.misspelt,
+    smaller=graphs.smaller,
+    texts=graphs.texts,
+    write_experiment=graphs.write_experiment,
+)
+PROGRAMS["isi"] += [
+    *commands.COMMAND_CASES,
+    *FOLDER_CASES,
+    *IMPORT_CASES,
+    *graphs.GRAPH_CASES,
+]
+PROGRAMS["stages.check_params"] += PARAMS_CASES
+PROGRAMS["stages.record"] += RECORD_CASES
+#: By program: the beginning of its lines of refusal.
+SAYS = {"isi": "isi", "stages.record": "record: ", "tools.headline": "headline: "}
 TYPED = [
-    pytest.param(module, says, case, id=f"{module}: {case.what}")
-    for module, (says, cases) in PROGRAMS.items()
+    pytest.param(module, case, id=f"{module}: {case.what}")
+    for module, cases in PROGRAMS.items()
     for case in cases
 ]
 
@@ -112,13 +119,12 @@ def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lay_out(tmp_path_factory.mktemp("typed") / "folder")
 
 
-@pytest.mark.parametrize(("module", "says", "case"), TYPED)
+@pytest.mark.parametrize(("module", "case"), TYPED)
 def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
     laid_out: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     module: str,
-    says: str,
     case: Typed,
 ) -> None:
     if case.needs:
@@ -129,7 +135,7 @@ def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
     case.before()
     before = files()
     line, status, printed = line_of(module, case)
-    assert (line.startswith(says), status, printed) == (True, case.status, "")
+    assert (line.startswith(SAYS.get(module, "")), status, printed) == (True, case.status, "")
     assert_names(line, case.names)
     assert files() == before
 

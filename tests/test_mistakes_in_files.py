@@ -11,23 +11,11 @@ from isi.extras import procthor_houses
 from isi.sources import triples
 from isi.tables import paths
 from stages.mine import mine
-from tests.fuzz import formats
-from tests.mistakes import LOG, Case, assert_names, files_of, listed, scenes
+from tests.mistakes import LOG, Case, assert_names, files_of
+from tests.mistakes.files import FILE_CASES
+from tools.fuzz import formats
 
 ROOT = Path(__file__).parent.parent
-CASES = [
-    *scenes.SCENE_CASES,
-    *scenes.EVENT_CASES,
-    *scenes.RECORDING_CASES,
-    *scenes.HOUSE_CASES,
-    *listed.TABLE_CASES,
-    *listed.RDF_CASES,
-    *listed.MP3D_CASES,
-    *listed.SHIPPED_CASES,
-    *listed.ID_CASES,
-    *listed.BEHAVIOR_CASES,
-    *listed.WORD_CASES,
-]
 
 
 @pytest.fixture
@@ -44,7 +32,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, id=f"{case.format}: {case.what}") for case in CASES]
+    "case", [pytest.param(case, id=f"{case.format}: {case.what}") for case in FILE_CASES]
 )
 def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
     folder: Path, case: Case, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

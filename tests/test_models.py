@@ -3,7 +3,6 @@ and their accuracy near zero.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
@@ -27,7 +26,7 @@ from isi.models.model import (
     make_model,
     register_model,
 )
-from isi.models.scoring import EPSILON, Distance, padded
+from isi.models.scoring import EPSILON, Distance
 from isi.models.stack import select, uniform
 from isi.tables import paths
 from isi.training import trainer
@@ -268,17 +267,6 @@ def test_a_distance_of_nothing_has_a_finite_gradient(squared: bool) -> None:
     assert listed.tolist() == pytest.approx([nearest] * 2)
     for table in backward(torch.ones(2)):
         assert table.abs().max() == 0
-
-
-def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
-    values = torch.linspace(-7, 7, 1003)
-    functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
-    for function in functions:
-        whole = padded(function, values)
-        assert all(
-            torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40)
-        )
-        assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
 
 
 def test_rotate_starts_with_phases_all_around() -> None:

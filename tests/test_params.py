@@ -29,14 +29,6 @@ def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
     return load(path)
 
 
-CROSS_VALIDATION: dict[str, object] = {
-    "experiments": ["ai2thor"],
-    "folds": 5,
-    "dimension": [40, 200],
-    "ratio": [1, 5, 18],
-    "learning_rate": [0.025, 0.05, 0.2, 0.4],
-    "weight_decay": [0.0, 0.0001, 0.01],
-}
 HOUSES: dict[str, object] = {
     "reader": "mp3d_houses",
     "folder": "houses",
@@ -55,94 +47,13 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     assert params.initializers["ers"] == {"k": 9, "candidates": 30}
 
 
-AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
+REFUSED = yaml.safe_load((Path(__file__).parent / "refused_params.yaml").read_text("utf-8"))
 #: Unknown or missing keys.
-KEYS: list[tuple[str, object]] = [
-    *((key, 1) for key in (
-        "typo", f"{AI2THOR}.typo", f"{TRANSFER}.graph.extend.typo", "initializers.es.typo",
-        "models.transe.typo", "sources.mp3d.typo", "sweep.typo",
-        "compare_models.models.analogy.typo",
-    )),
-    *((key, DROP) for key in (
-        "seed", "training", f"{AI2THOR}.graph", f"{AI2THOR}.graph.min_count",
-        f"{AI2THOR}.sessions.seeds", "initializers.ers.k", "sources.mp3d.reader",
-        "sources.mp3d.rooms", "models.rotate.margin",
-    )),
-]  # fmt: skip
-#: Values of a wrong type or out of range.
-WRONG: list[tuple[str, object]] = [
-    ("seed", "0"), ("seed", -1), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
-    ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"),
-    ("sources.ai2thor.reader", "unity"), ("sources.ai2thor.reader", None),
-    ("sources.mp3d", {**HOUSES, "folder": None}), ("sources.mp3d.rooms", {}),
-    ("sources.mp3d.vocabulary", {"structure": []}), ("experiments", {}),
-    (f"{AI2THOR}.graph.min_count", 0), (f"{TRANSFER}.graph.extend.min_observations", 0),
-    (f"{AI2THOR}.sessions.novel", "all"), (f"{AI2THOR}.sessions.seeds", True),
-    (f"{AI2THOR}.sessions.seeds", 30.0), (f"{AI2THOR}.sessions.sizes", []),
-    (f"{AI2THOR}.sessions.sizes", [1, 0]), (f"{AI2THOR}.sessions.sizes", [1, "2"]),
-    (f"{AI2THOR}.full_curves.sizes", 5), (f"{AI2THOR}.full_curves.initializers", []),
-    (f"{AI2THOR}.initializers", "xavier"), ("words.text", "definitions"), ("sessions.valid", 0.0),
-    ("sessions.test", 1.0), ("sessions.insert_fraction", 1.01), ("embedding.dimension", 0),
-    ("models.transe.margin", 0), ("models.analogy", {"margin": 1.0}), ("negatives.mode", "all"),
-    ("training.learning_rate", float("nan")), ("training.weight_decay", -1e-3),
-    ("convergence.margin", 1), ("initializers", {}), ("initializers.xavier", {"k": 3}),
-    ("initializers.es", {}), ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"),
-    ("sweep.initializers", {}), ("sweep.k", []), ("cross_validation.experiments", "ai2thor"),
-    ("cross_validation.folds", 1), ("explorer.seed", -1), ("compute.workers", 0),
-    ("compute.engine", "threads"), ("compute.scheduler", "localhost:8786"),
-    ("compute.scheduler", "tcp://localhost"),
-]  # fmt: skip
-#: Values that contradict another key, or names that do not exist.
-DISAGREEING: list[tuple[str, object]] = [
-    (f"{AI2THOR}.graph.source", "home"),
-    (f"{TRANSFER}.graph.extend.source", "home"),
-    (f"{TRANSFER}.graph.extend.candidates", 9),  # fewer than the sampled entities
-    (f"{TRANSFER}.graph.extend.always", ["fan", "fan"]),
-    (f"{TRANSFER}.sessions.sizes", [51]),
-    (f"{TRANSFER}.sessions.sizes", [5, 10]),  # where novel is added
-    (f"{TRANSFER}.sessions.steps", 6),  # of 10 of 50
-    (f"{TRANSFER}.sessions.novel", "any"),  # though its graph is extended
-    (f"{AI2THOR}.sessions.novel", "added"),  # though its graph is not
-    (f"{AI2THOR}.sessions.novel", ["room", "room"]),
-    (f"{AI2THOR}.sessions.sizes", [1, 2, 1]),
-    (f"{AI2THOR}.full_curves.initializers", ["xaver"]),
-    (f"{AI2THOR}.initializers", ["xaver"]),
-    (f"{AI2THOR}.initializers", ["es", "es"]),
-    ("rate_sweep.initializers", ["xaver"]),
-    ("sessions.test", 0.9),  # with 0.1 to validate on, nothing is left to train on
-    ("embedding.model", "analog"),
-    ("models.analog", {}),
-    ("initializers.xaver", {}),
-    ("initializers.joint", {}),
-    ("embedding.dimension", 50),  # halves of 25 make no 2x2 blocks
-    ("plots.initializers", ["xaver"]),
-    ("sweep.experiments", ["home"]),
-    ("sweep.initializers", {"xaver": {}}),
-    ("sweep.initializers.ers", {}),
-    ("sweep.initializers.es.candidates", 30),
-    ("sweep.k", [2, 1]),
-    ("sweep.k", [1, 1, 2]),
-    ("sweep.size", 11),
-    ("sweep.seeds", 31),
-    ("rate_sweep.experiments", ["home"]),
-    ("rate_sweep.factors", [1]),
-    ("rate_sweep.factors", [2.0, 2.0]),
-    ("rate_sweep.size", 11),
-    ("cross_validation.dimension", [30]),
-    ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
-    ("trajectory.size", 11),
-    ("trajectory.seed", 30),
-    ("explorer.size", 11),
-    ("explorer.seed", 30),
-    ("compare_models.seeds", 31),
-    ("compare_models.models", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
-    ("query_breakdown.experiments", ["ai2thor", "ai2thor"]),
-    ("affordances.entities", ["fan", "fan"]),
-    ("compute.engine", "dask"),  # and no scheduler
-]
+KEYS = [*((key, 1) for key in REFUSED["unknown"]), *((key, DROP) for key in REFUSED["missing"])]
+VALUES = [case for entry in REFUSED["wrong"] + REFUSED["disagreeing"] for case in entry.items()]
 
 
-@pytest.mark.parametrize(("key", "value"), KEYS + WRONG + DISAGREEING)
+@pytest.mark.parametrize(("key", "value"), KEYS + VALUES)
 def test_what_params_may_not_say_is_refused_by_its_key(
     tmp_path: Path, key: str, value: object
 ) -> None:

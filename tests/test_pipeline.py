@@ -22,9 +22,10 @@ from safetensors.torch import load_file, save_file
 
 from isi.live.folder import read
 from isi.report import stats
-from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, dvc, set_param, stages_run
+from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace
 
+__all__ = ["dvc"]
 ISI = ("es", "rs", "ers")
 SWEPT, RATED = ("es", "ers"), ("xavier", "es")
 ANALYSES = (
@@ -45,7 +46,7 @@ SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory, dvc: Dvc) -> Path:
     """A workspace in which the pipeline has run."""
     pipeline = tmp_path_factory.mktemp("pipeline")
     workspace.make(pipeline, SMALL)
@@ -333,7 +334,9 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
     assert set(runs["epoch"]) == set(range(SMALL["finetuning.max_epochs"] + 1))
 
 
-def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(folder: Path) -> None:
+def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
+    folder: Path, dvc: Dvc
+) -> None:
     insertion = {f"insert@ai2thor-{name}" for name in INITIALIZERS}
     of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "rank_affordances@transfer"}
     edits: dict[str, tuple[object, set[str]]] = {
@@ -417,7 +420,7 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
             assert not after
 
 
-def test_the_number_of_workers_re_runs_nothing_and_changes_no_byte(folder: Path) -> None:
+def test_the_number_of_workers_re_runs_nothing_and_changes_no_byte(folder: Path, dvc: Dvc) -> None:
     set_param(folder, "compute.workers", 1)
     set_param(folder, "compute.stack", 3)
     assert not stages_run(dvc(folder, "repro"))

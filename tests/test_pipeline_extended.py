@@ -7,9 +7,10 @@ import pandas as pd
 from safetensors.torch import load_file
 
 from tests import documented
-from tests.small_pipeline import SMALL, dvc, set_param, stages_run
+from tests.small_pipeline import SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace
 
+__all__ = ["dvc"]
 #: Household words, so that each has a word vector: head, relation, tail and count.
 NOTEBOOK = [
     f"{head},{relation},{tail},{1 + number % 3}"
@@ -67,7 +68,7 @@ def replace_once(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path) -> None:
+def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc: Dvc) -> None:
     """The steps of docs/extending.md, with its code and params."""
     changes: dict[str, Any] = {
         key: value for key, value in SMALL.items() if not key.startswith("experiments.")

@@ -16,8 +16,8 @@ from isi.graph.files import guess, read_graph
 from isi.sources.ai2thor import ABSENT, EMPTY, ROOMLESS
 from isi.sources.recordings import AFFORDANCES
 from isi.sources.spark_dsg import UNLABELLED
-from tests.fuzz.formats import HOME
 from tests.observing import TRIPLE, observe, refused, written
+from tools.fuzz.formats import HOME
 
 #: Written by spark-dsg 1.1.3: two rooms, kitchen and one of unknown class; labels of objects 5
 #: (arm_chair) and 6 (Mug).

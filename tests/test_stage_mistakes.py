@@ -24,7 +24,7 @@ from isi.sources import KINDS as KIND_TABLE
 from isi.sources import OBSERVATIONS
 from isi.tables import io, paths
 from isi.tables.table import concat
-from tests import small
+from tests import stage_run
 from tests.stage_workspace import (
     KINDS,
     OBSERVED,
@@ -145,7 +145,7 @@ def test_a_sound_file_after_a_broken_one_replaces_the_earlier_output(
     for path in (paths.PARAMS, paths.PIPELINE):  # a byte order mark is read over
         (workspace / path).write_bytes(b"\xef\xbb\xbf" + (workspace / path).read_bytes())
     with chdir(workspace):
-        small.run("build_graph ai2thor")
+        stage_run.run("build_graph ai2thor")
     assert capsys.readouterr().err == ""
     assert ENTITIES.read_file(workspace / ENTITIES.path(experiment="ai2thor"))[
         "entity"
@@ -168,7 +168,7 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
     write(workspace, RUNS.path(experiment="ai2thor", model="joint"), concat([], RUNS), RUNS)
     with chdir(workspace):
         WORD_VECTORS.write({"vectors": torch.ones(2, 3)}, "embed_words", experiment="ai2thor")
-        small.run("insert ai2thor es")
+        stage_run.run("insert ai2thor es")
     for table in (RUNS, TIES, INSERTED):
         path = table.path(experiment="ai2thor", model="es", initializer="es")
         assert table.read_file(workspace / path).empty

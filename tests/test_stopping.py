@@ -15,12 +15,12 @@ import psutil
 import pytest
 import yaml
 
-from tests import sleepers
+from tests import endless
 from tests.environment import ENVIRONMENT, PATIENCE, wait_for
 from tools import workspace as workspaces
 
 ROOT = Path(__file__).parent.parent
-SLEEP = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
+SLEEP = "import sys; from tests import endless; endless.main(sys.argv[1])"
 #: Writes half a file, says so, and sleeps.
 WRITE = """
 import sys, time
@@ -102,9 +102,9 @@ def _heed_ctrl_c() -> None:
 
 
 def asleep(folder: Path) -> Callable[[], bool]:
-    """A function that tells whether all workers of ``sleepers`` sleep."""
+    """A function that tells whether all workers of ``endless`` sleep."""
     return lambda: (
-        len([path for path in folder.iterdir() if path.name.isdigit()]) == sleepers.WORKERS
+        len([path for path in folder.iterdir() if path.name.isdigit()]) == endless.WORKERS
     )
 
 
@@ -124,7 +124,7 @@ def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
         out, err = stage.communicate(timeout=PATIENCE)
         assert (stage.returncode, out) == (status, "")
         assert (
-            err == f"sleepers: stopped by {signalled.name}; no file is half-written; run it again\n"
+            err == f"endless: stopped by {signalled.name}; no file is half-written; run it again\n"
         )
         assert wait_for(lambda: not session(stage.pid)), session(stage.pid)
 
@@ -138,7 +138,7 @@ def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> N
         _, err = stage.communicate(timeout=PATIENCE)
         assert stage.returncode == 1
         assert len(err.splitlines()) == 1
-        assert err.startswith("sleepers: params.yaml: compute.workers: a worker process was killed")
+        assert err.startswith("endless: params.yaml: compute.workers: a worker process was killed")
 
 
 @pytest.mark.parametrize("killed", ["parent", "stage"])
@@ -207,7 +207,7 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
         assert dvc.returncode not in (0, None)
         assert "Traceback" not in err
         assert (
-            "sleepers: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
+            "endless: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
         )
         assert len([line for line in err.splitlines() if line]) == 2  # DVC's own: the stage failed
         assert wait_for(lambda: not session(dvc.pid)), session(dvc.pid)

@@ -19,7 +19,7 @@ from isi.report import data, paper_values
 from isi.report.page import Page
 from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results, svg_alone
-from tests.strange import STRANGE, changed, of_experiments, tied
+from tests.unusual_results import STRANGE, changed, of_experiments, tied
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
 
@@ -69,7 +69,7 @@ def strange(draw: st.DrawFn) -> data.Results:
 
 
 @settings(
-    max_examples=3,
+    max_examples=2,
     deadline=None,
     derandomize=True,
     phases=[Phase.explicit, Phase.generate],
@@ -85,10 +85,16 @@ def test_strange_results_make_a_whole_report(
 
 
 @pytest.mark.parametrize(
-    "what", ["there are no queries", "a paper that states nothing", "studies without rows"]
+    "changes",
+    [("there are no queries",), ("a paper that states nothing", "studies without rows")],
 )
-def test_analyses_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
-    assert "–" in words(written(tmp_path, STRANGE[what](few_results())))
+def test_analyses_of_strange_results_are_shown_too(
+    tmp_path: Path, changes: tuple[str, ...]
+) -> None:
+    results = few_results()
+    for change in changes:
+        results = STRANGE[change](results)
+    assert "–" in words(written(tmp_path, results))
 
 
 def test_a_collapsed_model_is_named() -> None:
@@ -130,18 +136,15 @@ def lines(folder: Path) -> dict[tuple[str, int], str]:
     }
 
 
-def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_roundings(
+def test_the_noise_of_another_processor_changes_nothing(
     tmp_path: Path,
 ) -> None:
     plain = few_results()
-    folders = [tmp_path / name for name in ("plain", "little", "more")]
+    folders = [tmp_path / "plain", tmp_path / "noisy"]
     with svg_alone():
-        for folder, size in zip(folders, (0, 1e-9, 1e-6), strict=True):
+        for folder, size in zip(folders, (0, 1e-9), strict=True):
             Page.of("report").write(folder, noisy(plain, size))
-    first, little, more = (lines(folder) for folder in folders)
-    assert little == first
-    assert first.keys() == more.keys()
-    assert sum(line != more[place] for place, line in first.items()) < 0.005 * len(first)
+    assert lines(folders[0]) == lines(folders[1])
 
 
 BROKEN: list[tuple[str, str | bytes, str]] = [

@@ -32,7 +32,7 @@ from isi.experiment.train import TrainConfig, evaluate_stack
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
-from tests import small
+from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
 from tests.beyond_entries import (
     READING_CASE,
@@ -342,7 +342,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sizes 1 and 2 and two seeds.
     """
     folder: Path = tmp_path_factory.mktemp("variants")
-    small.run_all(folder)
+    stage_run.run_all(folder)
     return folder
 
 
@@ -355,12 +355,12 @@ def varied(
 
     def run(stack: int = 2, **settings: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
         list_entries(
-            variants={"own": VARIANT | {"experiments": [small.NAME], "size": 2} | settings}
+            variants={"own": VARIANT | {"experiments": [stage_run.NAME], "size": 2} | settings}
         )
         params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
         params["compute"]["stack"] = stack
         paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-        small.run("vary own")
+        stage_run.run("vary own")
         return VARIANT_RUNS.read(variant="own"), VARIANT_QUERIES.read(variant="own")
 
     return run
@@ -380,7 +380,7 @@ def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stac
     runs, answers = varied(**settings)
     assert set(runs["model"]) == set(answers["model"]) == {"rs", "soft_es", "joint"}
     for frame in (runs, answers):
-        assert set(frame["experiment"]) == {small.NAME}
+        assert set(frame["experiment"]) == {stage_run.NAME}
         assert set(frame["size"]) == {2}
         assert set(frame["seed"]) == {0, 1}
     assert runs.groupby("model", observed=True)["epoch"].max().to_dict() == {

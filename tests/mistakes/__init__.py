@@ -6,13 +6,16 @@ import gzip
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
-from tests.fuzz import formats
-from tests.fuzz.formats import ENTITIES, THINGS
-from tests.fuzz.mutations import Files
+from tools.fuzz import formats
+from tools.fuzz.formats import THINGS
+from tools.fuzz.mutations import Files
 
 MUG, SHELF, FORK, FLOOR = THINGS
 LOG = "head,relation,tail\nmug,atLocation,kitchen\n"
@@ -24,7 +27,7 @@ class Case:
     """A mistake in files of a format."""
 
     what: str
-    #: the format (``tests.fuzz.formats``) whose valid files are changed
+    #: the format (``tools.fuzz.formats``) whose valid files are changed
     format: str
     #: new contents by name of the file; None: the file is missing
     files: dict[str, str | bytes | None]
@@ -86,18 +89,36 @@ def log(what: str, rows: str, names: str, **settings: object) -> Case:
     )
 
 
-def entities(what: str, row: str, names: str) -> Case:
-    """A case with a mistake in a table of entities."""
-    return Case(what, "table, CSV", {"entities.csv": ENTITIES + row}, names)
-
-
 def changed(
     what: str, form: str, file: str, old: str, new: str, names: str, **settings: object
 ) -> Case:
     """A case in which ``new`` replaces the first ``old`` in the text of a file."""
-    text = formats.FORMATS[form].files[file].decode()
-    assert old in text
-    return Case(what, form, {file: text.replace(old, new, 1)}, names, settings)
+    content = replaced(formats.FORMATS[form].files[file].decode(), {old: new})
+    return Case(what, form, {file: content}, names, settings)
+
+
+def replaced(text: str, changes: dict[str, str]) -> str:
+    """A text in which the first place of each key has the value."""
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def listed() -> list[Case]:
+    """The cases of `files.yaml`."""
+    cases = []
+    by_format = yaml.safe_load((Path(__file__).parent / "files.yaml").read_text(encoding="utf-8"))
+    for form, mistakes in by_format.items():
+        valid = formats.FORMATS[form].files
+        for mistake in mistakes:
+            files = {
+                name: replaced(valid[name].decode(), new) if isinstance(new, dict) else new
+                for name, new in mistake.get("files", {}).items()
+            }
+            settings = mistake.get("settings", {})
+            cases.append(Case(mistake["what"], form, files, mistake["says"], settings))
+    return cases
 
 
 def vectors(what: str, content: bytes, names: str, binary: bool = False) -> Case:

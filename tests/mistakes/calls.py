@@ -4,7 +4,7 @@ and the places that the message must name.
 
 import gzip
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,17 +45,13 @@ class Called:
     names: str  #: parts that the message names, with | between them
 
 
-def put(**files: str | bytes) -> Callable[[], object]:
-    """A function that writes files; ``__`` in a name means the dot before its suffix."""
+def put(files: Mapping[str, str | bytes]) -> Callable[[], object]:
+    """A function that writes files."""
 
     def write() -> None:
         for name, content in files.items():
-            path = Path(name.replace("__", "."))
-            path.write_bytes(
-                content
-                if isinstance(content, bytes)
-                else content.encode("utf-8", "surrogateescape")
-            )
+            Path(name).parent.mkdir(parents=True, exist_ok=True)
+            Path(name).write_bytes(content if isinstance(content, bytes) else content.encode())
 
     return write
 
@@ -71,6 +67,24 @@ def params(changes: dict[str, Any]) -> Callable[[], object]:
         )
 
     return write
+
+
+def listed(**functions: Callable[[], object]) -> dict[str, list[Typed]]:
+    """The cases of `commands.yaml` by program; ``functions``: those that `before` names."""
+    text = (Path(__file__).parent / "commands.yaml").read_text(encoding="utf-8")
+    programs: dict[str, list[Typed]] = {}
+    for program, mistakes in yaml.safe_load(text).items():
+        programs[program] = []
+        for mistake in mistakes:
+            typed = mistake["typed"]
+            before = functions.get(mistake.get("before", ""), nothing)
+            if "files" in mistake:
+                before = put(mistake["files"])
+            if "params" in mistake:
+                before = params(mistake["params"])
+            about, status = mistake.get("what", typed), mistake.get("status", 1)
+            programs[program].append(Typed(about, typed, mistake["says"], before, status))
+    return programs
 
 
 def lay_out(folder: Path) -> Path:

@@ -61,24 +61,6 @@ def lines(*records: object) -> bytes:
 
 PARAMS_CASES = [
     Typed(
-        "an initializer twice",
-        "beyond",
-        "params.yaml|experiments.ai2thor",
-        before=params({"experiments.ai2thor.initializers": ["es", "es"]}),
-    ),
-    Typed(
-        "a study of an unknown experiment",
-        "beyond",
-        "params.yaml|sweep.experiments",
-        before=params({"sweep.experiments": ["ai2tor"]}),
-    ),
-    Typed(
-        "a dimension that the model does not have",
-        "beyond",
-        "params.yaml|embedding.dimension",
-        before=params({"embedding.dimension": 50}),
-    ),
-    Typed(
         "a variant of an unknown initializer",
         "beyond",
         "beyond/params.yaml|variants.baselines.initializers",
@@ -127,27 +109,9 @@ PARAMS_CASES = [
 ]
 
 RECORD_CASES = [
-    Typed("a build that there is not", "--platform nowhere/thor", "params.yaml|recorder.platform"),
-    Typed(
-        "a build that needs a display",
-        "--platform Linux64",
-        "params.yaml|recorder.platform|Linux64",
-    ),
-    Typed("a folder as the build", "--platform .", "params.yaml|recorder.platform"),
-    Typed("floor plans twice", "--scenes FloorPlan1 FloorPlan1-3", "params.yaml|recorder.scenes"),
-    Typed(
-        "a range that ends before it begins", "--scenes FloorPlan3-1", "params.yaml|recorder.scenes"
-    ),
-    Typed("the name of no floor plan", "--scenes ../FloorPlan1", "params.yaml|recorder.scenes"),
     Typed("no layouts", "", "params.yaml|recorder.spawns", before=player(spawns=[])),
     Typed(
         "a layout that is no seed", "", "params.yaml|recorder.spawns.0", before=player(spawns=["3"])
-    ),
-    Typed(
-        "params without the recorder",
-        "",
-        "params.yaml|recorder",
-        before=lambda: paths.PARAMS.write_text("seed: 0\n", encoding="utf-8"),
     ),
     Typed("an empty file where the recording is to be", "", "r", before=player(b"")),
     Typed("a file that is none", "", "r|byte 0", before=player(b"a photograph")),
@@ -176,32 +140,3 @@ RECORD_CASES = [
         ),
     ),
 ]
-
-HEADLINE_CASES = [
-    Typed("no report yet", "reports", "reports/metrics.json|there is no report yet"),
-    Typed(
-        "a report that is broken",
-        ".",
-        "metrics.json",
-        before=lambda: Path("metrics.json").write_text("{", encoding="utf-8"),
-    ),
-]
-
-SOURCES_CASES = [
-    Typed("a source that there is not", "whales", "'whales'"),
-    Typed(
-        "a source of a name that is there",
-        "--params mine.yaml published",
-        "mine.yaml|ai2thor",
-        before=lambda: Path("mine.yaml").write_text(
-            "sources: {ai2thor: {reader: table}}", encoding="utf-8"
-        ),
-    ),
-]
-
-OTHER_CASES = {
-    "tools.verify": [Typed("nothing has run yet", "", "verify")],
-    "tools.wordnet": [Typed("no folder of WordNet's", "nowhere", "nowhere/index.noun")],
-    "tools.glove": [Typed("another file", "log.csv", "log.csv")],
-    "tools.workspace": [Typed("a change without a value", "out --set seed", "workspace|--set")],
-}

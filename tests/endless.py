@@ -25,7 +25,7 @@ def sleep(points: GridPoints) -> None:
 
 def main(folder: str) -> None:
     tie_to_parent()
-    with errors_in_one_line("sleepers"):
+    with errors_in_one_line("endless"):
         _sleep(folder)
 
 

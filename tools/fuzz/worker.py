@@ -19,9 +19,9 @@ from typing import Any, Literal, Self
 import torch
 
 from isi.errors import InputError
-from tests.fuzz.faulty import FAULTY
-from tests.fuzz.formats import FORMATS
-from tests.fuzz.mutations import Files
+from tools.fuzz.faulty import FAULTY
+from tools.fuzz.formats import FORMATS
+from tools.fuzz.mutations import Files
 
 MEMORY = 2 * 2**30
 SECONDS = 10
@@ -29,7 +29,7 @@ SECONDS = 10
 PATIENCE = 120
 #: Modules imported before the memory limit is set, since their memory does not depend on the files.
 PRELOADED = [
-    "tests.fuzz.worker",
+    "tools.fuzz.worker",
     "gensim.models",
     "safetensors.torch",
     "rdflib.plugins.parsers.notation3",

@@ -33,8 +33,8 @@ from isi.tables import io as tables
 from isi.tables import paths
 from isi.tables.table import as_text
 from tests import procthor
-from tests.fuzz.mutations import Files
 from tests.small_live import KNOWN, assert_same, live_of, seen
+from tools.fuzz.mutations import Files
 
 ROOT = Path(__file__).parent.parent.parent
 OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.fuzz.campaign import read_changed, try_giants
-from tests.fuzz.formats import FORMATS
-from tests.fuzz.mutations import GZIP
-from tests.fuzz.worker import Worker
+from tools.fuzz.campaign import read_changed, try_giants
+from tools.fuzz.formats import FORMATS
+from tools.fuzz.mutations import GZIP
+from tools.fuzz.worker import Worker
 
 INPUTS = 16
 #: Titles of the largest files that are refused within a short time.

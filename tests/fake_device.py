@@ -17,7 +17,7 @@ _TAKING_INDICES = {Tensor.__getitem__, Tensor.__setitem__}
 _HOST_ONLY = {Tensor.numpy, Tensor.__array__}
 
 
-class Pretend(TorchFunctionMode):
+class FakeDevice(TorchFunctionMode):
     """Records which tensors are on ``DEVICE``;
     mixing them with CPU tensors or converting them to arrays raises.
     """

@@ -74,7 +74,7 @@ class Fault:
     """
 
     whom: str
-    how: str
+    cause: str
     #: the stage that was running
     stage: str
     #: exit status of the run; 0 if it recovered
@@ -178,7 +178,12 @@ class Workspace:
             (self.folder / "dvc.lock").unlink(missing_ok=True)
 
     def strike(
-        self, whom: str, how: signal.Signals, after: float, chosen: random.Random, running: str = ""
+        self,
+        whom: str,
+        cause: signal.Signals,
+        after: float,
+        chosen: random.Random,
+        running: str = "",
     ) -> Fault | None:
         """Start a run, and send a signal to one of its processes after ``after`` seconds;
         None if the run has ended.
@@ -199,13 +204,13 @@ class Workspace:
                 return None
             stage = _stage_of(run.pid)
             with suppress(*ENDED):
-                chosen.choice(victims).send_signal(how)
+                chosen.choice(victims).send_signal(cause)
             try:
                 run.communicate(timeout=MOST)
             except subprocess.TimeoutExpired as error:
                 raise Lost(f"the run never ends, in {stage}") from error
             _nobody_left(run.pid)
-            return Fault(whom, how.name, stage, run.returncode)
+            return Fault(whom, cause.name, stage, run.returncode)
 
     def starve(self, limit: int | None = None) -> Fault:
         """Run without enough space: the disk is full,
@@ -224,8 +229,8 @@ class Workspace:
         if refusals and "Traceback" in err:
             raise Lost(f"a traceback: {' '.join(err.split())[-300:]}")
         stage = refusals[0].partition(":")[0] if refusals else "DVC itself"
-        how = "full" if limit is None else "files of some KiB at most"
-        return Fault("the disk", how, stage, run.returncode)
+        cause = "full" if limit is None else "files of some KiB at most"
+        return Fault("the disk", cause, stage, run.returncode)
 
 
 def _prepare(parent: int, limit: int | None) -> None:

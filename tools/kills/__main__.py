@@ -6,7 +6,7 @@ random moment. Further runs have a limit on the size of files, or a full file sy
 them, another run must give every output byte for byte as an undisturbed run does, and must leave no
 process and no temporary file.
 
-python -m tests.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
+python -m tools.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
 
 import argparse
@@ -25,7 +25,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from tests.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
+from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
 TABLE = Path("docs/benchmarks/kills.csv")
 
@@ -70,14 +70,14 @@ def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) 
     """Send signals to processes of runs at random moments in [0, ``seconds``];
     pairs (process, signal) alternate.
     """
-    ways = [(whom, how) for whom in WHOM for how in SIGNALS]
+    ways = [(whom, cause) for whom in WHOM for cause in SIGNALS]
     order = [way for _ in range(-(-number // len(ways))) for way in chosen.sample(ways, len(ways))]
-    for whom, how in order[:number]:
+    for whom, cause in order[:number]:
         fault = None
         while fault is None:  # the run may end before the random moment
             after = chosen.uniform(0, seconds)
-            fault = survived(where, partial(where.strike, whom, how, after, chosen))
-        yield replace(fault, whom=whom, how=how.name)
+            fault = survived(where, partial(where.strike, whom, cause, after, chosen))
+        yield replace(fault, whom=whom, cause=cause.name)
 
 
 def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault]:
@@ -117,7 +117,8 @@ def table(faults: Sequence[Fault]) -> str:
     """A CSV table with a row for each kind of process and signal, and one for all."""
     rows = pd.DataFrame(map(asdict, faults))
     rows = rows.assign(status=rows["status"] != 0, lost=rows["lost"] != "")
-    groups = pd.concat([rows, rows.assign(whom="all", how="")]).groupby(["whom", "how"], sort=False)
+    both = pd.concat([rows, rows.assign(whom="all", cause="")])
+    groups = both.groupby(["whom", "cause"], sort=False)
     counts = groups.agg(
         times=("stage", "size"),
         stages=("stage", "nunique"),
@@ -129,7 +130,7 @@ def table(faults: Sequence[Fault]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
     parser.add_argument(
         "--disks",
@@ -153,7 +154,7 @@ def main() -> None:
         for fault in tqdm(every, total=given.kills + 2 * given.disks, unit=" faults", disable=None):
             faults.append(fault)
             print(
-                f"{fault.whom}, {fault.how}, in {fault.stage}: {fault.lost or 'nothing lost'}",
+                f"{fault.whom}, {fault.cause}, in {fault.stage}: {fault.lost or 'nothing lost'}",
                 flush=True,
             )
     given.out.write_text(table(faults), encoding="utf-8")

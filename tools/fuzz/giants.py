@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
-from tests.fuzz.formats import HEADER, HOUSE
-from tests.fuzz.mutations import Files
+from tools.fuzz.formats import HEADER, HOUSE
+from tools.fuzz.mutations import Files
 
 MANY, DEEP = 1_000_000, 1_000_000
 

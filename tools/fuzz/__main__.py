@@ -4,7 +4,7 @@
 Faults (files neither read nor refused in one line within 10 s and 2 GiB) go to .fuzz/, and the exit
 status is then 1.
 
-python -m tests.fuzz [--inputs 10000] [--seed 0] [--format NAME] [--out FILE]
+python -m tools.fuzz [--inputs 10000] [--seed 0] [--format NAME] [--out FILE]
 """
 
 import argparse
@@ -17,8 +17,8 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from tests.fuzz.campaign import Counts, try_format, try_giants
-from tests.fuzz.formats import FORMATS
+from tools.fuzz.campaign import Counts, try_format, try_giants
+from tools.fuzz.formats import FORMATS
 
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.csv")
@@ -34,7 +34,7 @@ COLUMNS = [
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz", description=__doc__)
     parser.add_argument(
         "--inputs", type=int, default=10_000, help="number of files over all formats (10,000)"
     )

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from tests.fuzz.formats import FORMATS
-from tests.fuzz.giants import GIANTS
-from tests.fuzz.mutations import Files, changed
-from tests.fuzz.worker import Outcome, Worker
+from tools.fuzz.formats import FORMATS
+from tools.fuzz.giants import GIANTS
+from tools.fuzz.mutations import Files, changed
+from tools.fuzz.worker import Outcome, Worker
 
 
 @dataclass

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from isi.errors import InputError
-from tests.fuzz.formats import Format
+from tools.fuzz.formats import Format
 
 OUT = Path("out/table.parquet")
 

@@ -1,40 +1,38 @@
-"""Invalid scenes, recordings and houses."""
+"""Mistakes in files that are binary, large or made from valid ones; `files.yaml` has the others."""
 
 import gzip
 import json
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
-from tests.fuzz.formats import EVENTS, HOME, THINGS, small_scene_graph
 from tests.mistakes import (
-    FLOOR,
+    LOG,
     LONG,
     MUG,
     SHELF,
     Case,
+    changed,
     house,
+    listed,
+    log,
     mug,
     of_file,
     recording,
     scene,
     spawned,
+    vectors,
 )
+from tools.fuzz.formats import BINARY, EVENTS, GLOVE, HOME, HOUSE, NT, THINGS, small_scene_graph
 
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
 of_houses, MUG_ID = of_file("houses of ProcTHOR", "houses.jsonl"), MUG["objectId"]
 SCENE_CASES = [
-    of_scene("no file", None),
     of_scene("UTF-16", scene().encode("utf-16")),
     of_scene("cut short", scene()[:-1]),
     of_scene("lists in lists, 200,000 deep", "[" * 200_000 + "]" * 200_000),
     of_scene("a number of 5,000 digits", "[" + "9" * 5_000 + "]"),
     of_scene("more than a scene", " " * (2**26 + 1)),
-    of_scene("no objects", "[]"),
     of_scene("a name that is none", json.dumps({"sceneName": "a\tb", "objects": THINGS}), "scene"),
-    Case("a setting that is no name", "scene", {}, "room", {"room": " "}),
-    Case("no path", "scene", {}, "sources.fuzz.path", {"path": "a\0b"}),
-    of_scene("nothing but a floor", scene(FLOOR | {"receptacleObjectIds": []})),
-    of_scene("an object without an id", scene({"objectType": "Mug"}), "scene.0.objectId"),
     of_scene(
         "half a character (a lone surrogate) in an id",
         scene(MUG | {"objectId": "\ud800"}),
@@ -69,18 +67,6 @@ SCENE_CASES = [
     mug("an object in itself", f"{MUG_ID}|", parentReceptacles=["Shelf|1", MUG_ID]),
     mug("contents that are not there", f"{MUG_ID}|'Pea|1'", receptacleObjectIds=["Pea|1"]),
     mug("contents that lie elsewhere", f"{MUG_ID}|'Fork|1'", receptacleObjectIds=["Fork|1"]),
-    Case(
-        "a receptacle in what it holds, where that is an error",
-        "scene",
-        {
-            "scene.json": scene(
-                {"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
-                {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]},
-            )
-        },
-        "scene.json|scene, object a",
-        {"circular": "error"},
-    ),
 ]
 
 of_lines, of_list = of_file("scenes, lines", "scenes.jsonl"), of_file("scenes, list", "scenes.json")
@@ -103,33 +89,14 @@ def hall(*objects: object) -> str:
 
 EVENT_CASES = [
     of_lines("a line that is no JSON", json.dumps(EVENTS[0]) + "\n{", "line 2"),
-    of_lines("no event with objects", '{"metadata": {}}\n{"metadata": {"objects": []}}', "objects"),
     of_lines("a line that is no event", json.dumps(EVENTS[0]) + '\n{"mug": {}}', "line 2"),
-    of_lines(
-        "an object without an id",
-        json.dumps(EVENTS[0]) + '\n[{"objectType": "Mug"}]',
-        "line 2, scene.0.objectId",
-    ),
     of_list("an event that is none", json.dumps([*EVENTS, 3]), "event 3"),
     of_list(
         "a type that is no name",
         json.dumps([*EVENTS, {"objects": [MUG | {"objectType": "../Mug"}]}]),
         "event 3, scene.0.objectType|'../Mug'",
     ),
-    of_rooms("no rooms", "{}", "rooms"),
-    of_rooms("rooms that are no list", '{"rooms": {}}', "rooms"),
-    of_rooms("a room without a name", '{"rooms": [{"objects": ["mug"]}]}', "rooms.0.name"),
-    of_rooms("an object without a name", hall({"id": 3}), "rooms.0.objects.0.class"),
-    of_rooms("an object that is a number", hall("mug", 3), "rooms.0.objects.1"),
-    of_rooms(
-        "a receptacle that is no name",
-        hall({"name": "a", "receptacle": {}}),
-        "rooms.0.objects.0.receptacle",
-    ),
-    of_rooms("nothing in the rooms", hall()),
-    of_rooms("a room that is also an object", hall("hall"), "entity 'hall'"),
     of_states("a line that is no JSON", json.dumps(HOME) + "\n[", "line 2"),
-    of_graph("no nodes", "{}", "nodes"),
     of_graph("an edge to a node that is missing", graph("edges", 0, "target", value=5), "edges.0"),
     of_graph("a layer that is text", graph("nodes", 1, "layer", value="ROOMS"), "nodes.1.layer"),
     of_graph(
@@ -150,15 +117,6 @@ EVENT_CASES = [
 ]
 
 RECORDING_CASES = [
-    of_recording("no file", None),
-    of_recording("another file than params vouch for", b"other", "", {"sha256": "0" * 64}),
-    of_recording("neither form", b"a photograph"),
-    Case(
-        "lists of scenes that are missing",
-        "recording of the package",
-        {"r.json": "{}"},
-        "r.json|kitchens",
-    ),
     of_recording("cut short", recording(spawned())[:-12], "line 2"),
     of_recording("damaged", recording(spawned()) + b"????"),
     of_recording("another header", recording(spawned(), header=FORMAT | {"version": 2}), "line 1"),
@@ -181,18 +139,8 @@ RECORDING_CASES = [
 ]
 
 HOUSE_CASES = [
-    of_houses("no file", None, "no such file"),
-    Case(
-        "another file than params vouch for",
-        "houses of ProcTHOR",
-        {},
-        "houses.jsonl|sha256",
-        {"sha256": "0" * 64},
-    ),
-    of_houses("no houses", "\n"),
     of_houses("a line that is no JSON", house() + "\n{", "line 2"),
     of_houses("half a character", house(procthor.thing("Mug\ud800", 1, 1)), "line 1"),
-    of_houses("a key that is missing", json.dumps({"objects": []}), "line 1, rooms"),
     of_houses(
         "a floor at infinity",
         house(procthor.thing("Mug|2|0", float("inf"), 1)),
@@ -216,4 +164,80 @@ HOUSE_CASES = [
     ),
     of_houses("a line that is too long", bytes(2**24 + 1), "line 1"),
     of_houses("no object in a room", house(procthor.thing("Mug|2|0", 99, 1))),
+]
+
+of_rdf = of_file("RDF, N-Triples", "log.nt")
+
+
+TABLE_CASES = [
+    log("text in another encoding", LOG + "caf\udce9,atLocation,kitchen\n", "line 3|UTF-8"),
+    log("a name of 10,000 characters", LOG + f"{LONG},atLocation,kitchen\n", "line 3"),
+    log("a name with a control character", LOG + "a\x1b[2J,atLocation,kitchen\n", "line 3"),
+    log(
+        "a count of 5,000 digits", "head,relation,tail,count\na,b,c," + "9" * 5_000 + "\n", "line 2"
+    ),
+    Case(
+        "a compressed file that is cut short",
+        "table, TSV",
+        {"log.tsv.gz": gzip.compress(LOG.encode())[:-9]},
+        "log.tsv.gz",
+    ),
+]
+
+RDF_CASES = [
+    of_rdf("two things of one name", NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n", "line 7"),
+    of_rdf("a thing without a name", NT + "<http://x.org/> <urn:x:near> <urn:x:%20> .\n", "line 7"),
+]
+
+
+def house_of_matterport(what: str, old: str, new: str, line: int) -> Case:
+    """A case with a mistake in a line of a house of Matterport3D; ``new`` replaces ``old``."""
+    return changed(
+        what, "houses of Matterport3D", "houses/x.house", old, new, f"houses/x.house|line {line}"
+    )
+
+
+MP3D_CASES = [
+    Case(
+        "cut short",
+        "houses of Matterport3D",
+        {"houses/x.house": HOUSE[:-60]},
+        "houses/x.house|line 2",
+    ),
+    house_of_matterport("a record of no known kind", "L 0", f"{LONG} 0", 3),
+    house_of_matterport("a number of 5,000 digits", "O 0 0", f"O {'9' * 5000} 0", 8),
+    house_of_matterport("a category of 10,000 characters", "11 towel", f"11 {LONG}", 9),
+    Case(
+        "a house twice",
+        "houses of Matterport3D",
+        {"houses/y.house": HOUSE},
+        "houses/y.house|house '17DRP5sb8fy'",
+    ),
+]
+
+WORD_CASES = [
+    vectors("no text", b"\xff\xfe1 2\n", ""),
+    vectors("a line cut in the middle", GLOVE[:-9], "line 3"),
+    vectors("a number cut in the middle", GLOVE[:-2], "line 3|line end"),
+    vectors("what is no number", GLOVE + b"bowl 1 x 2\n", "'x'"),
+    vectors("too many numbers", b"3 3\n" + GLOVE.replace(b" 0.1", b" 0.1 4"), "line 2"),
+    vectors("a number behind the token", GLOVE + b". 1 2 3 4\n", "line 4"),
+    vectors("two spaces", GLOVE + b"bowl  1 2 3\n", "line 4"),
+    vectors("no token", GLOVE + b" 1 2 3\n", "line 4"),
+    vectors("numbers of 10¹⁷", GLOVE + b"bowl 1e17 1 1\n", "vector of 'bowl'"),
+    vectors("what is not a number (NaN)", GLOVE + b"bowl nan 1 1\n", "vector of 'bowl'"),
+    vectors("binary, cut short", BINARY[:-6], "unexpected end", binary=True),
+    vectors("binary, of another dimension", BINARY.replace(b"3 3\n", b"3 2\n"), "", binary=True),
+]
+
+FILE_CASES = [
+    *listed(),
+    *SCENE_CASES,
+    *EVENT_CASES,
+    *RECORDING_CASES,
+    *HOUSE_CASES,
+    *TABLE_CASES,
+    *RDF_CASES,
+    *MP3D_CASES,
+    *WORD_CASES,
 ]
