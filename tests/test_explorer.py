@@ -416,4 +416,4 @@ def test_another_model_leaves_the_explorer_out() -> None:
     results = of_experiment(small_results(["home"]), "home", analyses={"explorer": None})
     section = part_of("explorer", results)
     assert section is not None
-    assert [block.kind for block in section.blocks] == ["paragraph"]
+    assert [block.kind for block in section.blocks] == ["prose"]
