@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
-from torch.nn.functional import cosine_similarity
+from torch.nn.functional import cosine_similarity, softplus
 
 from isi.checks.sample import sample_context
 from isi.config import Option
@@ -21,6 +21,7 @@ from isi.initializers import evidence
 from isi.initializers import map as maximum
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.initializers.evidence import Evidence, evidence_of, spread
+from isi.initializers.newton import newton_step, step_size
 from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite, mapped
 from tests.init_contexts import (
@@ -130,6 +131,26 @@ def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(
     assert (as_head[2, 1], as_tail[0, 1], as_tail[2, 3]) == (2, 2, 1)
     untrained = replace(of, trained=torch.zeros_like(of.trained))
     assert evidence.corrupted_known(untrained, 1.0).negative.sum() == 0
+
+
+def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_end(
+    of: InitContext,
+) -> None:
+    weighted, theta0 = evidence.corrupted_known(of, 1.0), of.theta0
+
+    def loss(known_negatives: float) -> Tensor:
+        vectors = insert("map", of, **MEAN | {"known_negatives": known_negatives}).vectors[0]
+        known, relation = (
+            theta0.entity[0][weighted.other[0]],
+            theta0.relation[0][weighted.relation[0]],
+        )
+        novel, is_tail = vectors[:, None].expand_as(known), weighted.is_tail[0, ..., None]
+        head, tail = torch.where(is_tail, known, novel), torch.where(is_tail, novel, known)
+        return (weighted.negative[0] * softplus(theta0.model.score(head, relation, tail))).sum(-1)
+
+    for less, more in itertools.pairwise(map(loss, (0.0, 0.5, 2.0, 8.0))):
+        assert (more < less)[[0, 1, 3]].all()
+        assert more[2] == less[2]  # without insert triples
 
 
 @given(st.lists(st.floats(0.01, 5), min_size=2, max_size=40), st.integers(1, 12))
@@ -270,6 +291,14 @@ def test_without_known_negatives_map_is_map_of_own_facts(of: InitContext) -> Non
     )
 
 
+def test_entities_are_solved_alike_in_batches_of_any_size(
+    of: InitContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = insert("map", of, **MEAN).vectors
+    monkeypatch.setattr(maximum, "BUDGET", 1)
+    torch.testing.assert_close(insert("map", of, **MEAN).vectors, expected)
+
+
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(
     name: str, options: dict[str, Option]
@@ -308,6 +337,23 @@ def test_scores_by_mapped_ends_and_their_slopes_are_those_of_the_model_and_autog
     fast = maximum.score_of(model, is_tail, relation, other)
     torch.testing.assert_close(fast.scores(at), scores.detach(), atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(fast.slopes(at), slopes, atol=1e-4, rtol=1e-4)
+
+
+def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
+    """With a strong prior the objective is nearly a parabola,
+    on which n times the Newton step raises it for n > 2.
+    """
+    of = four_novel(model_named("distmult"))
+    (problem,) = maximum.problems(of, evidence_of(of, 3, 0.0), insert("mean", of).vectors, 1000)
+    at, score = problem.mean, problem.scores(problem.mean)
+    step, _ = newton_step(problem, at, score, problem.slopes(at))
+    for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
+        expected = [share, share, 1, share]  # the third has no insert triples, hence a zero step
+        shares, decrease = step_size(problem, at, score, times * step)
+        assert shares.tolist() == expected
+        there = at + shares[:, None] * times * step
+        lower = problem.objective(score, at) - problem.objective(problem.scores(there), there)
+        torch.testing.assert_close(decrease, lower)
 
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:
@@ -351,3 +397,15 @@ def test_known_vectors_that_do_not_differ_name_their_models(
         )
     assert failed.value.models == [1, 3]
     assert "no covariance" in failed.value.message
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=10)
+def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> None:
+    of = four_novel(seed=seed)
+    plain = np.cov(of.theta0.entity[0, list(KNOWN)].double().numpy().T, bias=True)
+    result = maximum.covariance(of)[0].numpy()
+    assert np.trace(result) == pytest.approx(np.trace(plain))
+    away = result - (1 - maximum.SHRINKAGE) * plain
+    np.testing.assert_allclose(away, np.eye(DIMENSION) * away[0, 0], atol=1e-12)
+    assert np.linalg.eigvalsh(result).min() > 0

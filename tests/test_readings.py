@@ -118,7 +118,7 @@ SEEDS, LAST = [0, 1, 2, 3, 4], 6
 POINTS = points_of(random_graph(13, 3, 80), 2, SEEDS)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(5))
 def test_two_readings_are_the_metric_of_the_product(seed: int) -> None:
     points = points_of(random_graph(13, 3, 80, seed), 2, SEEDS)
     embedding = random_embedding(len(SEEDS), 13, 3, 8, seed)
@@ -129,6 +129,37 @@ def test_two_readings_are_the_metric_of_the_product(seed: int) -> None:
         torch.testing.assert_close(
             values[:, place], results[scope].measures[:, 0], rtol=0, atol=1e-6, equal_nan=True
         )
+
+
+def part_of(points: GridPoints, models: list[int]) -> GridPoints:
+    """Some models of grid points."""
+    seeds = [points.seeds[model] for model in models]
+    return GridPoints(
+        points.experiment,
+        points.graph,
+        points.size,
+        seeds,
+        points.splits[models],
+        points.novel[models],
+    )
+
+
+@pytest.mark.parametrize("models", [[0], [2], [4], [1, 3], [3, 0, 2]])
+def test_no_bit_depends_on_the_other_models_of_a_stack_or_on_pieces(
+    models: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    splits = POINTS.splits.copy()
+    for model in range(len(SEEDS)):  # so that numbers of queries differ
+        splits[model, : 9 * model] = -1
+    points = GridPoints("home", POINTS.graph, 2, SEEDS, splits, POINTS.novel)
+    embedding = random_embedding(len(SEEDS), 13, 3, 8)
+    whole, chosen = of_points(points, embedding)[models], select(embedding, torch.tensor(models))
+    part = of_points(part_of(points, models), chosen)
+    monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 13 * 7)  # few queries at a time
+    pieces = of_points(part_of(points, models), chosen)
+    assert whole.isnan().any() < whole.isfinite().any()
+    for other in (part, pieces):
+        assert torch.equal(whole.nan_to_num(-1), other.nan_to_num(-1))
 
 
 # Loops, from the words of ``isi.evaluation.readings`` alone
@@ -301,6 +332,26 @@ def test_a_run_ends_once_it_has_reached_every_target_and_open_readings_have_no_e
         assert watch.epochs[model].tolist() == pytest.approx(expected, nan_ok=True)
     assert (min(ended) < LAST) == bool(number)
     assert watch.seen == []
+
+
+def test_a_run_stops_where_every_reading_has_converged() -> None:
+    queries, embeddings, values = curves()
+    watch = ReadingWatch(queries, values[2], LAST, [], curves=False)
+    ended = run_watch(watch, embeddings)
+    assert ended == [2] * len(SEEDS)
+    assert (np.isnan(watch.epochs) | (watch.epochs <= 2)).all()
+
+
+def test_known_and_novel_targets_have_to_be_reached_in_one_epoch() -> None:
+    queries, embeddings, values = curves()
+    watch = ReadingWatch(queries, targets_of(values), LAST, [], curves=True)
+    run_watch(watch, embeddings)
+    both, known, novel = (
+        watch.epochs[:, [about in name for name in NAMES]] for about in ("both", "known", "novel")
+    )
+    asked = np.isfinite(known) & np.isfinite(novel)
+    assert (both >= np.maximum(known, novel))[asked].all()
+    assert ((both > known) & (both > novel) & asked).any()
 
 
 def test_a_run_with_curves_goes_on_to_the_last_epoch_and_shows_every_one() -> None:
