@@ -34,10 +34,7 @@ PROGRAMS = listed(
     inserted_elsewhere=commands.inserted_elsewhere,
     large=commands.large,
     twins=commands.twins,
-    elsewhere=graphs.elsewhere,
     misnamed=graphs.misnamed,
-    misspelt=graphs.misspelt,
-    smaller=graphs.smaller,
     texts=graphs.texts,
     write_experiment=graphs.write_experiment,
 )

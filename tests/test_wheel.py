@@ -20,6 +20,7 @@ from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from zipfile import ZipFile
 
+import numpy as np
 import pytest
 from packaging.metadata import Metadata
 from packaging.requirements import Requirement
@@ -244,9 +245,8 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
     (tmp_path / "entity2id.txt").write_text("2\nmug\t0\nkitchen\t1\n")
     (tmp_path / "relation2id.txt").write_text("1\nin\t0\n")
     (tmp_path / "train2id.txt").write_text("1\n0 1 0\n")
-    (tmp_path / "model.json").write_text(
-        json.dumps({"ent_embeddings.weight": [[1, 2], [3, 4]], "rel_embeddings.weight": [[1, 1]]})
-    )
+    tables = {"entities": np.array([[1.0, 2], [3, 4]]), "relations": np.array([[1.0, 1]])}
+    np.savez(tmp_path / "model.npz", **tables)
     options = ("--family", "distmult", "--out", str(tmp_path / "bundle"))
     assert "2 entities, 1 relations, 1 triples" in empty.run(
         "isi", "import", str(tmp_path), *options
