@@ -123,25 +123,22 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     novel, model = checked.novel, checked.model
     options = options_by_name(request.options, "options")
     has_triples = bool(novel.has_one_novel_end.any())
-    name, why = request.initializer, None
-    if name is None:
+    entities = novel.theta.entity.shape[1]
+    if request.initializer is not None:
+        method = named(request.initializer, options, model, entities)
+    else:
         default = preferred(model, has_triples, checked.words_serve)
-        name, why = default.initializer.name, default.why
-    method = named(name, options, model, novel.theta.entity.shape[1])
-    if why:
-        method = replace(method, why=why)
+        method = named(default.initializer.name, options, model, entities)
+        method = replace(method, why=default.why)
     # a model without inverse cannot serve a new entity that has triples alone by an initializer
     # that needs words
     words_for_all = checked.words_serve and (model.invertible or bool(checked.has_words.all()))
     test = _hold_out(checked, words_for_all)
     is_free = request.initializer is None and not options
     if request.calibrate and is_free and len(novel.known_triples) and novel.number:
+        tolerance, budget = request.tolerance, request.budget
         method, selection = select(
-            test,
-            has_triples,
-            words_for_all,
-            tolerance=request.tolerance,
-            budget=request.budget,
+            test, has_triples, words_for_all, tolerance=tolerance, budget=budget
         )
         return method, test, selection
     return method, test, None

@@ -109,18 +109,16 @@ def select(
     """
     model, entities = test.theta0.model, test.theta0.entity.shape[1]
     method = preferred(model, has_triples, has_words)
-    suited = suited_to(model, has_triples, has_words)
-    first = next(each for each in suited if each.name == method.initializer.name)
-    others = []
-    for each in suited:
-        compared = each.cost == "newton" or each.role == "own" or each.name in PREFERRED
-        if compared and each.name != first.name and not is_too_large(each, entities):
-            others.append(each)
-    selection = compare([first, *others], test, tolerance, budget)
+    compared = [method.initializer]
+    for each in suited_to(model, has_triples, has_words):
+        serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED
+        if serves and each.name != method.initializer.name and not is_too_large(each, entities):
+            compared.append(each)
+    selection = compare(compared, test, tolerance, budget)
     if selection is None:
         return method, None
     best = selection.selected
-    initializer = next(each for each in suited if each.name == best.initializer)
+    initializer = next(each for each in compared if each.name == best.initializer)
     return Method(initializer, best.options, selection.why), selection
 
 

@@ -87,7 +87,7 @@ class InsertedEntity:
     key: str  #: of all inputs of the vector (``isi.live.stored``)
     words: PhraseVector
     kind: str
-    notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
+    notes: tuple[str, ...]  #: those of ``NewName``, and warnings of the selection
     conditions: Conditions
 
 
@@ -105,7 +105,7 @@ class EntityGroups:
     stored: dict[str, StoredVector] = field(default_factory=dict)
     #: the last results of the engine, and the place of a row in them, by key
     _results: dict[str, tuple[Inserted, int]] = field(default_factory=dict)
-    _curves: dict[tuple[Any, ...], Curves | None] = field(default_factory=dict)
+    _curves: dict[Conditions, Curves | None] = field(default_factory=dict)
 
     @cached_property
     def _digest(self) -> str:
@@ -140,7 +140,8 @@ class EntityGroups:
         """
         if row.key not in self._results:
             (group,) = self._groups(additions, [row.record.entity])
-            result = self._rows_of_group(group, self.known_triples(additions))
+            method, _ = self._method(group.conditions)
+            result = self._rows_of_group(group, method, additions)
             self._results[row.key] = result, list(group.members).index(row.record.entity)
         return self._results[row.key]
 
@@ -202,7 +203,7 @@ class EntityGroups:
         missing = [name for name in group.members if name not in vectors]
         if missing:
             part = group if group.share_facts else group.part(missing)
-            result = self._rows_of_group(part, self.known_triples(additions))
+            result = self._rows_of_group(part, method, additions)
             for place, name in enumerate(part.members):
                 self._results[keys[name]] = result, place
                 vector = result.entities[result.known + place]
@@ -248,10 +249,9 @@ class EntityGroups:
             keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
         return keys
 
-    def _rows_of_group(self, group: Group, known_triples: np.ndarray) -> Inserted:
+    def _rows_of_group(self, group: Group, method: Method, additions: Additions) -> Inserted:
         """Insert a group into the bundle's embedding."""
         base, members = self.base, list(group.members.values())
-        method, _ = self._method(group.conditions)
         ids = ChainMap(
             {name: row for row, name in enumerate(group.members, len(base.entities))},
             base.entity_ids,
@@ -260,7 +260,8 @@ class EntityGroups:
             (ids[head], base.relation_ids[relation], ids[tail])
             for head, relation, tail in group.facts
         ]
-        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
+        triples_of_known = self.known_triples(additions)
+        known = KnownEmbedding(base.entities, base.relations, base.model, triples=triples_of_known)
         request = InsertRequest(
             triples=np.array(triples, np.int64).reshape(-1, 3),
             new=len(members),
@@ -327,14 +328,13 @@ class EntityGroups:
 
     def _fit(self, conditions: Conditions) -> Curves | None:
         """The curves under some conditions, fitted once."""
-        method, _ = self._method(conditions)
-        number, words = conditions.facts, conditions.words
-        key = (number, words, method.initializer.name, tuple(sorted(method.options.items())))
-        if key not in self._curves:
+        any_seed = conditions._replace(seed=0)  # hidden entities do not depend on it
+        if any_seed not in self._curves:
+            method, _ = self._method(conditions)
             with without_denormals():
-                draws = self._hold_out(number, words).hide() if len(self.base.triples) else None
-                self._curves[key] = None if draws is None else fit_curves(draws, method)
-        return self._curves[key]
+                draws = self._hold_out(conditions.facts, conditions.words).hide()
+                self._curves[any_seed] = None if draws is None else fit_curves(draws, method)
+        return self._curves[any_seed]
 
     def _hold_out(self, number: int, words: bool) -> HoldOut:
         """The hold-out test with so many insert triples for each hidden entity."""
