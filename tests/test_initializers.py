@@ -10,10 +10,11 @@ import torch
 
 import isi
 from isi.config import Count, Option, read
-from isi.graph.sessions import TRAIN
+from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
+    RS,
     InitContext,
     InitResult,
     initializer,
@@ -27,6 +28,7 @@ from tests.small_insertion import (
     DIMENSION,
     ENTITIES,
     NOVEL,
+    RELATIONS,
     World,
     insertion,
     seen,
@@ -64,6 +66,9 @@ RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
 
 #: An insert triple: its known end, its relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
+
+
+CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
 
 
 def initial(name: str, given: InitContext) -> InitResult:
@@ -331,3 +336,60 @@ def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
     assert not torch.allclose(
         (initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01
     )
+
+
+def rewired(of: World) -> World:
+    """A copy of the world with other validation and test triples,
+    or with validation and test exchanged.
+    """
+    triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
+    out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
+    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor(
+        [ENTITIES, RELATIONS, ENTITIES]
+    )
+    counts[out] += 17
+    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(
+        np.int8
+    )
+    assert int(out.sum()) > 3
+    return replace(of, graph=replace(of.graph, triples=triples, counts=counts), splits=exchanged)
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
+    before, after = (initial(name, seen(of)) for of in (world(), rewired(world())))
+    assert torch.equal(before.vectors, after.vectors)
+    assert torch.equal(before.fallback, after.fallback)
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_weights_are_of_known_entities_and_make_the_vector_of_those_that_take_a_mean(
+    name: str,
+) -> None:
+    given = insertion()
+    result = initial(name, given)
+    assert (result.indicators is not None) == (name in CENTROIDS)
+    assert result.indicators is None or torch.equal(result.indicators, result.weights > 0)  # type: ignore[operator]
+    if result.weights is None:
+        assert name in (*RANDOM, "er_avg", "projection")
+        return
+    torch.testing.assert_close(result.weights.sum(-1), torch.ones(2, 3, dtype=result.weights.dtype))
+    assert not result.weights.masked_select(~given.known[:, None].expand_as(result.weights)).any()
+    mean = (result.weights.float() @ given.theta0.entity).allclose(result.vectors, atol=1e-6)
+    assert mean != (name in ("ridge", "map_mean", "map_ers", "map_own_facts", "map"))
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(name: str) -> None:
+    registered, given = INITIALIZERS.get(name, "initializers"), insertion()
+    assert options_of(name, registered.defaults, name) == registered.defaults
+    whole = initial(name, given)
+    wordless = initial(name, replace(given, words=torch.zeros_like(given.words)))
+    alone = initial(name, replace(given, observed=torch.zeros_like(given.observed)))
+    assert torch.equal(wordless.vectors, whole.vectors) == (
+        "words" not in registered.needs and name != "map"
+    )  # whose prior uses words if there are any
+    if not (whole.fallback == RS).any():
+        assert torch.equal(alone.vectors, whole.vectors) == (
+            "insert_triples" not in registered.needs
+        )

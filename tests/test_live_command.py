@@ -24,7 +24,7 @@ import isi
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
 from isi.live.folder import Bundle, Manifest, write
 from isi.live.journal import text_of
-from isi.live.stream import answer, serve
+from isi.live.stream import answer, serve, take_step
 from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
 from tests.small_live import KNOWN, assert_same, chosen, live_of, seen
@@ -614,3 +614,38 @@ def test_a_torn_last_line_does_not_count(home: Path, torn: bytes) -> None:
     if torn != b'{"do": "undo"}':
         with pytest.raises(isi.InputError, match=f"line {len(chosen()) + 2}"):
             isi.open(home)
+
+
+def test_an_answer_that_is_not_supported_says_so(home: Path) -> None:
+    (found,) = answered(home, {"ask": ["e0", "on", None], "top": 1})
+    best = found["answers"][0]
+    assert found["sure"] is (best["known"] or best["probability"] >= 0.2)
+    live = live_of()
+    unsure = [name for name in KNOWN.entity_names if not live.ask(name, "in").sure]
+    assert unsure
+    assert json.loads(answer(live, lines({"ask": [unsure[0], "in", None]})))["sure"] is False
+
+
+def test_a_step_of_the_preparation_that_fails_is_logged_and_the_next_one_is_taken(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    taken = list[int]()
+
+    def fail() -> None:
+        raise IndexError("no such row")
+
+    steps = iter([fail, lambda: taken.append(1)])
+    assert take_step(steps)
+    assert "IndexError" in capsys.readouterr().err
+    assert take_step(steps)
+    assert taken == [1]
+    assert not take_step(steps)
+
+
+def test_the_vectors_of_the_journal_are_those_that_the_stream_had(home: Path) -> None:
+    live = isi.open(home, journal=True)
+    for request in changes(16):
+        assert b'"error"' not in answer(live, lines(request))
+    live.close()
+    for name, row in isi.open(home).inserted.items():
+        np.testing.assert_allclose(row.vector, live.inserted[name].vector, rtol=0, atol=1e-6)

@@ -3,6 +3,7 @@ and their accuracy near zero.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
@@ -26,7 +27,7 @@ from isi.models.model import (
     make_model,
     register_model,
 )
-from isi.models.scoring import EPSILON, Distance
+from isi.models.scoring import EPSILON, DenseTriples, Distance, TripleList, padded
 from isi.models.stack import select, uniform
 from isi.tables import paths
 from isi.training import trainer
@@ -293,3 +294,62 @@ def test_each_model_of_a_stack_starts_from_its_own_uniform_numbers() -> None:
             assert kstest(values.flatten(), "uniform", (-0.01, 0.02)).pvalue > 0.01
     alone = uniform(known[1:], 50, ANALOGY, 8, 0.01, 0, torch.tensor([[3, 1]]))
     assert torch.equal(alone.entity[0], start.entity[1])
+
+
+def all_ids(entities: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Heads, relations and tails of all triples, in the order of relation, head, tail."""
+    relation, head, tail = torch.cartesian_prod(
+        torch.arange(RELATIONS), torch.arange(entities), torch.arange(entities)
+    ).T
+    return head, relation, tail
+
+
+def all_listed(models: int, entities: int) -> TripleList:
+    """All triples of all models as one list."""
+    ids = (ids.repeat(models) for ids in all_ids(entities))
+    model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
+    return TripleList((models, RELATIONS, entities), model, *ids)
+
+
+@over_all
+@pytest.mark.parametrize("entities", [11, 12, 13, 30])
+def test_scores_and_gradients_are_bit_identical_whatever_the_stack(
+    scoring: Model, entities: int
+) -> None:
+    models = 6
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
+    head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
+
+    def results(chosen: Tensor) -> list[Tensor]:
+        """Scores and gradients of the chosen models, with both forms of triples."""
+        stack, results_of = select(embedding, chosen), []
+        number = len(chosen)
+        listed = all_listed(number, entities)
+        for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
+            scores, backward = scoring.scores(stack.entity, stack.relation, triples)
+            by_entity, by_relation = backward(scores / 8)
+            results_of += [scores.reshape(number, -1), by_entity, by_relation]
+        results_of.append(stack.score_tails(head[chosen], relation[chosen]))
+        results_of.append(stack.score_heads(relation[chosen], tail[chosen]))
+        maps = (
+            move(stack.entity[:, :2], stack.relation)
+            for move in (scoring.transform, scoring.inverse)
+        )
+        return [*results_of, stack.score_relations(head[chosen], tail[chosen]), *maps]
+
+    together = results(torch.arange(models))
+    for height in (1, 4):
+        for chosen in torch.arange(models).split(height):
+            for one, alone in zip(together, results(chosen), strict=True):
+                assert torch.equal(one[chosen], alone)
+
+
+def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
+    values = torch.linspace(-7, 7, 1003)
+    functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
+    for function in functions:
+        whole = padded(function, values)
+        assert all(
+            torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40)
+        )
+        assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])

@@ -722,3 +722,72 @@ def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> Non
 def test_a_wrapper_of_another_model_is_refused(factory: Any) -> None:
     with pytest.raises(InputError, match="expected a model with vectors"):
         isi.pykeen.insert(torch.nn.DataParallel(torch.nn.Linear(2, 2)), factory, NEW)
+
+
+@pytest.mark.parametrize(("name", "options"), CLOSED + OTHERS, ids=id_of)
+def test_what_is_known_stays_and_new_rows_come_behind(
+    name: str, options: dict[str, Any], factory: Any
+) -> None:
+    model = model_of(name, options, factory)
+    before = {key: value.clone() for key, value in model.state_dict().items()}
+    larger, more = isi.pykeen.insert(model, factory, NEW)
+    assert larger.num_entities == more.num_entities == ENTITIES + 2
+    assert [more.entity_to_id[label] for label in ("e0", "e19", "cup", "mug")] == [0, 19, 20, 21]
+    assert more.num_triples == factory.num_triples + len(NEW)
+    for key, value in model.state_dict().items():
+        torch.testing.assert_close(value, before[key], rtol=0, atol=0)
+        known = larger.state_dict()[key][: len(value)] if value.ndim else larger.state_dict()[key]
+        torch.testing.assert_close(known, value, rtol=0, atol=0)
+    torch.testing.assert_close(
+        scores(larger, factory.mapped_triples), scores(model, factory.mapped_triples)
+    )
+    assert torch.isfinite(scores(larger, more.mapped_triples)).all()
+
+
+@pytest.mark.parametrize(("name", "options"), CLOSED, ids=id_of)
+@pytest.mark.parametrize("of", ["factory", "inverse"])
+def test_ranks_of_known_triples_are_unchanged_when_new_candidates_are_masked(
+    name: str, options: dict[str, Any], of: str, request: pytest.FixtureRequest
+) -> None:
+    factory = request.getfixturevalue(of)
+    model = model_of(name, options, factory)
+    larger, more = isi.pykeen.insert(model, factory, NEW)
+    ranked = []
+    for one, own in ((model, factory), (larger, more)):
+        evaluator = RankBasedEvaluator(clear_on_finalize=False)
+        evaluator.evaluate(
+            one,
+            factory.mapped_triples,
+            batch_size=8,
+            additional_filter_triples=own.mapped_triples,
+            restrict_entities_to=range(ENTITIES),
+            pre_filtered_triples=True,
+            use_tqdm=False,
+        )
+        ranked.append({key: np.concatenate(values) for key, values in evaluator.ranks.items()})
+    for key, ranks in ranked[0].items():
+        np.testing.assert_array_equal(ranks, ranked[1][key])
+
+
+def test_saved_and_loaded_it_is_the_same(tmp_path: Path, factory: Any) -> None:
+    larger, more = isi.pykeen.insert(model_of("complex", {}, factory), factory, NEW)
+    larger.save_state(tmp_path / "model.pt")
+    more.to_path_binary(tmp_path / "factory")
+    again = TriplesFactory.from_path_binary(tmp_path / "factory")
+    assert again.entity_to_id == more.entity_to_id
+    torch.testing.assert_close(again.mapped_triples, more.mapped_triples)
+    loaded = model_of("complex", {}, again)
+    loaded.load_state(tmp_path / "model.pt")
+    known, expected = (scores(model, more.mapped_triples) for model in (loaded, larger))
+    torch.testing.assert_close(known, expected, rtol=0, atol=0)
+
+
+def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:
+    plain = factory.to_core_triples_factory()
+    model = model_of("distmult", {}, plain)
+    triples = torch.tensor([[20, 0, 1], [3, 1, 20], [21, 2, 2], [20, 1, 21]])
+    larger, more = isi.pykeen.insert(model, plain, triples, new=2)
+    named, _ = isi.pykeen.insert(model, factory, NEW)
+    for key, value in larger.state_dict().items():
+        torch.testing.assert_close(value, named.state_dict()[key], rtol=0, atol=0)
+    assert more.num_entities == 22

@@ -19,6 +19,7 @@ from isi.report.data import Results
 from isi.report.figures import Figure
 from isi.report.page import Page, best_rows, metrics, plots
 from isi.report.section import Block, Content, FilledSection, ReportSection
+from isi.report.sections.paper import comparison
 from isi.report.sections.run import table1
 from isi.report.tables import Column, Estimate, ReportTable
 from isi.report.words import colour, contenders, controls
@@ -508,3 +509,41 @@ def test_the_page_of_this_repository_is_small() -> None:
         len(re.findall(r"<[a-z]", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)))
         <= 15_000
     )
+
+
+def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> None:
+    results = results_of()
+    parts = {part.id: part for part in parts_of(results)}
+    for section in REPORT.sections:
+        made = {
+            f"{name}{content.suffix}"
+            for content in section.contents(results)
+            for name in (*content.tables, *content.figures)
+        }
+        part = parts.get(section.name.replace("_", "-"))
+        contents = [block.content for block in part.blocks] if part else []
+        placed = {content.name for content in contents if isinstance(content, ReportTable | Figure)}
+        assert {name.removesuffix("_away") for name in made - placed} <= {"sessions"}, section.name
+
+
+@pytest.mark.parametrize(
+    ("paper_has", "ours", "said"),
+    [
+        (10, 10, "agrees"),
+        (10, 11, "agrees"),
+        (10, 9, "agrees"),
+        (10, 11.1, "larger"),
+        (10, 8.9, "smaller"),
+        (0, 0, "agrees"),
+        (0, 1, "larger"),
+        (-10, -10.5, "agrees"),
+        (-10, -5, "larger"),
+        (-10, -20, "smaller"),
+        (np.nan, 1, ""),
+        (1, np.nan, ""),
+    ],
+)
+def test_a_number_agrees_within_a_tenth_of_the_papers(
+    paper_has: float, ours: float, said: str
+) -> None:
+    assert comparison(paper_has, ours) == said

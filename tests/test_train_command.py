@@ -446,3 +446,62 @@ def test_a_batch_of_all_observations_warns(size: int, capsys: pytest.CaptureFixt
         ),
     )
     assert ("batch_size" in capsys.readouterr().err) == (size > 1)
+
+
+def test_draws_share_their_test_triples_and_train_has_every_name() -> None:
+    graph = random_graph(30, 3, 200)
+    splits = held_out(graph, np.arange(200), 0, 3)
+    tests = [np.flatnonzero(row == TEST).tolist() for row in splits]
+    valids = {tuple(np.flatnonzero(row == VALID)) for row in splits}
+    assert tests[0] == tests[1] == tests[2]
+    assert len(tests[0]) == 40
+    assert len(valids) == 3
+    for row in splits:
+        left = graph.triples[torch.from_numpy(row) == TRAIN]
+        assert len(left[:, [0, 2]].unique()) == 30
+        assert len(left[:, 1].unique()) == 3
+
+
+@pytest.mark.parametrize(
+    ("triples", "place"),
+    [
+        ([("cup", "in")], "triple 0"),
+        ([("cup", "in", "kitchen"), ("cup", "in", "")], "triple 1"),
+        ([("cup", "in", 5)], "triple 0"),
+        ([], ""),
+        (
+            pd.DataFrame({"head": ["cup"], "relation": ["in"], "tail": ["kitchen"], "count": [0]}),
+            "count",
+        ),
+    ],
+)
+def test_wrong_triples_are_named(triples: object, place: str) -> None:
+    with pytest.raises(InputError) as error:
+        tables_of(triples)  # type: ignore[arg-type]
+    assert "triples" in error.value.file
+    assert place in error.value.place
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nothing.csv"],
+        ["home.csv", "--model", "no"],
+        ["home.csv", "--kinds", "no.csv"],
+        ["home.csv", "--budget", "0"],
+    ],
+)
+def test_mistakes_take_one_line_and_write_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "home.csv").write_text("head,relation,tail\ncup,in,kitchen\n", "utf-8")
+    with pytest.raises(SystemExit) as error:
+        main(["train", *arguments, "--out", "home"])
+    line = str(error.value.code) + capsys.readouterr().err
+    assert "\n" not in line.strip()
+    assert arguments[-2 if len(arguments) > 1 else 0].lstrip("-") in line or "no.csv" in line
+    assert not Path("home").exists()
