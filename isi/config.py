@@ -5,6 +5,7 @@ plug-ins register by name.
 import importlib
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -200,13 +201,15 @@ class Plugins(Generic[T]):
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
             if not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
-        _load_entry_points(self.package)
+        _load_entry_points(self.package, tuple(sys.path))
         return sorted(self._registered)
 
 
 @cache
-def _load_entry_points(group: str) -> None:
-    """Import what installed projects name, once: finding it takes milliseconds."""
+def _load_entry_points(group: str, search_path: tuple[str, ...]) -> None:  # noqa: ARG001
+    """Import what installed projects name, once for a search path:
+    finding it takes milliseconds.
+    """
     for entry in entry_points(group=group):
         try:
             entry.load()

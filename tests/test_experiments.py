@@ -35,6 +35,8 @@ from isi.experiment.insert import (
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
+from isi.models.stack import Embedding
+from isi.training import trainer
 from tests import small_grid as grid
 from tests.small_graphs import points_of
 
@@ -384,3 +386,22 @@ def test_fine_tuning_alone_starts_where_every_insertion_starts() -> None:
         .set_index("seed")
     )
     pd.testing.assert_frame_equal(runs[MEASURES], inserted[MEASURES], check_exact=True)
+
+
+def test_fine_tuning_alone_moves_known_entities_and_no_novel_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ended: list[Embedding] = []
+
+    def recorded(*arguments: object) -> Embedding:
+        ended.append(trainer.train(*arguments))  # type: ignore[arg-type]
+        return ended[-1]
+
+    monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
+    points, trained = points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), grid.theta0()
+    finetune_only(points, trained, 0, grid.SAMPLED, grid.OPTIMIZER)
+    (after,), before = ended, trained
+    still = (after.entity == before.entity).all(-1)
+    for model, novel in enumerate(points.novel[:, 0].tolist()):
+        assert set(torch.where(still[model])[0].tolist()) == set(novel)
+    assert not torch.equal(after.relation, before.relation)

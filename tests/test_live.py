@@ -311,7 +311,7 @@ class LiveMachine(RuleBasedStateMachine):
         return fresh
 
 
-LiveMachine.TestCase.settings = settings(max_examples=12, stateful_step_count=12, deadline=None)
+LiveMachine.TestCase.settings = settings(max_examples=25, stateful_step_count=12, deadline=None)
 TestLive = LiveMachine.TestCase
 
 
