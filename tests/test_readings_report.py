@@ -144,6 +144,22 @@ def small_cases(left_out: list[str], **changed: Any) -> dict[str, CaseRuns]:
     return cases
 
 
+def write_page(folder: Path, readings: Any) -> None:
+    """Write the page of readings, of which no other results are known."""
+    results = Results(
+        params=small_params(["home"]),
+        run={},
+        paper=paper_values.read(ROOT / paths.PAPER),
+        vocabulary={},
+        definitions=pd.DataFrame(),
+        experiments={},
+        observed={},
+        mined={},
+        readings=readings,
+    )
+    Page.of("readings").write(folder, results)
+
+
 @pytest.mark.parametrize(
     ("left_out", "changed", "absent"),
     [
@@ -164,18 +180,7 @@ def small_cases(left_out: list[str], **changed: Any) -> dict[str, CaseRuns]:
 def test_any_cases_make_a_page(
     tmp_path: Path, left_out: list[str], changed: dict[str, Any], absent: set[str]
 ) -> None:
-    results = Results(
-        params=small_params(["home"]),
-        run={},
-        paper=paper_values.read(ROOT / paths.PAPER),
-        vocabulary={},
-        definitions=pd.DataFrame(),
-        experiments={},
-        observed={},
-        mined={},
-        readings=small_cases(left_out, **changed),
-    )
-    Page.of("readings").write(tmp_path, results)
+    write_page(tmp_path, small_cases(left_out, **changed))
     drawn = {path.stem for path in tmp_path.glob("[ft]*/*")}
     assert not absent & drawn
     assert {
@@ -192,16 +197,5 @@ def test_any_cases_make_a_page(
 
 
 def test_without_the_papers_own_graph_there_are_no_results(tmp_path: Path) -> None:
-    results = Results(
-        params=small_params(["home"]),
-        run={},
-        paper=paper_values.read(ROOT / paths.PAPER),
-        vocabulary={},
-        definitions=pd.DataFrame(),
-        experiments={},
-        observed={},
-        mined={},
-        readings=small_cases(["published"]),
-    )
-    Page.of("readings").write(tmp_path, results)
+    write_page(tmp_path, small_cases(["published"]))
     assert not (tmp_path / "tables/paper_results.csv").exists()
