@@ -129,9 +129,9 @@ class EntityGroups:
         own.
         """
         self._results.clear()
-        rows = dict[str, InsertedEntity]()
+        rows, known_triples = dict[str, InsertedEntity](), self.known_triples(additions)
         for group in self._groups(additions, names):
-            rows |= self._insert(group, additions)
+            rows |= self._insert(group, additions, known_triples)
         return rows
 
     def result_of(self, row: InsertedEntity, additions: Additions) -> tuple[Inserted, int]:
@@ -141,7 +141,7 @@ class EntityGroups:
         if row.key not in self._results:
             (group,) = self._groups(additions, [row.record.entity])
             method, _ = self._method(group.conditions)
-            result = self._rows_of_group(group, method, additions)
+            result = self._rows_of_group(group, method, self.known_triples(additions))
             self._results[row.key] = result, list(group.members).index(row.record.entity)
         return self._results[row.key]
 
@@ -193,7 +193,9 @@ class EntityGroups:
         notes = [reason, no_words, *self.base.kind_notes(facts, name)]
         return NewName(about, facts, words, kind, tuple(filter(None, notes)))
 
-    def _insert(self, group: Group, additions: Additions) -> dict[str, InsertedEntity]:
+    def _insert(
+        self, group: Group, additions: Additions, known_triples: np.ndarray
+    ) -> dict[str, InsertedEntity]:
         """The rows of a group: stored vectors, and computed ones where these lack."""
         conditions = group.conditions
         method, warnings = self._method(conditions)
@@ -203,7 +205,7 @@ class EntityGroups:
         missing = [name for name in group.members if name not in vectors]
         if missing:
             part = group if group.share_facts else group.part(missing)
-            result = self._rows_of_group(part, method, additions)
+            result = self._rows_of_group(part, method, known_triples)
             for place, name in enumerate(part.members):
                 self._results[keys[name]] = result, place
                 vector = result.entities[result.known + place]
@@ -249,7 +251,7 @@ class EntityGroups:
             keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
         return keys
 
-    def _rows_of_group(self, group: Group, method: Method, additions: Additions) -> Inserted:
+    def _rows_of_group(self, group: Group, method: Method, known_triples: np.ndarray) -> Inserted:
         """Insert a group into the bundle's embedding."""
         base, members = self.base, list(group.members.values())
         ids = ChainMap(
@@ -260,8 +262,7 @@ class EntityGroups:
             (ids[head], base.relation_ids[relation], ids[tail])
             for head, relation, tail in group.facts
         ]
-        triples_of_known = self.known_triples(additions)
-        known = KnownEmbedding(base.entities, base.relations, base.model, triples=triples_of_known)
+        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
         request = InsertRequest(
             triples=np.array(triples, np.int64).reshape(-1, 3),
             new=len(members),
