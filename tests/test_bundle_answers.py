@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
+from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.probability import PlattCurve, fit_platt
 from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
 from isi.live.loaded import Query, queries_of
 from isi.live.names import find, singulars

@@ -13,10 +13,11 @@ import torch
 
 import isi
 from isi.errors import InputError
+from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
 from isi.insertion.hidden import HiddenDraws
-from isi.insertion.probability import LEAST_RIGHT, PlattCurve, fit_platt
+from isi.insertion.probability import LEAST_RIGHT
 from isi.insertion.result import Inserted
 
 KNOWN, RELATIONS, DIMENSION, NEW = 40, 3, 16, 40

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from isi.config import Name, Plugins, keywords
 from isi.errors import InputError, at
+from isi.initializers.scale import LOGISTIC, KnownQueries, Scale
 from isi.models.model import Model
 from isi.models.stack import Embedding, check_finite
 from isi.random import stream
@@ -60,6 +61,10 @@ class InitContext:
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
     #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
     by_kind: bool = False
+    #: log odds of a triple, by its score
+    scale: Scale = field(default=LOGISTIC, metadata={"shared": True})
+    #: with ``Scale.by_query``: queries that the novel entities should not answer
+    queries: KnownQueries | None = field(default=None, metadata={"shared": True})
 
     @property
     def worded(self) -> Tensor:

@@ -7,6 +7,7 @@ is a list of weighted triples of the novel and a known entity. Of more than ``SA
 systematic sample is taken (its error: docs/speed.md).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -30,6 +31,8 @@ class Evidence:
     other: Tensor  #: ids of the known ends; shape: (M, n, C)
     positive: Tensor  #: number of true triples; shape: (M, n, C), float64
     negative: Tensor  #: expected number of corrupted triples; shape: (M, n, C), float64
+    #: of log odds, beside the scale's own; None: 0; shape: (M, n, C), float64
+    offset: Tensor | None = None
 
 
 def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evidence:
@@ -42,15 +45,19 @@ def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evi
         context.observed.double(),
         torch.zeros(context.observed.shape, dtype=torch.float64),
     )
-    parts = [Evidence(context.novel_is_tail, context.relation, context.other, observed, none)]
+    own = context.novel_is_tail, context.relation, context.other
+    parts = [Evidence(*own, observed, none)]
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
+    return joined(parts)
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """The triples of several parts, one after the other; all or none have an offset."""
+    names = [name for name, values in vars(parts[0]).items() if values is not None]
     return Evidence(
-        *(
-            torch.cat(list(values), -1)
-            for values in zip(*(vars(part).values() for part in parts), strict=True)
-        )
+        **{name: torch.cat([getattr(part, name) for part in parts], -1) for name in names}
     )
 
 

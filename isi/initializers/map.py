@@ -17,6 +17,8 @@ from isi.initializers.baselines import soft_hybrid
 from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import AnyScore, LinearScore, MappedScore, Problem, Score, gram, newton
 from isi.initializers.paper import hybrid_similarity
+from isi.initializers.scale import KnownQueries
+from isi.initializers.softmax import evidence_by_query
 from isi.models.model import Model, RelationMapModel
 from isi.models.stack import NotFinite, rows
 
@@ -26,6 +28,7 @@ SHRINKAGE = 0.1
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
 #: Maximum number of elements in the vectors of the triples of all entities solved together.
 BUDGET = 2**20
+PASSES = 2  #: Number of times that the known queries are chosen.
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -61,17 +64,30 @@ def problems(
     """
     theta0, (models, number, dimension) = context.theta0, mean.shape
     precision = strength * precision_of(context)
-    batch = max(1, BUDGET // (weighted.other.shape[-1] * dimension))
-    listed = [values.flatten(0, 1) for values in (*vars(weighted).values(), mean.double())]
+    batch = batch_of(weighted, dimension)
+    given = {**vars(weighted), "mean": mean.double()}
+    candidates = given.pop("candidates", 0)
+    listed = {name: part.flatten(0, 1) for name, part in given.items() if part is not None}
     for place in torch.split(torch.arange(models * number), batch):
         model = place // number
-        is_tail, relation, other, positive, negative, prior = (values[place] for values in listed)
+        of = {name: values[place] for name, values in listed.items()}
         ends = (
-            is_tail[..., None],
-            theta0.relation[model[:, None], relation],
-            theta0.entity[model[:, None], other],
+            of["is_tail"][..., None],
+            theta0.relation[model[:, None], of["relation"]],
+            theta0.entity[model[:, None], of["other"]],
         )
-        yield Problem(positive, negative, prior, precision[model], score_of(theta0.model, *ends))
+        yield Problem(
+            of["positive"],
+            of["negative"],
+            of["mean"],
+            precision[model],
+            score_of(theta0.model, *ends),
+            slope=context.scale.slope,
+            offset=of.get("offset", context.scale.offset),
+            asked=of.get("asked"),
+            candidates=candidates,
+            answers=of.get("answers", 0.0),
+        )
 
 
 def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Score:
@@ -109,13 +125,48 @@ def most_probable(
     """The minimum of ``Problem.objective`` for each novel entity:
     its maximum a posteriori vector (MAP).
     """
+    if context.queries is not None:
+        return _by_query(context, context.queries, prior, strength, known_negatives)
     weighted = evidence_of(context, ratio, known_negatives)
-    vectors = torch.cat(
-        [newton(problem) for problem in problems(context, weighted, prior.vectors, strength)]
-    )
-    return replace(
-        prior, vectors=vectors.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False
-    )
+    return _solved(context, weighted, prior, strength)
+
+
+def _by_query(
+    context: InitContext,
+    queries: KnownQueries,
+    prior: InitResult,
+    strength: float,
+    weight: float,
+) -> InitResult:
+    """MAP where each query has a log Z: first from the facts alone, then with the known queries to
+    which the vectors of before are wrong answers, ``PASSES`` times.
+    """
+    result = _solved(context, evidence_by_query(context, queries, None, weight), prior, strength)
+    for _ in range(PASSES if weight else 0):
+        weighted = evidence_by_query(context, queries, result.vectors, weight)
+        result = _solved(context, weighted, prior, strength, result.vectors)
+    return result
+
+
+def _solved(
+    context: InitContext,
+    weighted: Evidence,
+    prior: InitResult,
+    strength: float,
+    start: Tensor | None = None,
+) -> InitResult:
+    """The minima of ``problems``, by Newton's method from ``start``, (M, n, d), or the prior."""
+    start = prior.vectors if start is None else start
+    at = torch.split(start.double().flatten(0, 1), batch_of(weighted, start.shape[-1]))
+    batches = problems(context, weighted, prior.vectors, strength)
+    solved = [newton(problem, first) for problem, first in zip(batches, at, strict=True)]
+    vectors = torch.cat(solved).view(prior.vectors.shape).to(prior.vectors.dtype)
+    return replace(prior, vectors=vectors, is_centroid=False)
+
+
+def batch_of(weighted: Evidence, dimension: int) -> int:
+    """Number of novel entities that are solved together."""
+    return max(1, BUDGET // (weighted.other.shape[-1] * dimension))
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
@@ -253,7 +304,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
         alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
-        residual = problem.positive - weight * problem.scores(problem.mean)
+        residual = problem.positive - weight * problem.log_odds(problem.mean)
         step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])
         vectors.append(problem.mean + step)
     shape, dtype = prior.vectors.shape, prior.vectors.dtype

@@ -14,6 +14,9 @@ from torch.nn.functional import softplus
 from isi.models.scoring import Interaction, padded
 
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
+#: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
+#: one multiple of the unit matrix with their trace.
+CURVED = 2**10
 #: A step is the last if twice its predicted gain of log-probability is at most this.
 TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
@@ -92,70 +95,129 @@ class Problem:
     mean: Tensor  #: μ; shape: (B, d)
     precision: Tensor  #: λΣ⁻¹; shape: (B, d, d)
     score: Score
+    slope: float = 1.0  #: of log odds
+    offset: Tensor | float = 0.0  #: of log odds; shape: (B, C)
+    #: numbers of facts m of G queries (v, r, ?), whose loss is a softmax; shape (B, G), float64
+    asked: Tensor | None = None
+    #: number of candidate answers of each of these queries, which are the last of the C triples.
+    #: The offset of a candidate is the log of its weight.
+    candidates: int = 0
+    #: number of such facts that each triple is; shape: (B, C)
+    answers: Tensor | float = 0.0
 
-    def scores(self, at: Tensor) -> Tensor:
-        """f of each triple with vectors (B, d); shape (B, C)."""
-        return self.score.scores(at.float()).double()
+    def log_odds(self, at: Tensor) -> Tensor:
+        """o = slope · f + offset of each triple with vectors (B, d); shape (B, C)."""
+        return self.slope * self.score.scores(at.float()).double() + self.offset
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
         return self.score.slopes(at.float())
 
-    def objective(self, score: Tensor, at: Tensor) -> Tensor:
-        """Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ);
-        shapes (B, C), (B, d), result (B,).
+    def objective(self, odds: Tensor, at: Tensor) -> Tensor:
+        """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), and the loss of ``asked``,
+        Σ m log Σ exp(o of candidates) - Σ o of answers; shapes (B, C), (B, d), result (B,).
         """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        return (self.positive * softplus(-score) + self.negative * softplus(score)).sum(
-            -1
-        ) + prior / 2
+        loss = (self.positive * softplus(-odds) + self.negative * softplus(odds)).sum(-1)
+        if self.asked is not None:
+            log_z = self._candidates(odds).logsumexp(-1)
+            loss = loss + (self.asked * log_z).sum(-1) - (self.answers * odds).sum(-1)
+        return loss + prior / 2
+
+    def derivatives(self, odds: Tensor) -> tuple[Tensor, Tensor]:
+        """First derivative of the loss by each score, and the second one, (B, C) each; those of
+        two candidates of ``asked`` are in ``between_candidates``.
+        """
+        weight, likely = self.positive + self.negative, padded(torch.sigmoid, odds)
+        first, second = weight * likely - self.positive, weight * likely * (1 - likely)
+        if self.asked is not None:
+            expected = (self.asked[..., None] * self._likely(odds)).flatten(1)
+            first = first - self.answers
+            first[:, -expected.shape[1] :] += expected
+            second[:, -expected.shape[1] :] += expected
+        return self.slope * first, self.slope**2 * second
+
+    def between_candidates(self, odds: Tensor, slopes: Tensor) -> Tensor | float:
+        """What the second derivatives by scores of two candidates add to the Hessian; (B, d, d)."""
+        if self.asked is None:
+            return 0.0
+        likely = self._likely(odds).float()
+        of_candidates = slopes[:, -likely[0].numel() :].unflatten(1, likely.shape[1:])
+        mean = (likely[..., None, :] @ of_candidates)[..., 0, :]
+        return -(self.slope**2) * gram(mean, self.asked.float())
+
+    def _likely(self, odds: Tensor) -> Tensor:
+        """The softmax over the candidates of each query of ``asked``; (B, G, candidates)."""
+        return torch.softmax(self._candidates(odds), -1)
+
+    def _candidates(self, odds: Tensor) -> Tensor:
+        """The log odds of the candidates of each query of ``asked``; shape (B, G, candidates)."""
+        batch, triples = odds.shape
+        queries = 0 if self.asked is None else self.asked.shape[1]
+        candidates = odds[:, triples - queries * self.candidates :]
+        return candidates.reshape(batch, queries, self.candidates)
 
 
-def newton(problem: Problem) -> Tensor:
-    """argmin of the objective, (B, d), by Newton's method from μ.
+def newton(problem: Problem, start: Tensor | None = None) -> Tensor:
+    """argmin of the objective, (B, d), by Newton's method from ``start``, (B, d), or μ.
 
     Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v
     (Gauss-Newton), and the result is near a local optimum. A step is halved while it increases the
     objective.
     """
-    at, active = problem.mean, torch.ones(len(problem.mean), dtype=torch.bool)
-    score, slopes = problem.scores(at), problem.slopes(at)
+    at = problem.mean if start is None else start
+    active = torch.ones(len(at), dtype=torch.bool)
+    odds, slopes = problem.log_odds(at), problem.slopes(at)
     for _ in range(STEPS):
-        step, gain = newton_step(problem, at, score, slopes)
-        share, decrease = step_size(problem, at, score, step)
+        step, gain = newton_step(problem, at, odds, slopes)
+        share, decrease = step_size(problem, at, odds, step)
         at = torch.where(active[:, None], at + share[:, None] * step, at)
         active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
-        score, slopes = problem.scores(at), problem.slopes(at)
+        odds, slopes = problem.log_odds(at), problem.slopes(at)
     return at
 
 
 def newton_step(
-    problem: Problem, at: Tensor, score: Tensor, slopes: Tensor
+    problem: Problem, at: Tensor, odds: Tensor, slopes: Tensor
 ) -> tuple[Tensor, Tensor]:
     """The step, (B, d), to the minimum of the quadratic model of the objective,
     and twice its gain, (B,).
     """
-    weight, likely = problem.positive + problem.negative, padded(torch.sigmoid, score)
-    gradient = ((weight * likely - problem.positive).float()[:, None] @ slopes)[:, 0].double()
+    first, second = problem.derivatives(odds)
+    gradient = (first.float()[:, None] @ slopes)[:, 0].double()
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
-    hessian = gram(slopes, (weight * likely * (1 - likely)).float()).double() + problem.precision
+    curved = curvature(slopes, second.float()) + problem.between_candidates(odds, slopes)
+    hessian = curved.double() + problem.precision
     step = -solve(hessian, gradient)
     return step, -(gradient * step).sum(-1)
 
 
-def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
+def curvature(slopes: Tensor, second: Tensor) -> Tensor:
+    """``gram`` of slopes, (B, C, d), and weights, (B, C); of more than ``CURVED`` triples, those of
+    least weight enter with their trace alone; shape (B, d, d).
+    """
+    if second.shape[1] <= CURVED:
+        return gram(slopes, second)
+    largest, place = second.topk(CURVED, sorted=False)
+    chosen = slopes.gather(1, place[..., None].expand(-1, -1, slopes.shape[2]))
+    square = (slopes.square().sum(-1) * second.scatter(1, place, 0.0)).sum(-1)
+    rest = square[:, None, None] / slopes.shape[2] * torch.eye(slopes.shape[2])
+    return gram(chosen, largest) + rest
+
+
+def step_size(problem: Problem, at: Tensor, odds: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
     """The first factor of 1, ½, ¼, ... whose step does not increase the objective,
     else 2^-``HALVINGS``; (B,).
 
     And the decrease of the objective by the last factor that was tried, (B,).
     """
-    here, share = problem.objective(score, at), torch.ones(len(at), dtype=at.dtype)
+    here, share = problem.objective(odds, at), torch.ones(len(at), dtype=at.dtype)
     for _ in range(HALVINGS):
         there = at + share[:, None] * step
-        after = problem.objective(problem.scores(there), there)
+        after = problem.objective(problem.log_odds(there), there)
         worse = after > here * (1 + ROUNDING)
         if not worse.any():
             break

@@ -161,6 +161,7 @@ def _hold_out(checked: Checked, with_words: bool) -> HoldOut:
         novel.words[:known] if with_words and novel.words is not None else None,
         None if novel.kinds is None else novel.kinds[:known],
         novel.seed,
+        novel.scale,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from torch import Tensor
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.initializers.api import InitContext, InitResult, Registered
+from isi.initializers.scale import LOGISTIC, KnownQueries, Scale, known_queries
+from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.insertion.relations import fit_relations
 from isi.models.stack import Embedding
 
@@ -43,6 +46,14 @@ class NovelEntities:
     words: np.ndarray | None  #: word vectors of all entities, zero if missing; shape: (E + n, v)
     kinds: np.ndarray | None  #: of all entities, -1 without one; shape: (E + n,)
     seed: int  #: root of the random streams
+    scale: Scale = LOGISTIC
+
+    @cached_property
+    def queries(self) -> KnownQueries | None:
+        """The queries of the known triples, with a scale ``by_query``."""
+        session = trained_session(self.known_triples, self.theta)
+        session.entities[:, self.known :] = False
+        return queries_in(session, self.theta, self.scale)
 
     @property
     def ids(self) -> np.ndarray:
@@ -222,7 +233,26 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
     if not novel.has_rows:  # a row of the table stands for one without words
         context = replace(context, novel=torch.zeros_like(ids)[None])
     eligible = context.eligible if len(novel.known_triples) else context.known
-    return replace(context, eligible=eligible, by_kind=novel.kinds is not None)
+    return replace(
+        context,
+        eligible=eligible,
+        by_kind=novel.kinds is not None,
+        scale=novel.scale,
+        queries=novel.queries,
+    )
+
+
+def queries_in(session: Session, theta: Embedding, scale: Scale) -> KnownQueries | None:
+    """The queries of the training triples of a session, if each has an offset of its own; of an
+    embedding in the packed form (``isi.insertion.inverses``), those of the unpacked form.
+    """
+    if not scale.by_query:
+        return None
+    trained, triples = session.members(TRAIN), session.graph.triples
+    packed = isinstance(theta.model, InverseRelations)
+    if packed:
+        theta, triples, trained = unpack(theta), both_ways(triples), torch.cat([trained] * 2, -1)
+    return known_queries(theta, session.entities, triples, trained, tails_only=packed)
 
 
 def context_in_session(

@@ -25,7 +25,8 @@ from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
-from isi.insertion.engine import context_in_session, trained_session
+from isi.initializers.scale import LOGISTIC, Scale
+from isi.insertion.engine import context_in_session, queries_in, trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -173,6 +174,7 @@ class HoldOut:
     words: np.ndarray | None  #: of the known entities, shape: (E, v); None: not used
     kinds: np.ndarray | None  #: of the known entities, shape: (E,)
     seed: int
+    scale: Scale = LOGISTIC
 
     def hide(self, most: int = HIDDEN) -> HiddenDraws | None:
         """Hide up to ``most`` entities, a tenth of the known ones at a time;
@@ -231,20 +233,27 @@ class HoldOut:
         mask = membership(novel, known)
         splits = touches(graph, mask).to(torch.int8) * (OUT - TRAIN) + TRAIN
         words = torch.zeros(known, 1) if self.words is None else torch.from_numpy(self.words)
+        theta = replace(
+            self.theta0,
+            entity=self.theta0.entity * ~mask[..., None],
+            relation=self.theta0.relation.repeat(draws, 1, 1),
+        )
+        session = Session(graph, ~mask, splits)
         context = context_in_session(
-            replace(
-                self.theta0,
-                entity=self.theta0.entity * ~mask[..., None],
-                relation=self.theta0.relation.repeat(draws, 1, 1),
-            ),
-            Session(graph, ~mask, splits),
+            theta,
+            session,
             novel,
             torch.tensor(insert_triples, dtype=torch.int64).view(-1, 3),
             words,
             self.seed,
             torch.arange(draws)[:, None],
         )
-        return replace(context, by_kind=self.kinds is not None)
+        return replace(
+            context,
+            by_kind=self.kinds is not None,
+            scale=self.scale,
+            queries=queries_in(session, theta, self.scale),
+        )
 
 
 def _padded(listed: list[list[int]]) -> Tensor:

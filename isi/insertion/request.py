@@ -12,10 +12,12 @@ import torch
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
+from isi.initializers.scale import Loss, fit_scale
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, table
 from isi.insertion.engine import NovelEntities
 from isi.models.model import Model
+from isi.models.stack import Embedding
 
 
 class Settings(TypedDict, total=False):
@@ -23,6 +25,7 @@ class Settings(TypedDict, total=False):
 
     new_relations: int | Sequence[str]
     word_source: Source | None
+    loss: Loss | None
     initializer: str | None
     options: Mapping[str, Any] | None
     seed: int
@@ -52,6 +55,9 @@ class InsertRequest:
     #: priors are of known entities of a new one's kind. No kind: an empty text, None, or, in an
     #: array of numbers, -1.
     kinds: Any = None
+    #: the loss that the embedding was trained with, which says what its scores mean
+    #: (``isi.initializers.scale``)
+    loss: Loss | None = None
     initializer: str | None = None  #: a name; None: the best by the hold-out test
     options: Mapping[str, Any] | None = None  #: replace default options of the initializer
     seed: int = 0  #: root seed of random initializers and of the hidden entities
@@ -68,6 +74,7 @@ class InsertRequest:
     budget: float = 3
 
     def __post_init__(self) -> None:
+        check(self.loss, Loss | None, "", "argument 'loss'")  # type: ignore[arg-type]
         check(self.seed, Seed, "", "argument 'seed'")
         check(self.tolerance, NotNegative, "", "argument 'tolerance'")
         check(self.budget, NotNegative, "", "argument 'budget'")
@@ -158,8 +165,13 @@ def checked_request(
     )
     if not len(added) and len(given.relations) == len(known.relations):
         raise InputError("argument 'new'", "", "expected at least one new entity")
+    theta = arguments.stack_of_one(rows, given.relations, given.model)
+    known_theta = Embedding(
+        theta.entity[:, :number], theta.relation[:, : len(known.relations)], theta.model
+    )
+    scale = fit_scale(known_theta, torch.from_numpy(given.known_triples), request.loss)
     novel = NovelEntities(
-        theta=arguments.stack_of_one(rows, given.relations, given.model),
+        theta=theta,
         known=number,
         number=len(added),
         known_relations=len(known.relations),
@@ -168,6 +180,7 @@ def checked_request(
         words=arguments.word_table(request.words, request.word_source, names),
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
+        scale=scale,
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))

@@ -18,8 +18,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.probability import PlattCurve, fit_platt
 from isi.live.loaded import Fact, LoadedEmbedding, Query, answers_in
 
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers

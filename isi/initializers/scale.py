@@ -1,0 +1,170 @@
+"""The scale of an embedding's scores: how a score becomes the log odds of its triple.
+
+The objective of MAP (``isi.initializers.newton``) weighs facts against corrupted triples by log
+odds. Training decides what these are: with logistic loss a score is the log odds; a margin leaves
+the slope and the border open, and both are fitted; with cross-entropy over all entities, the border
+of a query (h, r, ?) is log Z, the log of the sum of exp(score) over all answers, since
+softplus(log Z - f) is the loss of an answer with score f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import torch
+from torch import Tensor
+from torch.nn.functional import softplus
+
+from isi.evaluation.platt import fit_platt
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.models.stack import Embedding, rows
+
+#: The loss that an embedding was trained with. ``softmax``: cross-entropy over (all or sampled)
+#: entities; ``margin``: of pairs; ``self-adversarial``: weighted negatives (Sun et al. 2019).
+Loss = Literal["logistic", "softmax", "margin", "self-adversarial"]
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+#: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
+TRIPLES = 2**12
+#: Maximum number of queries with known answers, drawn at random, whose log Z is computed.
+QUERIES = 2**14
+LEAST_QUERIES, WORK = 2**10, 2**35  #: Of these queries, and of multiplications for their log Z.
+FEW = 2**8  #: Maximum number of queries for the mean of log Z.
+BUDGET = 2**24  #: Maximum number of scores in one table.
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Log odds of a triple = slope · score + offset; with ``softmax``, score - log Z of its query.
+
+    Example:
+        >>> Scale("logistic").offset
+        0.0
+    """
+
+    loss: Loss = "logistic"
+    slope: float = 1.0
+    offset: float = 0.0  #: with ``softmax``: - mean log Z of known queries, which serves as a guess
+    #: mean log loss (nats) of known triples and their corruptions, which count alike; log 2 by
+    #: chance; None: not fitted
+    log_loss: float | None = None
+
+    @property
+    def by_query(self) -> bool:
+        """Whether each query has an offset of its own."""
+        return self.loss == "softmax"
+
+
+LOGISTIC = Scale()  #: The scale of the pipeline's training, and of ``isi train``.
+
+
+def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | None) -> Scale:
+    """The scale of one embedding that was trained with a loss on ``triples``, (T, 3).
+
+    Each triple has two corruptions: another head and another tail, which are those of other
+    triples.
+    """
+    if loss is None or loss == "logistic" or len(triples) < 2:
+        return LOGISTIC
+    right, wrong = _known_and_corrupted(theta, triples)
+    if loss == "softmax":
+        head, relation, _ = triples[:: -(-len(triples) // FEW)].T[:, None]
+        known = torch.ones(theta.entity.shape[:2], dtype=torch.bool)
+        is_tail = torch.ones_like(head, dtype=torch.bool)
+        offset = -log_partition(theta, known, is_tail, relation, head).mean().item()
+        return Scale(loss, 1.0, offset, _log_loss(right + offset, wrong + offset))
+    scores = torch.cat([right.repeat(2), wrong])  # so that both sides weigh the same
+    is_known = torch.arange(len(scores)) < len(wrong)
+    curve = fit_platt(scores, is_known)
+    odds = (curve.slope * part + curve.offset for part in (right, wrong))
+    return Scale(loss, curve.slope, curve.offset, _log_loss(*odds))
+
+
+@dataclass(frozen=True, eq=False)
+class KnownQueries:
+    """K queries with known answers, which a novel entity may answer wrongly.
+
+    They are sorted: first (?, relation, other), then (other, relation, ?).
+    """
+
+    novel_is_tail: Tensor  #: whether the tail is asked for; shape: (K,), bool
+    relation: Tensor  #: ids; shape: (K,)
+    other: Tensor  #: ids of the given ends; shape: (K,)
+    answers: Tensor  #: number of known answers; if K is a sample, scaled up; shape: (M, K), float64
+    log_z: Tensor  #: log Σ exp(score) over known entities as answers; shape: (M, K), float64
+    #: whether training asked for tails alone, as with inverse relations
+    tails_only: bool
+
+    def scores(self, theta: Embedding, vectors: Tensor) -> Tensor:
+        """Scores of vectors, (M, n, d), as answers; shape (M, n, K)."""
+        parts = []
+        for is_tail in (False, True):
+            chosen = self.novel_is_tail == is_tail
+            score = theta.model.score_tails if is_tail else theta.model.score_heads
+            models = len(theta.entity)
+            given = rows(theta.entity, self.other[chosen].expand(models, -1))
+            relation = rows(theta.relation, self.relation[chosen].expand(models, -1))
+            parts.append(score(given, relation, vectors))
+        return torch.cat(parts, 1).mT
+
+
+def known_queries(
+    theta: Embedding, known: Tensor, triples: Tensor, trained: Tensor, tails_only: bool
+) -> KnownQueries:
+    """The queries of ``trained``, (M, T), triples, (T, 3), or a sample of ``QUERIES`` of them;
+    ``known``: mask of the candidates, (M, E).
+    """
+    (models, entities, dimension), relations = theta.entity.shape, theta.relation.shape[1]
+    head, relation, tail = triples[:, HEAD], triples[:, RELATION], triples[:, TAIL]
+    keys = (relations + relation) * entities + head
+    if not tails_only:
+        keys = torch.cat([relation * entities + tail, keys])
+    key, place = torch.unique(keys, return_inverse=True)
+    answers = torch.zeros(models, len(key), dtype=torch.float64)
+    answers.index_add_(1, place, trained.double().repeat(1, len(keys) // max(1, len(triples))))
+    affordable = max(LEAST_QUERIES, min(QUERIES, WORK // (models * entities * dimension)))
+    step = -(-len(key) // affordable) or 1
+    sampled = answers[:, ::step]
+    sampled = sampled * (answers.sum(1) / sampled.sum(1).clamp(min=1))[:, None]
+    key = key[::step]
+    slot, other = key // entities, key % entities
+    novel_is_tail, relation = slot >= relations, slot % relations
+    shape = models, len(key)
+    log_z = log_partition(
+        theta, known, *(ids.expand(shape) for ids in (novel_is_tail, relation, other))
+    )
+    return KnownQueries(novel_is_tail, relation, other, sampled, log_z, tails_only)
+
+
+def log_partition(
+    theta: Embedding, known: Tensor, novel_is_tail: Tensor, relation: Tensor, other: Tensor
+) -> Tensor:
+    """log Z of queries, over the entities of a mask, (M, E), as answers; ids of shape (M, Q), of
+    queries as in ``KnownQueries``; result (M, Q), float64.
+    """
+    log_z = torch.zeros(relation.shape, dtype=torch.float64)
+    for is_tail in (False, True):
+        of_side = novel_is_tail == is_tail
+        first = torch.argsort(~of_side, stable=True)[:, : int(of_side.sum(1).max())]
+        for part in torch.split(first, max(1, BUDGET // known.numel()), 1):
+            ids = other.gather(1, part), relation.gather(1, part)
+            scores = theta.score_tails(*ids) if is_tail else theta.score_heads(*ids[::-1])
+            total = scores.masked_fill(~known[:, None], -torch.inf).logsumexp(-1).double()
+            log_z.scatter_(
+                1, part, torch.where(of_side.gather(1, part), total, log_z.gather(1, part))
+            )
+    return log_z
+
+
+def _known_and_corrupted(theta: Embedding, triples: Tensor) -> tuple[Tensor, Tensor]:
+    """Scores of known triples, (T,), and of as many with another head, then another tail, (2T,)."""
+    head, relation, tail = triples[:: -(-len(triples) // TRIPLES)].T[:, None]
+    right = theta.score(head, relation, tail)[0]
+    other_heads = theta.score(head.roll(1, 1), relation, tail)[0]
+    other_tails = theta.score(head, relation, tail.roll(1, 1))[0]
+    return right.double(), torch.cat([other_heads, other_tails]).double()
+
+
+def _log_loss(right: Tensor, wrong: Tensor) -> float:
+    """Mean log loss of log odds, of which ``right`` and ``wrong`` ones weigh the same."""
+    return (softplus(-right).mean() + softplus(wrong).mean()).item() / 2
