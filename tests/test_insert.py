@@ -20,6 +20,7 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
 from isi.insertion.arguments import Names, triples_of
 from isi.insertion.engine import batches
+from isi.random import stream
 from isi.tables import paths
 from tests.init_contexts import insertion
 from tests.small_embedding import (
@@ -408,6 +409,14 @@ def test_words_of_a_large_graph_are_compared_with_the_new_alone(
     monkeypatch.setattr("isi.initializers.similarity.WHOLE", 0)
     np.testing.assert_allclose(
         call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6
+    )
+
+
+def test_new_entities_of_a_call_draw_from_one_stream_in_their_order() -> None:
+    drawn = stream(7, "xavier", 0).random((len(NEW), DIMENSION))
+    bound = 6 / DIMENSION**0.5
+    np.testing.assert_allclose(
+        call(initializer="xavier", seed=7).entities[ENTITIES:], (2 * drawn - 1) * bound, rtol=1e-5
     )
 
 

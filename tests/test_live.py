@@ -8,7 +8,7 @@ import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ ABOUT = st.fixed_dictionaries(
     {},
     optional={
         "kind": st.sampled_from(KINDS),
-        "initializer": st.sampled_from(["map", "rs"]),
+        "initializer": st.sampled_from(["map", "rs", "iu"]),
         "new": st.just(True),
     },
 )
@@ -399,6 +399,25 @@ def test_an_explanation_is_of_the_vector_that_an_entity_has_among_others() -> No
         assert result.names.number == len(KNOWN.entities) + 2, name
         np.testing.assert_array_equal(result.entities[result.known + place], row.vector)
         assert live.explain(name).indicators
+
+
+@pytest.mark.parametrize("name", ["xavier", "iu", "gaussian", "class_noise"])
+def test_random_vectors_follow_from_the_seed_and_the_name_in_any_order(name: str) -> None:
+    about: dict[str, Any] = {"initializer": name, "seed": 3}
+    together = live_of()
+    together.insert(NEW[:3], [(new, "in", "e1") for new in NEW[:3]], **about)
+    expected = {new: row.vector for new, row in together.inserted.items()}
+    for one, other in pairwise(expected.values()):
+        assert (one != other).all()
+    for order in permutations(NEW[:3]):
+        live = live_of()
+        for new in order:
+            live.insert(new, {"in": "e1"}, **about)
+        for each in (live, live_of(live.changes)):  # and the journal again
+            for new, row in each.inserted.items():
+                np.testing.assert_array_equal(row.vector, expected[new])
+    live.remove(NEW[0])
+    np.testing.assert_array_equal(live.inserted[NEW[1]].vector, expected[NEW[1]])
 
 
 def test_an_indicator_whose_fact_was_retracted_can_be_left_out() -> None:

@@ -60,6 +60,9 @@ class InitContext:
     keys: Tensor  #: other keys of each model's random streams; shape: (M, K)
     #: whether indicators are of a novel entity's kind: in ``isi.insert``, not in the experiments
     by_kind: bool = False
+    #: a further key for each novel entity, which then draws from a stream of its own; None: all
+    #: novel entities of a model draw from one; shape: (M, n)
+    entity_keys: Tensor | None = None
 
     @property
     def worded(self) -> Tensor:
@@ -89,12 +92,20 @@ class InitContext:
     def draw(
         self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]
     ) -> Tensor:
-        """Random numbers, (M, n, d), from one stream per model and purpose."""
-        shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
-        numbers = [
-            distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()
-        ]
-        return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
+        """Random numbers, (M, n, d), from one stream per model and purpose,
+        or per novel entity and purpose with ``entity_keys``.
+        """
+        (models, new), dimension = self.novel.shape, self.theta0.entity.shape[-1]
+        numbers = np.empty((models, new, dimension))
+        for model, key in enumerate(self.keys.tolist()):
+            if self.entity_keys is None:
+                rng = stream(self.root, purpose, *key)
+                numbers[model] = distribution(rng, (new, dimension))
+                continue
+            for place, entity_key in enumerate(self.entity_keys[model].tolist()):
+                rng = stream(self.root, purpose, *key, entity_key)
+                numbers[model, place] = distribution(rng, (1, dimension))
+        return torch.as_tensor(numbers, dtype=torch.float32)
 
 
 @dataclass(frozen=True)

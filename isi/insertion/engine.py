@@ -43,6 +43,9 @@ class NovelEntities:
     words: np.ndarray | None  #: word vectors of all entities, zero if missing; shape: (E + n, v)
     kinds: np.ndarray | None  #: of all entities, -1 without one; shape: (E + n,)
     seed: int  #: root of the random streams
+    #: a key for each novel entity's own random streams, so that its draws do not depend on the
+    #: others; None: entities of a batch draw from one; shape (n,), int64
+    entity_keys: np.ndarray | None = None
 
     @property
     def ids(self) -> np.ndarray:
@@ -209,6 +212,12 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
     words = torch.zeros(len(session.graph.entities), 1)
     if novel.words is not None:
         words = torch.from_numpy(novel.words)
+    places = ids - novel.known
+    keys = places[None, :1]
+    entity_keys = None
+    if novel.entity_keys is not None:
+        keys = torch.zeros_like(keys)
+        entity_keys = torch.from_numpy(novel.entity_keys)[places][None]
     context = context_in_session(
         novel.theta,
         session,
@@ -216,9 +225,10 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
         insert_triples,
         words,
         novel.seed,
-        ids[None, :1] - novel.known,
+        keys,
         torch.from_numpy(triples),
     )
+    context = replace(context, entity_keys=entity_keys)
     if not novel.has_rows:  # a row of the table stands for one without words
         context = replace(context, novel=torch.zeros_like(ids)[None])
     eligible = context.eligible if len(novel.known_triples) else context.known

@@ -54,7 +54,12 @@ class InsertRequest:
     kinds: Any = None
     initializer: str | None = None  #: a name; None: the best by the hold-out test
     options: Mapping[str, Any] | None = None  #: replace default options of the initializer
-    seed: int = 0  #: root seed of random initializers and of the hidden entities
+    #: root seed of random initializers and of the hidden entities. Calls with the same seed draw
+    #: the same numbers: give each call its own seed.
+    seed: int = 0
+    #: for random initializers, a key for each new entity: its numbers then depend on the seed and
+    #: its key alone, not on the other new entities; shape (n,), int64
+    entity_keys: np.ndarray | None = None
     #: without a named initializer and ``options``, hide known entities, insert them from as many of
     #: their triples as the new ones have, and select the initializer with the highest MRR about
     #: them among those that keep the MRR of earlier triples (``Inserted.selection``). If false, or
@@ -168,6 +173,7 @@ def checked_request(
         words=arguments.word_table(request.words, request.word_source, names),
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
+        entity_keys=request.entity_keys,
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -271,6 +272,7 @@ class EntityGroups:
             initializer=method.initializer.name,
             options=method.options,
             seed=group.conditions.seed,
+            entity_keys=np.array([crc32(name.encode()) for name in group.members], np.int64),
         )
         return insert_request(known, request)
 
