@@ -123,6 +123,22 @@ def test_what_is_known_is_observed_and_what_is_not_is_inserted(
     assert parsed(capsys, *STOVE, "--upsert")["entity"] == "stove"
 
 
+@pytest.mark.parametrize(
+    ("fact", "in_two_parts"),
+    [
+        (["hob", "atLocation", "kitchen"], ["--fact", "atLocation", "kitchen"]),
+        (["kettle", "atLocation", "hob"], ["--inverse-fact", "kettle", "atLocation"]),
+    ],
+)
+def test_a_fact_about_a_new_entity_may_have_all_three_parts(
+    capsys: pytest.CaptureFixture[str], fact: list[str], in_two_parts: list[str]
+) -> None:
+    other = ["--fact", "hasAffordance", "turn on", "--dry-run"]
+    expected = parsed(capsys, "insert", "hob", *in_two_parts, *other)
+    assert parsed(capsys, "insert", "hob", "--fact", *fact, *other) == expected
+    assert fact in expected["facts"]
+
+
 def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:
     printed(capsys, *HOB)
     printed(capsys, *TO_HOB)

@@ -44,7 +44,10 @@ def insert(
     name: str | None = None,
     *,
     fact: Annotated[
-        tuple[tuple[str, str], ...], Parameter(help="RELATION ENTITY: a fact about NAME")
+        tuple[tuple[str, str], ...],
+        Parameter(
+            help="RELATION ENTITY: a fact about NAME; or all three parts, NAME first or last"
+        ),
     ] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
