@@ -20,6 +20,7 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
 from isi.insertion.arguments import Names, triples_of
 from isi.insertion.engine import batches
+from isi.models.bilinear import DistMult
 from isi.random import stream
 from isi.tables import paths
 from tests.init_contexts import insertion
@@ -290,6 +291,29 @@ def test_words_may_be_vectors_or_texts_by_name() -> None:
     np.testing.assert_array_equal(
         call(words=by_name | {"cup": "text of cup"}, word_source=embed).entities, table
     )
+
+
+class OneWay(DistMult):
+    """A model whose relations cannot be mapped back, so that triples alone serve no new entity."""
+
+    invertible = False
+
+
+@pytest.mark.parametrize(
+    ("worded", "named"),
+    [
+        ([], "'cup'"),
+        (["cup"], "'mug'"),  # the first new entity has words
+        (["cup", "mug"], "words"),  # what lacks is the words of known entities
+    ],
+)
+def test_what_lacks_words_is_named_where_triples_do_not_serve(
+    worded: list[str], named: str
+) -> None:
+    given = {name: [1.0, 2.0] for name in worded}
+    with pytest.raises(InputError) as raised:
+        call(model=OneWay(), words=given, initializer="es", triples=TRIPLES[:3], known_triples=None)
+    assert named in raised.value.file
 
 
 def test_words_may_come_from_a_file(tmp_path: Any) -> None:

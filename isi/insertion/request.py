@@ -130,7 +130,9 @@ class Checked:
         return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
 
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
-        """The error of the first new entity of a mask, (n,)."""
+        """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
+        if not entities.any():
+            return InputError("argument 'words'", "", expected)
         name = self.names.of(self.novel.known + int(np.argmax(entities)))
         return InputError(f"new entity {name!r:.80}", "", expected)
 
