@@ -17,10 +17,18 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import (
+    INITIALIZERS,
+    InitContext,
+    InitResult,
+    Registered,
+    initializer,
+    without_weights,
+)
 from isi.insertion.arguments import Names, triples_of
-from isi.insertion.engine import batches
+from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
 from isi.models.bilinear import DistMult
+from isi.models.distance import RotatE
 from isi.random import stream
 from isi.tables import paths
 from tests.init_contexts import insertion
@@ -409,6 +417,43 @@ def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
     ]
     monkeypatch.setattr("isi.insertion.engine.BUDGET", 3 * 64 * 8)
     assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
+
+
+def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_relations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, new, dimension = 40, 16, 8
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", 4 * FEW * dimension)
+    sizes = list[int]()
+
+    def measured(context: InitContext) -> InitResult:
+        sizes.append(context.other.numel() * dimension)
+        return without_weights(torch.zeros(*context.novel.shape, dimension))
+
+    novel = NovelEntities(
+        theta=random_embedding(1, known + new, 1, dimension, model=RotatE(margin=1.0)),
+        known=known,
+        number=new,
+        known_relations=1,
+        triples=np.array([(known + row, 0, end) for row in range(new) for end in range(FEW)]),
+        known_triples=np.zeros((0, 3), np.int64),
+        words=None,
+        kinds=None,
+        seed=0,
+    )
+    insert(novel, Method(Registered("measured", measured, "Measured"), {}, ""))
+    assert sizes == [4 * FEW * dimension] * 4
+
+
+def test_batches_of_rotate_have_the_vectors_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {"model": "rotate", "model_options": {"margin": 1.0}, "words": words()}
+    given["relations"] = tables()["relations"][:, : DIMENSION // 2]
+    names = ("es", "rs", "ers", "soft_rs", "map")
+    together = {name: call(initializer=name, **given).entities for name in names}
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", FEW * DIMENSION)  # one entity
+    for name, expected in together.items():
+        apart = call(initializer=name, **given).entities
+        np.testing.assert_allclose(apart, expected, rtol=1e-4, atol=1e-6)
 
 
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,7 +123,7 @@ def _in_batches(
     _, relations, width = novel.theta.relation.shape
     _, entities, dimension = novel.theta.entity.shape
     most = max(1, BUDGET // max(entities, relations * dimension))
-    parts = batches(ids, triples, most, max(relations, width))
+    parts = batches(ids, triples, most, max(relations, width, dimension))
     results = [method.initialize(context_for(novel, part, triples)) for part in parts]
     if len(results) < 2:
         return results[0] if results else None
