@@ -371,6 +371,28 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
     assert list(isi.open(tmp_path / "home").groups.selected.values()) == chosen()
 
 
+@pytest.mark.parametrize("journal", [False, True])
+@pytest.mark.parametrize("changed", [False, True])
+def test_choices_without_a_change_are_saved_once(
+    tmp_path: Path, journal: bool, changed: bool
+) -> None:
+    write(tmp_path / "home", KNOWN)
+    with isi.open(tmp_path / "home", journal=journal) as live:
+        if changed:
+            live.insert("new a", [("new a", "in", "e1")], initializer="mean")
+            live.save()
+        live.prepare()
+        for _ in range(2):
+            live.save()
+        live.save(tmp_path / "copy")
+    for folder in ("home", "copy"):
+        lines = (tmp_path / folder / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+        assert len(lines) == len(PREPARED) + changed
+        again = isi.open(tmp_path / folder)
+        assert list(again.groups.selected.values()) == chosen()
+        assert list(again.inserted) == ["new a"] * changed
+
+
 @pytest.mark.parametrize(
     "fact", [5, None, "e1 in e2", ("e1", "in"), {"e1": 1, "in": 2, "e2": 3}, ("e1", "in", 5)]
 )
