@@ -85,35 +85,43 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     A new relation is fitted before each round to its triples between entities that have vectors.
     Until it has a row, its triples are not used.
     """
-    theta, triples = novel.theta, novel.triples
-    usable = triples[:, RELATION] < novel.known_relations
-    has_vector = np.arange(novel.known + novel.number) < novel.known
+    triples, all_entities = novel.triples, novel.known + novel.number
+    has_vector = np.arange(all_entities) < novel.known
+    is_of_known_relation = triples[:, RELATION] < novel.known_relations
     joins_vectors = has_vector[triples[:, [HEAD, TAIL]]].all(1)
-    fit_again = bool((~usable & ~joins_vectors).any())
-
-    def fit() -> None:
-        if theta.relation.shape[1] == novel.known_relations:
-            return
-        ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
-        usable[np.isin(triples[:, RELATION], ready[:, RELATION])] = True
-        theta.relation[0, novel.known_relations :] = fit_relations(
-            theta,
-            novel.known,
-            novel.known_relations,
-            torch.from_numpy(ready),
-            torch.from_numpy(novel.known_triples),
-        )
-
+    fit_again = bool((~is_of_known_relation & ~joins_vectors).any())
     result = None
     for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
-        fit()
+        usable = _fit_new_relations(novel, has_vector)
         result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable])
         if result is not None and novel.has_rows:
-            theta.entity[0, ids] = result.vectors[0]
+            novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
     if fit_again:
-        fit()
+        _fit_new_relations(novel, has_vector)
     return result
+
+
+def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarray:
+    """Write the rows of new relations into ``novel.theta``, each fitted to its triples between
+    entities of the mask ``has_vector``, (E + n,).
+
+    Returns a mask, (T,), of the triples whose relation has a row: it is known, or has such triples.
+    """
+    theta, triples = novel.theta, novel.triples
+    if theta.relation.shape[1] == novel.known_relations:
+        return np.ones(len(triples), bool)
+    ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
+    theta.relation[0, novel.known_relations :] = fit_relations(
+        theta,
+        novel.known,
+        novel.known_relations,
+        torch.from_numpy(ready),
+        torch.from_numpy(novel.known_triples),
+    )
+    is_known = triples[:, RELATION] < novel.known_relations
+    has_row: np.ndarray = is_known | np.isin(triples[:, RELATION], ready[:, RELATION])
+    return has_row
 
 
 def _in_batches(
