@@ -107,10 +107,8 @@ class LiveEmbedding:
         )
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Selected)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
-        self.groups, self._known_curves = (
-            EntityGroups(self.base, phrases, chosen),
-            dict[tuple[int, int], Curve | None](),
-        )
+        self.groups = EntityGroups(self.base, phrases, chosen)
+        self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
         self.groups.stored = stored.read(folder) if folder else {}
         file = folder / folders.JOURNAL if folder and lines is not None else None
         self.additions = journals.replayed(

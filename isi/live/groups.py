@@ -41,7 +41,7 @@ NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
 class Conditions(NamedTuple):
-    """What entities have in common that are inserted by one initializer."""
+    """The conditions of an insertion: under equal ones, entities get the same initializer."""
 
     facts: int  #: mean number with known entities; one of ``PREPARED``
     words: bool  #: whether all have word vectors
@@ -110,7 +110,7 @@ class EntityGroups:
 
     @cached_property
     def _digest(self) -> str:
-        """Of all that vectors depend on beside what is inserted."""
+        """A digest of all that vectors depend on, except what is inserted."""
         base = self.base
         about = [
             base.manifest.model_name,
@@ -236,7 +236,7 @@ class EntityGroups:
         return rows
 
     def _keys(self, group: Group, method: Method, additions: Additions) -> dict[str, str]:
-        """The key of each member's vector: of all that it depends on."""
+        """The key of each member's vector: a digest of all that it depends on."""
         inputs = {}
         for name, member in group.members.items():
             inputs[name] = [name, member.facts, member.kind, digest_of(member.words.vector)]
@@ -389,8 +389,8 @@ def prepared(facts: float) -> int:
 
 
 def _together(name: str, facts: Mapping[str, Collection[Fact]]) -> list[str]:
-    """The inserted entities that a chain of facts joins to one of them, sorted;
-    ``facts``: of each.
+    """An inserted entity and those that a chain of facts joins to it, sorted;
+    ``facts``: those of each inserted entity.
     """
     reached, waiting = {name}, [name]
     while waiting:

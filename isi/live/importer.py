@@ -102,10 +102,8 @@ def bundle_of(
 ) -> LoadedEmbedding:
     """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
-    checked, names = (
-        checked_model(model, options, entities.shape[1]),
-        (labels.entities, labels.relations),
-    )
+    checked = checked_model(model, options, entities.shape[1])
+    names = (labels.entities, labels.relations)
     if len(relations) == 2 * len(labels.relations):
         expected = (
             f"expected {len(labels.relations)} rows, got twice as many, "
