@@ -61,6 +61,27 @@ def test_kind_mean_is_the_centroid_of_the_known_of_the_kind(of: InitContext) -> 
     torch.testing.assert_close(result.vectors[0, 1], mean_of(of, *KNOWN))
 
 
+@pytest.mark.parametrize("name", ["es_permuted", "es_permuted_kinds"])
+def test_an_entity_with_a_key_of_its_own_has_the_same_vector_among_others(
+    of: InitContext, name: str
+) -> None:
+    together = replace(of, entity_keys=torch.tensor([[7, 8, 9, 6]]))
+    vectors = insert(name, together, k=2).vectors
+    for place, entity in enumerate(of.novel[0].tolist()):
+        others = [other for other in of.novel[0].tolist() if other != entity]
+        alone = replace(
+            together,
+            novel=of.novel[:, [place]],
+            words=of.words.index_fill(0, torch.tensor(others), 0.0),
+            other=of.other[:, [place]],
+            relation=of.relation[:, [place]],
+            novel_is_tail=of.novel_is_tail[:, [place]],
+            observed=of.observed[:, [place]],
+            entity_keys=together.entity_keys[:, [place]],  # type: ignore[index]
+        )
+        torch.testing.assert_close(insert(name, alone, k=2).vectors[0, 0], vectors[0, place])
+
+
 @pytest.mark.parametrize(
     ("name", "kinds"),
     # 11 has no word

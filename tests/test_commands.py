@@ -123,6 +123,22 @@ def test_what_is_known_is_observed_and_what_is_not_is_inserted(
     assert parsed(capsys, *STOVE, "--upsert")["entity"] == "stove"
 
 
+@pytest.mark.parametrize(
+    ("fact", "in_two_parts"),
+    [
+        (["hob", "atLocation", "kitchen"], ["--fact", "atLocation", "kitchen"]),
+        (["kettle", "atLocation", "hob"], ["--inverse-fact", "kettle", "atLocation"]),
+    ],
+)
+def test_a_fact_about_a_new_entity_may_have_all_three_parts(
+    capsys: pytest.CaptureFixture[str], fact: list[str], in_two_parts: list[str]
+) -> None:
+    other = ["--fact", "hasAffordance", "turn on", "--dry-run"]
+    expected = parsed(capsys, "insert", "hob", *in_two_parts, *other)
+    assert parsed(capsys, "insert", "hob", "--fact", *fact, *other) == expected
+    assert fact in expected["facts"]
+
+
 def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:
     printed(capsys, *HOB)
     printed(capsys, *TO_HOB)
@@ -192,6 +208,24 @@ def test_an_insertion_is_reported_as_json_and_in_sentences(
         re.fullmatch(r" +stove atLocation \?: kitchen \(given\), bedroom .*", line) for line in text
     )
     assert len(printed(capsys, *STOVE, "--dry-run", "--verbose").splitlines()) > len(text)
+
+
+def test_the_answers_that_an_insertion_pushes_down_are_in_its_report(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    is_above = set[bool]()
+    for seed in range(4):  # random vectors, some of which rank above known answers
+        given = [*STOVE, "--dry-run", "--initializer", "xavier", "--seed", str(seed)]
+        alone = parsed(capsys, *given)["interference"]
+        share = f"{alone['above'][0]:.1%} of {alone['queries']} queries"
+        assert (share in printed(capsys, *given)) == (alone["above"][0] > 0)
+        verbose = printed(capsys, *given, "--verbose").splitlines()
+        for change in alone["changes"]:
+            ranks = f"from rank {change['rank_old']:g} to {change['rank_cur']:g}"
+            query = f"  {' '.join(change['query'])}: {change['answer']} "
+            assert any(line.startswith(query) and line.endswith(ranks) for line in verbose)
+        is_above.add(bool(alone["changes"]))
+    assert is_above == {False, True}
 
 
 def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(

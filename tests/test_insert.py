@@ -17,9 +17,19 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import (
+    INITIALIZERS,
+    InitContext,
+    InitResult,
+    Registered,
+    initializer,
+    without_weights,
+)
 from isi.insertion.arguments import Names, triples_of
-from isi.insertion.engine import batches
+from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
+from isi.models.bilinear import DistMult
+from isi.models.distance import RotatE
+from isi.random import stream
 from isi.tables import paths
 from tests.init_contexts import insertion
 from tests.small_embedding import (
@@ -291,6 +301,29 @@ def test_words_may_be_vectors_or_texts_by_name() -> None:
     )
 
 
+class OneWay(DistMult):
+    """A model whose relations cannot be mapped back, so that triples alone serve no new entity."""
+
+    invertible = False
+
+
+@pytest.mark.parametrize(
+    ("worded", "named"),
+    [
+        ([], "'cup'"),
+        (["cup"], "'mug'"),  # the first new entity has words
+        (["cup", "mug"], "words"),  # what lacks is the words of known entities
+    ],
+)
+def test_what_lacks_words_is_named_where_triples_do_not_serve(
+    worded: list[str], named: str
+) -> None:
+    given = {name: [1.0, 2.0] for name in worded}
+    with pytest.raises(InputError) as raised:
+        call(model=OneWay(), words=given, initializer="es", triples=TRIPLES[:3], known_triples=None)
+    assert named in raised.value.file
+
+
 def test_words_may_come_from_a_file(tmp_path: Any) -> None:
     path = tmp_path / "vectors.txt"
     path.write_text("cup 1 0\nmug 0.9 0.1\nglass 0 1\n", encoding="utf-8")
@@ -386,6 +419,43 @@ def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
     assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
 
 
+def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_relations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, new, dimension = 40, 16, 8
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", 4 * FEW * dimension)
+    sizes = list[int]()
+
+    def measured(context: InitContext) -> InitResult:
+        sizes.append(context.other.numel() * dimension)
+        return without_weights(torch.zeros(*context.novel.shape, dimension))
+
+    novel = NovelEntities(
+        theta=random_embedding(1, known + new, 1, dimension, model=RotatE(margin=1.0)),
+        known=known,
+        number=new,
+        known_relations=1,
+        triples=np.array([(known + row, 0, end) for row in range(new) for end in range(FEW)]),
+        known_triples=np.zeros((0, 3), np.int64),
+        words=None,
+        kinds=None,
+        seed=0,
+    )
+    insert(novel, Method(Registered("measured", measured, "Measured"), {}, ""))
+    assert sizes == [4 * FEW * dimension] * 4
+
+
+def test_batches_of_rotate_have_the_vectors_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {"model": "rotate", "model_options": {"margin": 1.0}, "words": words()}
+    given["relations"] = tables()["relations"][:, : DIMENSION // 2]
+    names = ("es", "rs", "ers", "soft_rs", "map")
+    together = {name: call(initializer=name, **given).entities for name in names}
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", FEW * DIMENSION)  # one entity
+    for name, expected in together.items():
+        apart = call(initializer=name, **given).entities
+        np.testing.assert_allclose(apart, expected, rtol=1e-4, atol=1e-6)
+
+
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once = {
         name: call(initializer=name, words=words()).entities
@@ -408,6 +478,14 @@ def test_words_of_a_large_graph_are_compared_with_the_new_alone(
     monkeypatch.setattr("isi.initializers.similarity.WHOLE", 0)
     np.testing.assert_allclose(
         call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6
+    )
+
+
+def test_new_entities_of_a_call_draw_from_one_stream_in_their_order() -> None:
+    drawn = stream(7, "xavier", 0).random((len(NEW), DIMENSION))
+    bound = 6 / DIMENSION**0.5
+    np.testing.assert_allclose(
+        call(initializer="xavier", seed=7).entities[ENTITIES:], (2 * drawn - 1) * bound, rtol=1e-5
     )
 
 

@@ -8,7 +8,7 @@ import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ ABOUT = st.fixed_dictionaries(
     {},
     optional={
         "kind": st.sampled_from(KINDS),
-        "initializer": st.sampled_from(["map", "rs"]),
+        "initializer": st.sampled_from(["map", "rs", "iu"]),
         "new": st.just(True),
     },
 )
@@ -371,6 +371,28 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
     assert list(isi.open(tmp_path / "home").groups.selected.values()) == chosen()
 
 
+@pytest.mark.parametrize("journal", [False, True])
+@pytest.mark.parametrize("changed", [False, True])
+def test_choices_without_a_change_are_saved_once(
+    tmp_path: Path, journal: bool, changed: bool
+) -> None:
+    write(tmp_path / "home", KNOWN)
+    with isi.open(tmp_path / "home", journal=journal) as live:
+        if changed:
+            live.insert("new a", [("new a", "in", "e1")], initializer="mean")
+            live.save()
+        live.prepare()
+        for _ in range(2):
+            live.save()
+        live.save(tmp_path / "copy")
+    for folder in ("home", "copy"):
+        lines = (tmp_path / folder / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+        assert len(lines) == len(PREPARED) + changed
+        again = isi.open(tmp_path / folder)
+        assert list(again.groups.selected.values()) == chosen()
+        assert list(again.inserted) == ["new a"] * changed
+
+
 @pytest.mark.parametrize(
     "fact", [5, None, "e1 in e2", ("e1", "in"), {"e1": 1, "in": 2, "e2": 3}, ("e1", "in", 5)]
 )
@@ -399,6 +421,25 @@ def test_an_explanation_is_of_the_vector_that_an_entity_has_among_others() -> No
         assert result.names.number == len(KNOWN.entities) + 2, name
         np.testing.assert_array_equal(result.entities[result.known + place], row.vector)
         assert live.explain(name).indicators
+
+
+@pytest.mark.parametrize("name", ["xavier", "iu", "gaussian", "class_noise"])
+def test_random_vectors_follow_from_the_seed_and_the_name_in_any_order(name: str) -> None:
+    about: dict[str, Any] = {"initializer": name, "seed": 3}
+    together = live_of()
+    together.insert(NEW[:3], [(new, "in", "e1") for new in NEW[:3]], **about)
+    expected = {new: row.vector for new, row in together.inserted.items()}
+    for one, other in pairwise(expected.values()):
+        assert (one != other).all()
+    for order in permutations(NEW[:3]):
+        live = live_of()
+        for new in order:
+            live.insert(new, {"in": "e1"}, **about)
+        for each in (live, live_of(live.changes)):  # and the journal again
+            for new, row in each.inserted.items():
+                np.testing.assert_array_equal(row.vector, expected[new])
+    live.remove(NEW[0])
+    np.testing.assert_array_equal(live.inserted[NEW[1]].vector, expected[NEW[1]])
 
 
 def test_an_indicator_whose_fact_was_retracted_can_be_left_out() -> None:

@@ -10,7 +10,10 @@ import torch
 from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import compare, evaluate, make_queries, padded_ids
 from isi.graph.sessions import VALID, session_of
-from isi.models.stack import Embedding
+from isi.models.bilinear import DistMult
+from isi.models.distance import TransE
+from isi.models.model import Model
+from isi.models.stack import Embedding, select
 from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
 NONE: frozenset[Triple] = frozenset()
@@ -157,6 +160,19 @@ def test_queries_ranked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch)
     for name, result in evaluate(embedding, pieces).items():
         assert torch.equal(result.measures.nan_to_num(-1), whole[name].measures.nan_to_num(-1))
         assert torch.equal(result.ties, whole[name].ties)
+
+
+@pytest.mark.parametrize("dimension", [1, 5, 7, 8])
+@pytest.mark.parametrize("model", [DistMult(), TransE(margin=1.0)])
+def test_measures_are_the_same_whatever_the_stack(model: Model, dimension: int) -> None:
+    """The number of queries is that of the seed with most of them, so it changes, too."""
+    graph, seeds = random_graph(13, 3, 80), [0, 1, 2]
+    embedding = random_embedding(3, 13, 3, dimension, model=model)
+    together = evaluate(embedding, validation(points_of(graph, 2, seeds).last_session))["valid"]
+    for place, seed in enumerate(seeds):
+        session = points_of(graph, 2, [seed]).last_session
+        alone = evaluate(select(embedding, torch.tensor([place])), validation(session))["valid"]
+        assert torch.equal(alone.measures[0], together.measures[place])
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -228,10 +228,32 @@ def test_columns_have_any_case(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "header",
+    [
+        "from,rel,to",
+        "source,relation,target",
+        "Subject,Predicate,Object",
+        "h,r,t",
+        "source,label,target",
+        "head,rel,tail",
+    ],
+)
+def test_columns_of_triples_may_have_other_names(tmp_path: Path, header: str) -> None:
+    path = written(tmp_path / "a.csv", f"{header},count\nmug,at,kitchen,3\n")
+    assert observe("table", path).rows(*TRIPLE, "count") == [("mug", "at", "kitchen", 3)]
+    order = [header.split(",")[slot] for slot in (2, 0, 1)]
+    table = pd.DataFrame([("kitchen", "mug", "at")], columns=order)
+    table.to_parquet(tmp_path / "a.parquet")
+    assert observe("table", tmp_path / "a.parquet").rows(*TRIPLE) == [("mug", "at", "kitchen")]
+
+
+@pytest.mark.parametrize(
     ("file", "content", "remedy"),
     [
-        ("a.csv", "subject,object,predicate\na,b,c\n", "add the line head,relation,tail"),
-        ("a.csv", "from,to,rel\na,b,c\n", "add the line head,relation,tail"),
+        ("a.csv", "start,edge,end\na,b,c\n", "add the line head,relation,tail"),
+        ("a.csv", "node,property,node\na,b,c\n", "subject/object"),
+        ("a.csv", "from,rel,tail\na,b,c\n", "'from', 'rel', 'tail'"),
+        ("a.csv", "from,rel,to,source,target\na,b,c,d,e\n", "'source', 'target'"),
         ("a.csv", "0,1,2\na,b,c\n", "0"),
         ("a.csv", "a;at;b\n", "write , between columns"),
         ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),

@@ -6,10 +6,18 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, ValidationError
+from cyclopts import (
+    App,
+    CycloptsError,
+    MissingArgumentError,
+    Parameter,
+    UnusedCliTokensError,
+    ValidationError,
+)
 from cyclopts.validators import Number
 
 from isi.errors import InputError, cut, short
@@ -124,17 +132,55 @@ def main(argv: Sequence[str] | None = None) -> None:
             try:
                 if not tokens:
                     raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")
-                run, arguments, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+                run, arguments, _ = app.parse_args(
+                    facts_about_name(tokens), print_error=False, exit_on_error=False
+                )
             except CycloptsError as error:
-                message = " ".join(str(error).split())
-                if isinstance(error, UnusedCliTokensError):
-                    message += " A name of several words stands in quotes."
+                message = " ".join(str(error).split()) + _hint(error, tokens)
                 # it repeats a value
                 if isinstance(error, ValidationError) and error.argument and len(message) > MOST:
                     message = f"{error.argument.name}: {error.exception_message}"
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)
             run(*arguments.args, **arguments.kwargs)
+
+
+def facts_about_name(tokens: Sequence[str]) -> list[str]:
+    """A command line in which each fact of ``isi insert NAME`` has two parts.
+
+    ``--fact NAME RELATION ENTITY`` becomes ``--fact RELATION ENTITY``, and ``--fact ENTITY RELATION
+    NAME`` becomes ``--inverse-fact ENTITY RELATION``.
+    """
+    if tokens[:1] != ["insert"] or len(tokens) < 2 or tokens[1].startswith("-"):
+        return list(tokens)
+    name, result, left = tokens[1], list(tokens[:2]), list(tokens[2:])
+    while left:
+        typed = left.pop(0)
+        parts = list(takewhile(_is_no_option, left[:3]))
+        if typed == "--fact" and len(parts) == 3 and name in (parts[0], parts[2]):
+            is_head = parts[0] == name
+            result += ["--fact", *parts[1:]] if is_head else ["--inverse-fact", *parts[:2]]
+            left = left[3:]
+        else:
+            result.append(typed)
+    return result
+
+
+def _is_no_option(token: str) -> bool:
+    return not token.startswith("--")
+
+
+def _hint(error: CycloptsError, tokens: Sequence[str]) -> str:
+    """What a command line that cannot be parsed may lack."""
+    if isinstance(error, MissingArgumentError) and error.argument:
+        has_parts = error.argument.token_count()[0] > 1
+        return f" Expected {error.argument.parameter.help}" if has_parts else ""
+    if not isinstance(error, UnusedCliTokensError):
+        return ""
+    if tokens[0] == "insert" and not {"--fact", "--inverse-fact"}.isdisjoint(tokens):
+        expected = "--fact RELATION ENTITY, or three parts, of which NAME is the first or the last"
+        return f" Expected {expected}; a name of several words stands in quotes."
+    return " A name of several words stands in quotes."
 
 
 def show(answer: Mapping[str, Any], as_json: bool = False) -> None:

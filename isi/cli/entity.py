@@ -44,7 +44,10 @@ def insert(
     name: str | None = None,
     *,
     fact: Annotated[
-        tuple[tuple[str, str], ...], Parameter(help="RELATION ENTITY: a fact about NAME")
+        tuple[tuple[str, str], ...],
+        Parameter(
+            help="RELATION ENTITY: a fact about NAME; or all three parts, NAME first or last"
+        ),
     ] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
@@ -341,6 +344,7 @@ def in_words(report: Report, verbose: bool) -> Iterator[str]:
         )
         yield f"predicted without support of a similar entity: {'; '.join(listed)}"
     yield from mrr_in_words(report.interference_of_all)
+    yield from _falls_in_words(report, verbose)
     yield from report.notes[:most]
     if verbose:
         options = ", ".join(f"{key} {value}" for key, value in report.options.items())
@@ -395,6 +399,24 @@ def mrr_in_words(of_all: Interference | None) -> Iterator[str]:
         yield (
             f"MRR of known triples: {of_all.h_old:.3f} before all insertions, "
             f"{of_all.h_cur:.3f} now"
+        )
+
+
+def _falls_in_words(report: Report, verbose: bool) -> Iterator[str]:
+    """How often the new entity alone ranks above a known answer, if ever;
+    if ``verbose``, the answers that fall most.
+    """
+    alone = report.interference
+    if not alone or not alone.above[0]:
+        return
+    yield (
+        f"{report.entity} ranks above the known answer in {alone.above[0]:.1%} "
+        f"of {alone.queries:,} queries of known triples"
+    )
+    for change in alone.changes if verbose else ():
+        yield (
+            f"  {' '.join(map(str, change.query))}: {change.answer} falls "
+            f"from rank {change.rank_old:g} to {change.rank_cur:g}"
         )
 
 

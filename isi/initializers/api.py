@@ -65,6 +65,9 @@ class InitContext:
     scale: Scale = field(default=LOGISTIC, metadata={"shared": True})
     #: with ``Scale.by_query``: queries that the novel entities should not answer
     queries: KnownQueries | None = field(default=None, metadata={"shared": True})
+    #: a further key for each novel entity, which then draws from a stream of its own; None: all
+    #: novel entities of a model draw from one; shape: (M, n)
+    entity_keys: Tensor | None = None
 
     @property
     def worded(self) -> Tensor:
@@ -94,12 +97,20 @@ class InitContext:
     def draw(
         self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]
     ) -> Tensor:
-        """Random numbers, (M, n, d), from one stream per model and purpose."""
-        shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
-        numbers = [
-            distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()
-        ]
-        return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
+        """Random numbers, (M, n, d), from one stream per model and purpose,
+        or per novel entity and purpose with ``entity_keys``.
+        """
+        (models, new), dimension = self.novel.shape, self.theta0.entity.shape[-1]
+        numbers = np.empty((models, new, dimension))
+        for model, key in enumerate(self.keys.tolist()):
+            if self.entity_keys is None:
+                rng = stream(self.root, purpose, *key)
+                numbers[model] = distribution(rng, (new, dimension))
+                continue
+            for place, entity_key in enumerate(self.entity_keys[model].tolist()):
+                rng = stream(self.root, purpose, *key, entity_key)
+                numbers[model, place] = distribution(rng, (1, dimension))
+        return torch.as_tensor(numbers, dtype=torch.float32)
 
 
 @dataclass(frozen=True)

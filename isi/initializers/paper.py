@@ -189,11 +189,12 @@ def _es_permuted(context: InitContext, purpose: str, groups: Tensor, k: int) -> 
 
 def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
     """Entity ids, (M, E), permuted per model within each group's entities that have a word vector;
-    ``groups``: (E,).
+    ``groups``: (E,). With ``entity_keys``, novel entities keep their own words.
     """
-    members = [
-        (context.worded & (groups == group)).nonzero().flatten() for group in torch.unique(groups)
-    ]
+    permuted = context.worded
+    if context.entity_keys is not None:  # so that no vector depends on other novel entities
+        permuted = permuted & context.known.all(0)
+    members = [(permuted & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
     for model, key in enumerate(context.keys.tolist()):
         rng = stream(context.root, purpose, *key)

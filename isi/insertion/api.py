@@ -14,7 +14,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
 from isi.insertion import engine
-from isi.insertion.arguments import TripleForms, argument, options_by_name
+from isi.insertion.arguments import TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
@@ -168,7 +168,7 @@ def _hold_out(checked: Checked, with_words: bool) -> HoldOut:
 def run_engine(checked: Checked, method: Method) -> InitResult | None:
     """Compute rows with the engine; its errors name the argument or the new entity."""
     try:
-        with argument("initializer"):
+        with naming_argument("initializer"):
             return engine.insert(checked.novel, method)
     except NoRelationMap as error:
         name = method.initializer.name

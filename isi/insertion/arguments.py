@@ -39,9 +39,17 @@ TripleForms: TypeAlias = (
 
 
 @contextmanager
-def argument(name: str) -> Iterator[None]:
-    """Name the argument in an ``InputError`` whose file is empty or ``params.yaml``;
-    ``NotFinite`` stays unchanged.
+def naming_argument(name: str) -> Iterator[None]:
+    """Name the argument in an ``InputError`` raised inside that names no other file than
+    ``params.yaml``. ``NotFinite`` stays as it is.
+
+    Example:
+        >>> from isi.errors import InputError
+        >>> from isi.insertion.arguments import naming_argument
+        >>> with naming_argument("new"):
+        ...     raise InputError("", "", "expected at least one entity")
+        Traceback (most recent call last):
+        isi.errors.InputError: argument 'new': expected at least one entity
     """
     try:
         yield
@@ -109,7 +117,7 @@ def table(
     """An argument as an array, (rows, width), of finite floats;
     ``InputError`` names the argument and the row.
     """
-    with argument(name), np.errstate(over="ignore", invalid="ignore"):
+    with naming_argument(name), np.errstate(over="ignore", invalid="ignore"):
         try:
             numbers = _as_array(values, dtype)
         # RuntimeError: by a tensor within
@@ -153,7 +161,7 @@ class Names:
     def __post_init__(self) -> None:
         if self.names is None:
             return
-        with argument(self.argument):
+        with naming_argument(self.argument):
             self.names = as_list(self.names, str, "a list of names")
             if len(self.names) != self.number:
                 raise InputError("", "", f"expected {self.number} names, got {len(self.names)}")
@@ -185,7 +193,7 @@ def all_names(known: Names, new: Any, name: str) -> Names:
     """Names of known and new rows; argument ``name``, new:
     names if the known ones have names, else a number.
     """
-    with argument(name):
+    with naming_argument(name):
         if is_whole(new) == (known.names is not None) and (new or known.names is None):
             raise InputError(
                 "", "", f"expected names where {known.argument!r} are given, else a whole number"
@@ -208,7 +216,7 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     InputError for a wrong name, option or dimension.
     """
     given = options_by_name(options, "model_options")
-    with argument("model"):
+    with naming_argument("model"):
         if not isinstance(model, str | Model):
             raise InputError(
                 "", "", f"expected the name of a model, or a model, got {short(model)}"
@@ -319,7 +327,7 @@ def column_names(triples: Any) -> list[str]:
 def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
     """Triples as ids, in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
-    with argument(name):
+    with naming_argument(name):
         triples = listed_triples(triples)
         if (
             isinstance(triples, np.ndarray)
@@ -379,7 +387,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
     """
     if kinds is None:
         return None
-    with argument("kinds"):
+    with naming_argument("kinds"):
         if isinstance(kinds, Mapping):
             kind_of = {entities.id(name, ""): kind for name, kind in kinds.items()}
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
@@ -414,7 +422,7 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
             )
             raise InputError("argument 'words'", "", expected)
         return rows
-    with argument("words"):
+    with naming_argument("words"):
         by_id = {entities.id(name, ""): value for name, value in words.items()}
         texts = {row: value for row, value in by_id.items() if isinstance(value, str)}
         by_id |= (

@@ -47,6 +47,9 @@ class NovelEntities:
     kinds: np.ndarray | None  #: of all entities, -1 without one; shape: (E + n,)
     seed: int  #: root of the random streams
     scale: Scale = LOGISTIC
+    #: a key for each novel entity's own random streams, so that its draws do not depend on the
+    #: others; None: entities of a batch draw from one; shape (n,), int64
+    entity_keys: np.ndarray | None = None
 
     @cached_property
     def queries(self) -> KnownQueries | None:
@@ -93,35 +96,43 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     A new relation is fitted before each round to its triples between entities that have vectors.
     Until it has a row, its triples are not used.
     """
-    theta, triples = novel.theta, novel.triples
-    usable = triples[:, RELATION] < novel.known_relations
-    has_vector = np.arange(novel.known + novel.number) < novel.known
+    triples, all_entities = novel.triples, novel.known + novel.number
+    has_vector = np.arange(all_entities) < novel.known
+    is_of_known_relation = triples[:, RELATION] < novel.known_relations
     joins_vectors = has_vector[triples[:, [HEAD, TAIL]]].all(1)
-    fit_again = bool((~usable & ~joins_vectors).any())
-
-    def fit() -> None:
-        if theta.relation.shape[1] == novel.known_relations:
-            return
-        ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
-        usable[np.isin(triples[:, RELATION], ready[:, RELATION])] = True
-        theta.relation[0, novel.known_relations :] = fit_relations(
-            theta,
-            novel.known,
-            novel.known_relations,
-            torch.from_numpy(ready),
-            torch.from_numpy(novel.known_triples),
-        )
-
+    fit_again = bool((~is_of_known_relation & ~joins_vectors).any())
     result = None
     for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
-        fit()
+        usable = _fit_new_relations(novel, has_vector)
         result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable])
         if result is not None and novel.has_rows:
-            theta.entity[0, ids] = result.vectors[0]
+            novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
     if fit_again:
-        fit()
+        _fit_new_relations(novel, has_vector)
     return result
+
+
+def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarray:
+    """Write the rows of new relations into ``novel.theta``, each fitted to its triples between
+    entities of the mask ``has_vector``, (E + n,).
+
+    Returns a mask, (T,), of the triples whose relation has a row: it is known, or has such triples.
+    """
+    theta, triples = novel.theta, novel.triples
+    if theta.relation.shape[1] == novel.known_relations:
+        return np.ones(len(triples), bool)
+    ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
+    theta.relation[0, novel.known_relations :] = fit_relations(
+        theta,
+        novel.known,
+        novel.known_relations,
+        torch.from_numpy(ready),
+        torch.from_numpy(novel.known_triples),
+    )
+    is_known = triples[:, RELATION] < novel.known_relations
+    has_row: np.ndarray = is_known | np.isin(triples[:, RELATION], ready[:, RELATION])
+    return has_row
 
 
 def _in_batches(
@@ -131,7 +142,7 @@ def _in_batches(
     _, relations, width = novel.theta.relation.shape
     _, entities, dimension = novel.theta.entity.shape
     most = max(1, BUDGET // max(entities, relations * dimension))
-    parts = batches(ids, triples, most, max(relations, width))
+    parts = batches(ids, triples, most, max(relations, width, dimension))
     results = [method.initialize(context_for(novel, part, triples)) for part in parts]
     if len(results) < 2:
         return results[0] if results else None
@@ -220,6 +231,12 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
     words = torch.zeros(len(session.graph.entities), 1)
     if novel.words is not None:
         words = torch.from_numpy(novel.words)
+    places = ids - novel.known
+    keys = places[None, :1]
+    entity_keys = None
+    if novel.entity_keys is not None:
+        keys = torch.zeros_like(keys)
+        entity_keys = torch.from_numpy(novel.entity_keys)[places][None]
     context = context_in_session(
         novel.theta,
         session,
@@ -227,9 +244,10 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
         insert_triples,
         words,
         novel.seed,
-        ids[None, :1] - novel.known,
+        keys,
         torch.from_numpy(triples),
     )
+    context = replace(context, entity_keys=entity_keys)
     if not novel.has_rows:  # a row of the table stands for one without words
         context = replace(context, novel=torch.zeros_like(ids)[None])
     eligible = context.eligible if len(novel.known_triples) else context.known

@@ -115,14 +115,10 @@ def fit_new(
         "ratio": ratio,
         "head_pool": "unseen",
     }
-    optimizer, negatives = (
-        check(settings, Optimizer, "", "fit_new"),
-        check(sampling, Negatives, "", "fit_new"),
-    )
-    novel, keys = (
-        torch.arange(known, len(rows))[None],
-        torch.tensor([[len(rows), len(rows) - known]]),
-    )
+    optimizer = check(settings, Optimizer, "", "fit_new")
+    negatives = check(sampling, Negatives, "", "fit_new")
+    novel = torch.arange(known, len(rows))[None]
+    keys = torch.tensor([[len(rows), len(rows) - known]])
     data = training_data(session, "fine-tuning", keys, negatives.head_pool, novel)
     try:
         trained = train(theta, data, negatives, optimizer, seed)

@@ -1,8 +1,8 @@
 """Models with inverse relations: each triple (h, r, t) counts as (t, inverse of r, h), too.
 
-They have two forms. Packed: a row for each of R relations, (R, 2w), which joins those of the
-relation and of its inverse; each triple once. Unpacked: 2R rows, (2R, w), of which 2r is that of
-relation r and 2r + 1 that of its inverse, as in PyKEEN; each triple in both directions.
+They have two forms. Packed: R rows, (R, 2w); the first half of row r is relation r, the second half
+its inverse; each triple once. Unpacked, as in PyKEEN: 2R rows, (2R, w); row 2r is relation r, row
+2r + 1 its inverse; each triple in both directions.
 """
 
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from isi.models.stack import Embedding
 
 @dataclass(frozen=True, eq=False)
 class InverseRelations(Model):
-    """The packed form of ``base``. Predictions are f(h, r, ?) for tails,
-    and for heads f(t, inverse of r, ?).
+    """The packed form of a model ``base``. It predicts tails by f(h, r, ?),
+    and heads by f(t, inverse of r, ?).
     """
 
     base: Model
-    #: else heads are scored by f(?, r, t), so that all scores of a triple agree
+    #: if false, it predicts heads by f(?, r, t), so that a triple has one score
     heads_by_inverse: bool = True
 
     @property
@@ -60,7 +60,7 @@ class InverseRelations(Model):
 
 
 def pack(theta: Embedding) -> Embedding:
-    """The packed form of an embedding whose 2R relations stand apart."""
+    """The packed form of an embedding in the unpacked form, with 2R relations."""
     models, relations, width = theta.relation.shape
     return Embedding(
         theta.entity,
@@ -70,7 +70,7 @@ def pack(theta: Embedding) -> Embedding:
 
 
 def unpack(theta: Embedding) -> Embedding:
-    """The embedding with 2R relations of one in the packed form; another embedding as it is."""
+    """The unpacked form of an embedding in the packed form; another embedding as it is."""
     if not isinstance(theta.model, InverseRelations):
         return theta
     models, relations, width = theta.relation.shape
@@ -90,10 +90,9 @@ def both_ways(triples: Tensor) -> Tensor:
 
 
 def unpack_first(initializer: Registered, model: Model) -> Registered:
-    """For a model in the packed form, the initializer that gets the other form;
-    else the initializer itself.
+    """The initializer, which sees the unpacked form of an embedding in the packed form;
+    unchanged for other models.
     """
-
     if not isinstance(model, InverseRelations):
         return initializer
 

@@ -14,7 +14,7 @@ from isi.initializers.newton import AnyScore, LinearScore, Problem, newton
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.stack import Embedding
 
-WIDEST = 4096  #: Maximum length of a row: the objective has a Hessian of its square.
+WIDEST = 4096  #: Maximum length of a row; the Hessian has the square of that in elements.
 SHRINKAGE = 0.9  #: Weight of an isotropic covariance of equal trace: there are few relations.
 
 

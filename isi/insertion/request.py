@@ -60,7 +60,12 @@ class InsertRequest:
     loss: Loss | None = None
     initializer: str | None = None  #: a name; None: the best by the hold-out test
     options: Mapping[str, Any] | None = None  #: replace default options of the initializer
-    seed: int = 0  #: root seed of random initializers and of the hidden entities
+    #: root seed of random initializers and of the hidden entities. Calls with the same seed draw
+    #: the same numbers: give each call its own seed.
+    seed: int = 0
+    #: for random initializers, a key for each new entity: its numbers then depend on the seed and
+    #: its key alone, not on the other new entities; shape (n,), int64
+    entity_keys: np.ndarray | None = None
     #: without a named initializer and ``options``, hide known entities, insert them from as many of
     #: their triples as the new ones have, and select the initializer with the highest MRR about
     #: them among those that keep the MRR of earlier triples (``Inserted.selection``). If false, or
@@ -132,7 +137,9 @@ class Checked:
         return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
 
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
-        """The error of the first new entity of a mask, (n,)."""
+        """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
+        if not entities.any():
+            return InputError("argument 'words'", "", expected)
         name = self.names.of(self.novel.known + int(np.argmax(entities)))
         return InputError(f"new entity {name!r:.80}", "", expected)
 
@@ -181,6 +188,7 @@ def checked_request(
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
         scale=scale,
+        entity_keys=request.entity_keys,
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))

@@ -15,7 +15,7 @@ import numpy as np
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
-from isi.insertion.arguments import argument
+from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
@@ -136,7 +136,7 @@ def named(initializer: str, options: dict[str, object], model: Model, entities: 
     ``InputError`` if it or an option is unknown, the model does not support it, or the embedding of
     so many ``entities`` is too large for it.
     """
-    with argument("initializer"):
+    with naming_argument("initializer"):
         registered = INITIALIZERS.get(initializer, "initializer")
         checked = options_of(initializer, {**registered.defaults, **options}, "initializer")
         registered.check(model)

@@ -87,10 +87,9 @@ def answer(
     ``indicators``: ids, for ``Answer.shared_by``.
     """
     entities, scores = opened.ranked(query)
-    names, known = (
-        opened.entity_names,
-        torch.isin(entities, torch.tensor(sorted(opened.answers(query)))).tolist(),
-    )
+    names = opened.entity_names
+    known_answers = torch.tensor(sorted(opened.answers(query)))
+    known = torch.isin(entities, known_answers).tolist()
     first_inserted = len(names) - len(opened.manifest.inserted)
     is_given = [
         known[place] and completed(opened, query, row) in given
@@ -148,10 +147,8 @@ def answer_relation(
             relation, HEAD
         )
         (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
-        known, fact = (
-            tail in opened.answers(Query(head, relation, TAIL)),
-            (names[head], labels[relation], names[tail]),
-        )
+        known = tail in opened.answers(Query(head, relation, TAIL))
+        fact = (names[head], labels[relation], names[tail])
         score = scores[relation].item()
         rows.append(
             Answer(labels[relation], place + 1, score, probability, fact in given, known, False)

@@ -107,10 +107,8 @@ class LiveEmbedding:
         )
         chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Selected)}
         self._listed = len(chosen)  # choices that are in the journal, or pending
-        self.groups, self._known_curves = (
-            EntityGroups(self.base, phrases, chosen),
-            dict[tuple[int, int], Curve | None](),
-        )
+        self.groups = EntityGroups(self.base, phrases, chosen)
+        self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
         self.groups.stored = stored.read(folder) if folder else {}
         file = folder / folders.JOURNAL if folder and lines is not None else None
         self.additions = journals.replayed(
@@ -371,6 +369,7 @@ class LiveEmbedding:
         so that no later call waits for that.
 
         Without it, the first insertion with a number of facts makes the choice for this number.
+        ``save`` keeps the choices.
         """
         for step in self.groups.preparation():
             step()
@@ -541,8 +540,8 @@ class LiveEmbedding:
         )
 
     def save(self, folder: str | Path | None = None) -> None:
-        """Append the changes to the journal of the folder that was opened,
-        or write all into another folder.
+        """Append the changes, and the choices of initializers, to the journal of the folder that
+        was opened, or write all into another folder.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"})
@@ -570,7 +569,9 @@ class LiveEmbedding:
             folders.write(
                 path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
             )
-        elif self._pending:
+            return
+        self._append([])  # the choices since the last change, such as those of ``prepare``
+        if self._pending:
             journal = Journal(path)
             try:
                 if len(journals.read(path) or ()) != self._on_disk:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -40,7 +41,7 @@ NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
 class Conditions(NamedTuple):
-    """What entities have in common that are inserted by one initializer."""
+    """The conditions of an insertion: under equal ones, entities get the same initializer."""
 
     facts: int  #: mean number with known entities; one of ``PREPARED``
     words: bool  #: whether all have word vectors
@@ -109,7 +110,7 @@ class EntityGroups:
 
     @cached_property
     def _digest(self) -> str:
-        """Of all that vectors depend on beside what is inserted."""
+        """A digest of all that vectors depend on, except what is inserted."""
         base = self.base
         about = [
             base.manifest.model_name,
@@ -235,7 +236,7 @@ class EntityGroups:
         return rows
 
     def _keys(self, group: Group, method: Method, additions: Additions) -> dict[str, str]:
-        """The key of each member's vector: of all that it depends on."""
+        """The key of each member's vector: a digest of all that it depends on."""
         inputs = {}
         for name, member in group.members.items():
             inputs[name] = [name, member.facts, member.kind, digest_of(member.words.vector)]
@@ -271,6 +272,7 @@ class EntityGroups:
             initializer=method.initializer.name,
             options=method.options,
             seed=group.conditions.seed,
+            entity_keys=np.array([crc32(name.encode()) for name in group.members], np.int64),
         )
         return insert_request(known, request)
 
@@ -387,8 +389,8 @@ def prepared(facts: float) -> int:
 
 
 def _together(name: str, facts: Mapping[str, Collection[Fact]]) -> list[str]:
-    """The inserted entities that a chain of facts joins to one of them, sorted;
-    ``facts``: of each.
+    """An inserted entity and those that a chain of facts joins to it, sorted;
+    ``facts``: those of each inserted entity.
     """
     reached, waiting = {name}, [name]
     while waiting:

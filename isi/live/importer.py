@@ -21,7 +21,7 @@ from safetensors.torch import load_file
 
 from isi.config import Option
 from isi.errors import InputError, at, cut
-from isi.insertion.arguments import argument, array_of, checked_model
+from isi.insertion.arguments import array_of, checked_model, naming_argument
 from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
 from isi.models.model import MODELS
@@ -72,7 +72,7 @@ def of_tensors(
     The margin of a distance model, if not given, lies midway between mean distances of known and
     corrupted triples.
     """
-    with argument("model"):
+    with naming_argument("model"):
         fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
     estimated = "margin" in fields and "margin" not in options
     if estimated and not len(labels.triples):
@@ -102,10 +102,8 @@ def bundle_of(
 ) -> LoadedEmbedding:
     """Make a bundle of the two tables, checked against each other, the model and the labels."""
     entities, relations = tables
-    checked, names = (
-        checked_model(model, options, entities.shape[1]),
-        (labels.entities, labels.relations),
-    )
+    checked = checked_model(model, options, entities.shape[1])
+    names = (labels.entities, labels.relations)
     if len(relations) == 2 * len(labels.relations):
         expected = (
             f"expected {len(labels.relations)} rows, got twice as many, "

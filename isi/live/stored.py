@@ -21,7 +21,7 @@ from isi.errors import InputError
 from isi.live.folder import STORED
 from isi.tables.io import atomically
 
-VERSION = 1  #: Raised when an initializer computes other vectors from the same inputs.
+VERSION = 2  #: Raised when an initializer computes other vectors from the same inputs.
 
 
 class StoredVector(NamedTuple):

@@ -45,10 +45,10 @@ from isi.graph.graph import (
 from isi.graph.sessions import TEST, TRAIN, VALID, split
 from isi.insertion.arguments import (
     TripleForms,
-    argument,
     checked_model,
     column_names,
     listed_triples,
+    naming_argument,
 )
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Bundle, Manifest
@@ -142,7 +142,7 @@ def tables_of(triples: TripleForms) -> GraphTables:
 
     InputError for a wrong triple, name or count.
     """
-    with argument("triples"):
+    with naming_argument("triples"):
         rows = [
             tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,)
             for row in listed_triples(triples)
@@ -229,7 +229,7 @@ def train(
     """
     tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
     if kinds:
-        with argument("kinds"):
+        with naming_argument("kinds"):
             tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
         if note:
             warnings.warn(f"kinds: {note}", stacklevel=2)
@@ -293,7 +293,7 @@ def train_bundle(
         updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
     )
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
-    with argument("model"):
+    with naming_argument("model"):
         defaults = {
             name: dict(MODELS.get(name).defaults)
             for name in ([model] if model else compared_models())

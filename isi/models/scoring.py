@@ -5,10 +5,15 @@ The formula of a model is the same for both forms: it reads rows of tables with 
 ``relations``, and sums gradients with ``by_head`` and ``by_relation``. In shapes below, ``...`` is
 (M, R, E), each relation with each head, for ``DenseTriples``, and (N,) for ``TripleList``.
 
-Results are bit-identical for any number of models in the stack. PyTorch processes an array register
-by register, and rounds the last numbers differently if they do not fill a register. So a dense
-table has a spare row in memory behind each model (``spaced``), which makes PyTorch process each
-model by itself, and a list is padded (``padded``).
+Scores and gradients of both forms are bit-identical for any number of models in the stack. PyTorch
+processes an array register by register, and rounds the last numbers differently if they do not fill
+a register. So a dense table has a spare row in memory behind each model (``spaced``), which makes
+PyTorch process each model by itself, and a list is padded (``padded``).
+
+That does not hold for ``Model.score_tails`` and ``score_heads``, which rank. Their matrix products
+may differ in the last bits with the number of models or queries, above all with a single entity, or
+with rows whose length is no multiple of 4. Ranks stay the same unless a difference of scores lies
+at the edge of the tolerance ``isi.evaluation.ranking.TIE``, within which they are tied.
 """
 
 from __future__ import annotations

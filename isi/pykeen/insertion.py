@@ -20,7 +20,7 @@ from isi.config import check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert_request
-from isi.insertion.arguments import Names, all_names, argument, listed_triples, triples_of
+from isi.insertion.arguments import Names, all_names, listed_triples, naming_argument, triples_of
 from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
@@ -134,7 +134,7 @@ def compute_rows(
     relations = all_names(known_relations, settings.get("new_relations", 0), "new_relations")
     if relations.number > known_relations.number:
         reading.relation_tables_of(model)
-    with argument("triples"):
+    with naming_argument("triples"):
         rows = labelled(triples)
     near = {}
     if new is None:
@@ -258,7 +258,7 @@ def checked_labels(
     """Labels of entities and relations by id, None without labels;
     InputError if a factory does not fit its model.
     """
-    with argument("factory"):
+    with naming_argument("factory"):
         if not isinstance(factory, CoreTriplesFactory):
             raise InputError(
                 "", "", f"expected a triples factory of PyKEEN's, got {short(factory)}"

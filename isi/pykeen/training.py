@@ -15,7 +15,7 @@ from torch.optim import Optimizer
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion import fit
-from isi.insertion.arguments import Names, argument, as_list, is_whole, triples_of
+from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
 from isi.insertion.inverses import both_ways
 from isi.pykeen.insertion import checked_labels, labelled, of_result
 from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
@@ -64,7 +64,7 @@ def fit_new(
     entity_labels, relation_labels = checked_labels(model, factory)
     names = Names("entity_names", factory.num_entities, entity_labels)
     relations = Names("relation_names", model.num_real_relations, relation_labels)
-    with argument("triples"):
+    with naming_argument("triples"):
         added = triples_of(
             [] if triples is None else labelled(triples), "triples", names, relations
         )
@@ -111,7 +111,7 @@ def _new_ids(
     elif is_whole(new):
         ids = np.arange(names.number)[max(0, names.number - int(new)) :]  # type: ignore[arg-type]
     else:
-        with argument("new"):
+        with naming_argument("new"):
             ids = np.unique([names.id(label, "") for label in as_list(new)]).astype(np.int64)
     if not 0 < len(ids) < names.number:
         raise InputError(

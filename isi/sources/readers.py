@@ -22,6 +22,7 @@ import pandas as pd
 from pydantic_core import from_json
 
 from isi import config
+from isi.columns import COLUMN_NAMES, TRIPLE, other_names, with_triple
 from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
 from isi.names import clean, name_fault
 from isi.tables.io import check_sha256
@@ -37,11 +38,10 @@ GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
 #: Words in headers of triples, in this and other projects: a line with one of them in each column
 #: is a header.
-HEADER_WORDS = frozenset(
-    ("head", "relation", "tail", "subject", "predicate", "object", "source", "target", "from", "to",
-     "rel", "entity", "node", "start", "end", "edge", "type", "label", "property", "id",
-     *"hrtspo012")
-)  # fmt: skip
+HEADER_WORDS = COLUMN_NAMES | {
+    *("entity", "node", "start", "end", "edge", "type", "property", "id"),
+    *"spo012",
+}
 HEADERLESS = "lines without a header, read as {}"  #: Description of a count.
 #: Errors that reading a broken file raises, beside those of pyarrow.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error)
@@ -236,10 +236,11 @@ def read_batches(
     (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
 
     Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if
-    ``others``, else refused. Values: text (None is empty); in
-    ``COUNT``, integers of at least 1. Index: numbers of lines, or of rows of Parquet from 1; its
-    name is ``line`` or ``row``. ``headerless``: where the lines of a text without a header, which
-    then has the columns ``required``, are counted; None refuses such a text.
+    ``others``, else refused. Head, relation and tail may have other names (``isi.columns``).
+    Values: text (None is empty); in ``COUNT``, integers of at least 1. Index: numbers of lines, or
+    of rows of Parquet from 1; its name is ``line`` or ``row``. ``headerless``: where the lines of a
+    text without a header, which then has the columns ``required``, are counted; None refuses such a
+    text.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
@@ -255,15 +256,21 @@ def read_batches(
     )
     _, first = next(rows)
     known = (*required, *optional)
+    has_triples = set(TRIPLE) <= set(required)
     folded = {name: name.strip().lower() for name in first}
     header = [folded[name] if folded[name] in known else name for name in first]
+    if has_triples:
+        header = with_triple(header)
     names = [name for name in header if name in known]
     is_header = set(required) <= set(names)
     if not is_header and unit == "line" and headerless is not None and _is_triple(first):
         rows, header, names = chain([(1, first)], rows), list(required), list(required)
     elif not is_header or len(set(names)) < len(names) or not (others or names == header):
         expected = f"expected the columns {', '.join(required)}"
-        expected += f" and optionally {', '.join(optional)}" * bool(optional)
+        if has_triples and not is_header:
+            expected += f" {other_names()}"
+        elif optional:
+            expected += f" and optionally {', '.join(optional)}"
         got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
         if unit == "line" and not is_header:
             separator = SEPARATORS[form].replace(TAB, "<tab>")
