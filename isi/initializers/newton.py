@@ -143,7 +143,8 @@ class Problem:
         if self.asked is None:
             return 0.0
         likely = self._likely(odds).float()
-        of_candidates = slopes[:, -likely[0].numel() :].unflatten(1, likely.shape[1:])
+        of_candidates = slopes[:, slopes.shape[1] - likely[0].numel() :]
+        of_candidates = of_candidates.reshape(*likely.shape, slopes.shape[2])
         mean = (likely[..., None, :] @ of_candidates)[..., 0, :]
         return -(self.slope**2) * gram(mean, self.asked.float())
 
