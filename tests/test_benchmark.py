@@ -187,6 +187,18 @@ def test_a_shipped_table_of_triples_is_a_graph() -> None:
     assert entities[tail].tolist() == listed["tail"].tolist()
 
 
+def test_fb15k237_is_the_graph_of_its_authors() -> None:
+    pytest.importorskip("pyarrow")
+    graph, words = shipped("fb15k237")
+    assert (len(graph.entities), len(graph.relations), len(graph.triples)) == (14541, 237, 310116)
+    assert len({*graph.entities}) == len(words) == 14541
+    assert len(graph.triples.unique(dim=0)) == 310116
+    assert words[graph.entities.index("/m/0100mt")] == "El Paso"
+    split = hide("fb15k237", fraction=0.001)
+    assert len(split.hidden) == 15
+    assert {*split.hidden} < {*graph.entities}
+
+
 # Ranks
 
 
