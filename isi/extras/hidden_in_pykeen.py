@@ -138,13 +138,12 @@ class Case:
             initializer="mean" if pykeen_rows else initializer,
             seed=self.seed,
         )
-        entities = result.entities
         if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
-            entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
+            result = replace(result, vectors=fresh.entity[0, known:].numpy())
         if then == "new_rows":
             entities, _ = fit_new(
-                entities,
+                result.entities,
                 result.relations,
                 insert_triples,
                 new=len(result.new),
@@ -152,7 +151,8 @@ class Case:
                 epochs=self.settings.epochs,
                 seed=self.seed,
             )
-        model, _ = enlarge(self.model, self.train, replace(result, entities=entities))
+            result = replace(result, vectors=entities[known:])
+        model, _ = enlarge(self.model, self.train, result)
         if then == "all_rows":
             torch.manual_seed(self.seed)
             fit(model.train(), larger, training, self.settings.epochs, continue_training=True)

@@ -91,10 +91,9 @@ class KnownEmbedding:
 class Checked:
     """A request whose arguments are arrays that fit each other."""
 
-    #: in the given precision; the rows of new ones are zero until they are computed; shape:
-    #: (E + n, d), or (E, d) without rows
-    entities: np.ndarray
-    relations: np.ndarray  #: shape: (R + q, w)
+    entities: np.ndarray  #: of known entities, the caller's table; shape: (E, d)
+    #: in the given precision; new rows are zero until they are computed; shape: (R + q, w)
+    relations: np.ndarray
     names: Names  #: of all entities
     relation_names: Names
     novel: NovelEntities
@@ -130,20 +129,16 @@ class Checked:
         return InputError(f"new entity {name!r:.80}", "", expected)
 
 
-def checked_request(
-    known: KnownEmbedding, request: InsertRequest, with_rows: bool = True
-) -> Checked:
+def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     """Check a request against an embedding. ``InputError`` names the argument.
 
-    ``with_rows``: whether the table gets rows for new entities, which copies it.
+    The table of ``novel`` has the rows of known entities only (``NovelEntities.with_rows``).
     """
     rows = table(known.entities, "entities")
     number = len(rows)
     names = Names("entity_names", number, known.entity_names)
     names = arguments.all_names(names, request.new, "new")
-    added = np.zeros((names.number - number, rows.shape[1]), rows.dtype)
-    if with_rows:
-        rows = np.concatenate([rows, added])
+    added = names.number - number
     given = arguments.checked_arguments(
         rows,
         known.relations,
@@ -156,12 +151,12 @@ def checked_request(
         known.triples,
         request.new_relations,
     )
-    if not len(added) and len(given.relations) == len(known.relations):
+    if not added and len(given.relations) == len(known.relations):
         raise InputError("argument 'new'", "", "expected at least one new entity")
     novel = NovelEntities(
         theta=arguments.stack_of_one(rows, given.relations, given.model),
         known=number,
-        number=len(added),
+        number=added,
         known_relations=len(known.relations),
         triples=given.triples,
         known_triples=given.known_triples,
