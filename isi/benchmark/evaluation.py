@@ -99,7 +99,9 @@ def _rows(
     missing = [name for name in wanted[:number] if name not in row_of]
     if missing:
         raise InputError(
-            "argument 'model'", "", f"expected the {kind} of the split, {missing[0]!r:.80} lacks"
+            "argument 'model'",
+            "",
+            f"expected the {kind} of the split: {missing[0]!r:.80} is missing",
         )
     return torch.tensor([row_of[name] for name in wanted[:number]])
 

@@ -105,8 +105,9 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     for sentence in selection.warnings if selection else ():
         warnings.warn(sentence, stacklevel=stacklevel + 1)  # the decorator is a frame, too
     # the copy of the table in which the engine works ends with this function
-    novel = checked.novel.with_rows()
-    result = run_engine(replace(checked, novel=novel), method)
+    working = checked.with_rows()
+    result = run_engine(working, method)
+    novel = working.novel
     with np.errstate(over="ignore"):
         vectors = novel.theta.entity[0, novel.known :].numpy().astype(checked.entities.dtype)
         new_relations = novel.theta.relation[0, novel.known_relations :].numpy()

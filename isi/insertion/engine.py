@@ -61,12 +61,6 @@ class NovelEntities:
         """Whether the table has rows for novel entities."""
         return self.theta.entity.shape[1] > self.known
 
-    def with_rows(self) -> NovelEntities:
-        """The same with rows of zeros for novel entities, in a copy of the table."""
-        table = self.theta.entity
-        added = table.new_zeros(1, self.number, table.shape[2])
-        return replace(self, theta=replace(self.theta, entity=torch.cat([table, added], 1)))
-
 
 @dataclass(frozen=True)
 class Method:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
 import numpy as np
@@ -123,6 +123,13 @@ class Checked:
         words = self.novel.words
         return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
 
+    def with_rows(self) -> Checked:
+        """The same with rows of zeros for new entities in a copy of the table of ``novel``."""
+        theta = self.novel.theta
+        added = theta.entity.new_zeros(1, self.novel.number, theta.entity.shape[2])
+        larger = replace(theta, entity=torch.cat([theta.entity, added], 1))
+        return replace(self, novel=replace(self.novel, theta=larger))
+
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
         """The error of the first new entity of a mask, (n,)."""
         name = self.names.of(self.novel.known + int(np.argmax(entities)))
@@ -132,7 +139,7 @@ class Checked:
 def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     """Check a request against an embedding. ``InputError`` names the argument.
 
-    The table of ``novel`` has the rows of known entities only (``NovelEntities.with_rows``).
+    The table of ``novel`` has the rows of known entities only (``Checked.with_rows``).
     """
     rows = table(known.entities, "entities")
     number = len(rows)
