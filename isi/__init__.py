@@ -2,7 +2,8 @@
 
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
-new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models.
+new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models;
+``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion.
 ``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
 in ``__init__.pyi``).
 """
@@ -35,12 +36,14 @@ _WHERE = {
     "open": ("isi.live.embedding", "open_live"),
     "train": ("isi.live.train", "train"),
 }
+#: Packages of public names, which are imported on first use, too.
+_PACKAGES = ("benchmark", "pykeen")
 #: Names of version 0.2, and what they are called now.
 _RENAMED = {"of": "from_pykeen"}
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_WHERE, "pykeen"])
+    return sorted([*globals(), *_WHERE, *_PACKAGES])
 
 
 def __getattr__(name: str) -> Any:
@@ -51,6 +54,6 @@ def __getattr__(name: str) -> Any:
         now = _RENAMED[name]
         warnings.warn(f"isi.{name} is now isi.{now}", DeprecationWarning, stacklevel=2)
         return __getattr__(now)
-    if name == "pykeen":
-        return importlib.import_module("isi.pykeen")
+    if name in _PACKAGES:
+        return importlib.import_module(f"isi.{name}")
     raise AttributeError(f"module 'isi' has no attribute {name!r}")

@@ -19,6 +19,7 @@ from isi.sources import READERS
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
 NO_EXAMPLE = {
+    "isi.benchmark.evaluation.Evaluation",
     "isi.errors.InputError",
     "isi.initializers.api.InitContext",
     "isi.initializers.api.InitResult",

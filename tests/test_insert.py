@@ -2,6 +2,7 @@
 and agreement with the pipeline's functions.
 """
 
+import gc
 import subprocess
 import sys
 from dataclasses import replace
@@ -553,3 +554,39 @@ def test_denormal_numbers_are_flushed_during_a_call_alone(
         torch.set_flush_denormal(False)
     assert seen == [True]
     assert done.entities[:5].tobytes() == entities.tobytes()
+
+
+def test_the_table_of_known_entities_is_joined_with_new_vectors_on_first_use() -> None:
+    """An embedding of 2,003 entities stands for one of a million."""
+    rows, width, rng = 2003, 13, np.random.default_rng(0)
+    table = rng.standard_normal((rows, width)).astype(np.float32)
+    relations = rng.standard_normal((2, width)).astype(np.float32)
+    facts = [(5, 0, rows), (rows + 1, 1, 7), (8, 1, rows)]
+    done = isi.insert(table, relations, facts, new=2, model="distmult", initializer="map")
+    shapes = [(rows, width), (rows + 2, width)]
+    gc.collect()
+    tables = [
+        tensor
+        for tensor in gc.get_objects()
+        if isinstance(tensor, torch.Tensor) and tensor.shape[-2:] in shapes
+    ]
+    assert {tensor.data_ptr() for tensor in tables} == {table.ctypes.data}
+    repr(done)
+    done.report()
+    assert "entities" not in vars(done)
+    assert done.new == [rows, rows + 1]
+    assert done.vectors.shape == (2, width)
+    assert done.entities is done.entities
+    assert done.entities[:rows].tobytes() == table.tobytes()
+    assert done.entities[rows:].tobytes() == done.vectors.tobytes()
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_vectors_have_the_precision_of_the_table(dtype: type[np.floating[Any]]) -> None:
+    given_tables = tables(dtype=dtype)
+    triples = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2")]
+    done = call(**given_tables, initializer="neighbour_mean", triples=triples)
+    assert done.vectors.dtype == done.entities.dtype == dtype
+    single = given_tables["entities"].astype(np.float32)
+    expected = np.stack([(single[1] + single[3]) / 2, single[2]]).astype(dtype)
+    assert done.vectors.tobytes() == expected.tobytes()

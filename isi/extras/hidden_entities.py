@@ -1,22 +1,16 @@
-"""A graph split for PyKEEN: entities hidden from its training,
-their insert triples and their queries.
-"""
+"""The study of entities hidden from PyKEEN's training: its params and its table."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from isi.config import Count, Fraction, Name, Positive, Section, check
-from isi.errors import InputError, at
-from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.errors import at
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS
 from isi.params import check_names
-from isi.random import stream
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, one_of
 from isi.tables.table import Table
@@ -73,8 +67,7 @@ class Hidden(Section):
 
     title: str  #: in the table of the documentation
     graph: Name
-    #: where ``graph`` is: PyKEEN's datasets, the entries of ``graphs``, or
-    #: ``data/raw/GRAPH/triples.csv``
+    #: where ``graph`` is: PyKEEN's datasets, the entries of ``graphs``, or a table in ``data/raw``
     source: Literal["pykeen", "graphs", "table"]
     words: Words | None  #: word vectors of the entities; None: the graph has none
     seeds: Count
@@ -97,70 +90,3 @@ def study_of(studies: Mapping[str, dict[str, Any]], study: str) -> Hidden:
     with at(paths.BEYOND_PARAMS):
         check_names(settings.initializers, INITIALIZERS.names(), f"{key}.initializers")
     return settings
-
-
-@dataclass(frozen=True)
-class HiddenSplit:
-    """A graph whose entities are renumbered: known ones first, then hidden ones;
-    triples have the new ids.
-    """
-
-    order: np.ndarray  #: the graph's id of each entity by new id; shape (E,)
-    known: int  #: number of known entities
-    triples: np.ndarray  #: triples between known entities; shape (T, 3)
-    #: insert triples: a hidden and a known end; sorted by hidden entity, then random; shape (I, 3)
-    rest: np.ndarray
-    #: index of each row of ``rest`` among the rows of its hidden entity; shape (I,)
-    place: np.ndarray
-    #: query triples: a hidden and a known end; sorted as ``rest``; shape (Q, 3)
-    queries: np.ndarray
-    true: np.ndarray  #: all triples of the graph; shape (N, 3)
-
-    def insert_triples(self, number: int | None) -> np.ndarray:
-        """The first ``number`` insert triples of each hidden entity (None: all); shape (≤ I, 3)."""
-        return self.rest if number is None else self.rest[self.place < number]
-
-
-def hide(
-    triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int
-) -> HiddenSplit:
-    """Hide random entities; others and relations keep a triple of known ones;
-    InputError if too few can be hidden.
-    """
-    rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
-    for entity in rng.permutation(entities):
-        hidden[entity] = True
-        ends = hidden[triples[:, [HEAD, TAIL]]].sum(1)
-        inner, outer = triples[ends == 0], triples[ends == 1]
-        per_entity = np.bincount(outer[:, [HEAD, TAIL]].flatten(), minlength=entities)
-        learnable = np.isin(np.flatnonzero(~hidden), inner[:, [HEAD, TAIL]]).all()
-        has_relations = np.isin(triples[:, RELATION], inner[:, RELATION]).all()
-        hidden[entity] = learnable and has_relations and per_entity[hidden].min() >= settings.fewest
-        if hidden.sum() == max(1, round(settings.fraction * entities)):
-            break
-    else:
-        raise InputError(
-            paths.BEYOND_PARAMS,
-            f"{key}.fraction",
-            "expected a lower share: too few triples are left",
-        )
-    order, known = np.argsort(hidden, kind="stable"), int((~hidden).sum())
-    renamed = triples.copy()
-    renamed[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]
-    ends = (renamed[:, [HEAD, TAIL]] >= known).sum(1)
-    rest = rng.permutation(renamed[ends == 1])
-    # the hidden end: hidden entities have higher ids than known ones
-    entity = rest[:, [HEAD, TAIL]].max(1)
-    rest, entity = rest[np.argsort(entity, kind="stable")], np.sort(entity)
-    _, first, inverse, number = np.unique(
-        entity, return_index=True, return_inverse=True, return_counts=True
-    )
-    place, queried = (
-        np.arange(len(rest)) - first[inverse],
-        np.maximum(1, (settings.queries * number).astype(int)),
-    )
-    later = place - queried[inverse]
-    inserted = later >= 0
-    return HiddenSplit(
-        order, known, renamed[ends == 0], rest[inserted], later[inserted], rest[~inserted], renamed
-    )

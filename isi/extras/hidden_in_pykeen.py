@@ -6,7 +6,7 @@ import gc
 import logging
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -24,20 +24,19 @@ from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import TriplesFactory
 from torch.optim import Adam
 
+from isi.benchmark import HiddenSplit, hide
 from isi.errors import InputError, at
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
-from isi.graph.graph import HEAD
+from isi.extras.hidden_entities import Hidden, HiddenTraining
+from isi.graph.graph import Graph
 from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
 from isi.params import check_names
-from isi.pykeen import enlarge, inserted, read_model, warm
+from isi.pykeen import compute_rows, enlarge, read_model, warm
 from isi.tables import paths
 
 Model = ERModel[Any, Any, Any]
-Slot = Literal["head", "tail"]
-Parts = list[tuple[Slot, np.ndarray]]  #: The slot that is queried, and triples of ids, (N, 3).
-BATCH = 256  #: Number of triples in a batch of evaluation.
+BATCH = 256  #: Number of triples in a batch of PyKEEN's evaluation.
 
 
 def hidden_in(
@@ -58,19 +57,16 @@ def hidden_in(
         loss_resolver.make(training.loss, training.loss_options)
     except TypeError as error:
         raise InputError(paths.BEYOND_PARAMS, f"{key}.training.loss_options", str(error)) from error
-    split = hide(graph.triples.numpy(), len(graph.entities), settings, key, root, seed)
-    names = [graph.entities[row] for row in split.order]
-    known = factory_of(split.triples, names[: split.known], graph.relations)
+    split = hidden(graph, settings, key, root, seed)
+    known, names = split.known, split.entities
     train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
-    words = None if words is None else words[split.order]
+    words = None if words is None else words[split.ids.order]
     start = time.process_time()
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     seconds = [{"method": "known", "seconds": time.process_time() - start}]
     pairs = valid.mapped_triples.numpy()
-    before = {"method": "nothing", "asked": "earlier"} | ranked(
-        case.model, both_ends(pairs), split.triples
-    )
-    answers = list[dict[str, Any]]([before])
+    before = split.evaluate(case.model, earlier=pairs).measures()
+    answers = [{"method": "nothing", **measures} for measures in before.to_dict("records")]
     methods: dict[str, dict[str, Any]] = {
         "insert": {},
         **{name: {"initializer": name} for name in settings.initializers},
@@ -84,13 +80,22 @@ def hidden_in(
         if name == "retrained" and number is not None:
             continue
         start = time.process_time()
-        model, result = case.enlarged(split.insert_triples(number), **options)
+        model, result = case.enlarged(split.ids.insert_triples(number), **options)
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
-        answers += [row | measures for measures in measured(model, split, pairs)]
-    return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(
-        seconds
-    )
+        measured = split.evaluate(model, earlier=pairs).measures()
+        answers += [row | measures for measures in measured.to_dict("records")]
+    table = pd.DataFrame(answers).assign(seed=seed, entities=len(split.hidden))
+    return table, pd.DataFrame(seconds)
+
+
+def hidden(graph: Graph, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
+    """The split of a study; InputError names the key in ``beyond/params.yaml``."""
+    share, fewest, queries = settings.fraction, settings.fewest, settings.queries
+    try:
+        return hide(graph, fraction=share, fewest=fewest, queries=queries, seed=seed, root=root)
+    except InputError as error:
+        raise InputError(paths.BEYOND_PARAMS, f"{key}.fraction", error.message) from error
 
 
 @dataclass(frozen=True)
@@ -124,7 +129,7 @@ class Case:
         larger = factory_of(triples, self.names, list(self.train.relation_to_id))
         if then == "retrain":
             return trained(larger, self.valid, training, self.seed), None
-        result = inserted(
+        result = compute_rows(
             self.model,
             self.train,
             insert_triples,
@@ -133,13 +138,12 @@ class Case:
             initializer="mean" if pykeen_rows else initializer,
             seed=self.seed,
         )
-        entities = result.entities
         if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
-            entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
+            result = replace(result, vectors=fresh.entity[0, known:].numpy())
         if then == "new_rows":
             entities, _ = fit_new(
-                entities,
+                result.entities,
                 result.relations,
                 insert_triples,
                 new=len(result.new),
@@ -147,7 +151,8 @@ class Case:
                 epochs=self.settings.epochs,
                 seed=self.seed,
             )
-        model, _ = enlarge(self.model, self.train, replace(result, entities=entities))
+            result = replace(result, vectors=entities[known:])
+        model, _ = enlarge(self.model, self.train, result)
         if then == "all_rows":
             torch.manual_seed(self.seed)
             fit(model.train(), larger, training, self.settings.epochs, continue_training=True)
@@ -223,55 +228,3 @@ def evaluator() -> RankBasedEvaluator:
     the time of an evaluation.
     """
     return RankBasedEvaluator(metrics=["mrr", "hits_at_k"], add_defaults=False)
-
-
-def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """For each value of ``asked`` (``HIDDEN_ENTITIES``):
-    queries, MRR and Hits@10 of filtered realistic ranks.
-    """
-    by_head = split.queries[:, HEAD] >= split.known
-    of_heads, of_tails = split.queries[by_head], split.queries[~by_head]
-    queries: dict[str, Parts] = {
-        "known": [("tail", of_heads), ("head", of_tails)],
-        "hidden": [("head", of_heads), ("tail", of_tails)],
-        "earlier": both_ends(valid),
-    }
-    for name, parts in queries.items():
-        yield {"asked": name} | ranked(model, parts, split.true)
-
-
-def both_ends(triples: np.ndarray) -> Parts:
-    return [("head", triples), ("tail", triples)]
-
-
-def ranked(model: Model, parts: Parts, true: np.ndarray) -> dict[str, Any]:
-    """Queries, MRR and Hits@10 of realistic ranks of the ends of triples,
-    filtered by ``true``, (N, 3).
-    """
-    measures, rows = {"mrr": "inverse_harmonic_mean_rank", "hits_at_10": "hits_at_10"}, []
-    for slot, triples in parts:
-        if len(triples):
-            metric = (
-                evaluator()
-                .evaluate(
-                    model,
-                    torch.from_numpy(triples),
-                    targets=(slot,),
-                    additional_filter_triples=torch.from_numpy(true),
-                    batch_size=BATCH,
-                    use_tqdm=False,
-                )
-                .get_metric
-            )
-            rows.append(
-                [
-                    len(triples),
-                    *(metric(f"{slot}.realistic.{measure}") for measure in measures.values()),
-                ]
-            )
-    number, *values = np.array(rows).T
-    means = {
-        measure: each @ number / number.sum()
-        for measure, each in zip(measures, values, strict=True)
-    }
-    return {"queries": int(number.sum())} | means

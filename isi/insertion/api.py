@@ -64,8 +64,8 @@ def insert(
             ``seed``, ``new_relations``, ``word_source``, and how the default is selected.
 
     Returns:
-        an ``Inserted``: both tables, (E + n, d) and (R + q, w); its method ``report`` describes
-        each new entity.
+        an ``Inserted``: the new ``vectors``, (n, d), and both tables, (E + n, d) and (R + q, w);
+        its method ``report`` describes each new entity.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
@@ -82,8 +82,10 @@ def insert(
         >>> facts = {"mug": {"near": ["cup"]}}
         >>> how = {"model": "distmult", "initializer": "neighbour_mean"}
         >>> done = isi.insert(entities, relations, facts, new=["mug"], **names, **how)
-        >>> done.entity_names, done.entities[2].tolist()
-        (['cup', 'bed', 'mug'], [1.0, 0.0])
+        >>> done.vectors.tolist()
+        [[1.0, 0.0]]
+        >>> done.entity_names, done.entities.shape
+        (['cup', 'bed', 'mug'], (3, 2))
     """
     known = KnownEmbedding(
         entities, relations, model, model_options, entity_names, relation_names, known_triples
@@ -102,18 +104,19 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     method, test, selection = _method(checked, request)
     for sentence in selection.warnings if selection else ():
         warnings.warn(sentence, stacklevel=stacklevel + 1)  # the decorator is a frame, too
-    result = run_engine(checked, method)
-    novel = checked.novel
+    # the copy of the table in which the engine works ends with this function
+    working = checked.with_rows()
+    result = run_engine(working, method)
+    novel = working.novel
     with np.errstate(over="ignore"):
-        checked.entities[novel.known :] = novel.theta.entity[0, novel.known :].numpy()
+        vectors = novel.theta.entity[0, novel.known :].numpy().astype(checked.entities.dtype)
         new_relations = novel.theta.relation[0, novel.known_relations :].numpy()
         checked.relations[novel.known_relations :] = new_relations
-    rows = checked.entities[novel.known :]
-    if not (np.isfinite(rows).all() and np.isfinite(checked.relations).all()):
+    if not (np.isfinite(vectors).all() and np.isfinite(checked.relations).all()):
         name = method.initializer.name
         expected = f"expected smaller numbers: {name} computes NaN or infinity from them"
         raise InputError("argument 'entities'", "", expected)
-    return Inserted(checked.entities, checked.relations, checked, method, test, selection, result)
+    return Inserted(vectors, checked.relations, checked, method, test, selection, result)
 
 
 def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, Selection | None]:
@@ -123,7 +126,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     novel, model = checked.novel, checked.model
     options = options_by_name(request.options, "options")
     has_triples = bool(novel.has_one_novel_end.any())
-    entities = novel.theta.entity.shape[1]
+    entities = novel.known + novel.number
     if request.initializer is not None:
         method = named(request.initializer, options, model, entities)
     else:

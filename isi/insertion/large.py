@@ -53,7 +53,7 @@ def insert_rows(
     request = InsertRequest(
         triples=triples, new=new, initializer=initializer, options=options, seed=seed
     )
-    checked = checked_request(known, request, with_rows=False)
+    checked = checked_request(known, request)
     novel = checked.novel
     if (novel.triples[:, [HEAD, TAIL]] >= novel.known).all(1).any():
         expected = "expected one known end each: insert entities one after the other"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
 import numpy as np
@@ -103,10 +103,9 @@ class KnownEmbedding:
 class Checked:
     """A request whose arguments are arrays that fit each other."""
 
-    #: in the given precision; the rows of new ones are zero until they are computed; shape:
-    #: (E + n, d), or (E, d) without rows
-    entities: np.ndarray
-    relations: np.ndarray  #: shape: (R + q, w)
+    entities: np.ndarray  #: of known entities, the caller's table; shape: (E, d)
+    #: in the given precision; new rows are zero until they are computed; shape: (R + q, w)
+    relations: np.ndarray
     names: Names  #: of all entities
     relation_names: Names
     novel: NovelEntities
@@ -136,6 +135,13 @@ class Checked:
         words = self.novel.words
         return words is not None and bool(words[: self.novel.known].any() and self.has_words.any())
 
+    def with_rows(self) -> Checked:
+        """The same with rows of zeros for new entities in a copy of the table of ``novel``."""
+        theta = self.novel.theta
+        added = theta.entity.new_zeros(1, self.novel.number, theta.entity.shape[2])
+        larger = replace(theta, entity=torch.cat([theta.entity, added], 1))
+        return replace(self, novel=replace(self.novel, theta=larger))
+
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
         """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""
         if not entities.any():
@@ -144,20 +150,16 @@ class Checked:
         return InputError(f"new entity {name!r:.80}", "", expected)
 
 
-def checked_request(
-    known: KnownEmbedding, request: InsertRequest, with_rows: bool = True
-) -> Checked:
+def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     """Check a request against an embedding. ``InputError`` names the argument.
 
-    ``with_rows``: whether the table gets rows for new entities, which copies it.
+    The table of ``novel`` has the rows of known entities only (``Checked.with_rows``).
     """
     rows = table(known.entities, "entities")
     number = len(rows)
     names = Names("entity_names", number, known.entity_names)
     names = arguments.all_names(names, request.new, "new")
-    added = np.zeros((names.number - number, rows.shape[1]), rows.dtype)
-    if with_rows:
-        rows = np.concatenate([rows, added])
+    added = names.number - number
     given = arguments.checked_arguments(
         rows,
         known.relations,
@@ -170,7 +172,7 @@ def checked_request(
         known.triples,
         request.new_relations,
     )
-    if not len(added) and len(given.relations) == len(known.relations):
+    if not added and len(given.relations) == len(known.relations):
         raise InputError("argument 'new'", "", "expected at least one new entity")
     theta = arguments.stack_of_one(rows, given.relations, given.model)
     known_theta = Embedding(
@@ -180,7 +182,7 @@ def checked_request(
     novel = NovelEntities(
         theta=theta,
         known=number,
-        number=len(added),
+        number=added,
         known_relations=len(known.relations),
         triples=given.triples,
         known_triples=given.known_triples,

@@ -7,7 +7,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, triples_of
-from isi.insertion.engine import Method
+from isi.insertion.engine import Method, NovelEntities
 from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
 from isi.insertion.interference import Interference, measure
 from isi.insertion.probability import Curves, fit_curves
@@ -65,17 +65,23 @@ class Entity:
 class Inserted:
     """An embedding with new entities. The rows of known entities are unchanged.
 
-    Nothing is changed in the tables that were passed to ``isi.insert``. Until ``entities`` is used
-    in their place, the insertion can be rejected; ``interference`` shows its harm.
+    Nothing is changed in the tables that were passed to ``isi.insert``, and that of entities is not
+    copied before ``entities`` joins both. Until then, the insertion can be rejected;
+    ``interference`` shows its harm.
     """
 
-    entities: np.ndarray  #: shape: (E + n, d)
+    vectors: np.ndarray  #: rows of the new entities; shape: (n, d)
     relations: np.ndarray  #: shape: (R + q, w)
     checked: Checked  #: what was given
     method: Method  #: the initializer, its options, and the reason for it
     test: HoldOut  #: hides known entities, which get as many insert triples as the new ones
     selection: Selection | None  #: how the initializer was selected; None if it was not
     computed: InitResult | None  #: by the initializer; None without new entities
+
+    @cached_property
+    def entities(self) -> np.ndarray:
+        """Rows of known entities, then of new ones: a copy, made on first use; shape (E + n, d)."""
+        return np.concatenate([self.checked.entities, self.vectors])
 
     @property
     def model(self) -> Model:
@@ -89,7 +95,7 @@ class Inserted:
     @property
     def new(self) -> list[int]:
         """Ids of the new entities."""
-        return list(range(self.known, len(self.entities)))
+        return list(range(self.known, self.known + len(self.vectors)))
 
     @property
     def new_relations(self) -> list[int]:
@@ -181,6 +187,11 @@ class Inserted:
         """The tables as a stack of one embedding in single precision."""
         return stack_of_one(self.entities, self.relations, self.model)
 
+    @property
+    def novel(self) -> NovelEntities:
+        """The new entities, and all that their vectors depend on, in the joined table."""
+        return replace(self.checked.novel, theta=self.embedding)
+
     def hide(self) -> HiddenDraws | None:
         """Hide known entities, those of the selection if there was one."""
         return self.test.hide(HIDDEN if self.selection is None else self.selection.most_hidden)
@@ -225,7 +236,7 @@ class Inserted:
                     f"{', ...' * (len(rows) > 10)}"
                 )
         for first in self.new[:1]:
-            ((ids, cosines),) = self._nearest([first], 5)
+            ((ids, cosines),) = self._nearest(self.vectors[:1], 5)
             near = ", ".join(
                 f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True)
             )
@@ -251,7 +262,7 @@ class Inserted:
             Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
             for triples in (self.insert_triples, self.between)
         )
-        near = self._nearest(self.new, nearest)
+        near = self._nearest(self.vectors, nearest)
         distances, shares = self._from_cloud()
         return [
             Entity(
@@ -268,12 +279,11 @@ class Inserted:
             for place, row in enumerate(self.new)
         ]
 
-    def _nearest(self, rows: Sequence[int], number: int) -> list[tuple[list[int], list[float]]]:
-        """For each of some entities, the ids of the known ones with the highest cosines,
+    def _nearest(self, vectors: np.ndarray, number: int) -> list[tuple[list[int], list[float]]]:
+        """For each of some vectors, (m, d), the ids of the known entities with the highest cosines,
         and the cosines.
         """
-        vectors = self.embedding.entity[0]
-        known, chosen = vectors[: self.known], vectors[list(rows)]
+        known, chosen = self._known_vectors, torch.from_numpy(vectors.astype(np.float32))
         lengths = known.norm(dim=-1).clamp(min=TINY)
         parts = torch.split(normalize(chosen, dim=-1), max(1, BUDGET // self.known))
         best = [torch.topk(part @ known.T / lengths, min(number, self.known)) for part in parts]
@@ -283,12 +293,16 @@ class Inserted:
             for pair in zip(part.indices.tolist(), part.values.tolist(), strict=True)
         ]
 
+    @property
+    def _known_vectors(self) -> Tensor:
+        """Known vectors in single precision; shape (E, d)."""
+        return self.checked.novel.theta.entity[0]
+
     def _from_cloud(self) -> tuple[list[float], list[float]]:
         """``distance`` and ``farther_than`` of each new entity.
         Coordinates with (almost) no deviation are ignored.
         """
-        vectors = self.embedding.entity[0]
-        known = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
+        known = self._known_vectors[:: max(1, -(-self.known // CLOUD))].double()
         centre, deviation = known.mean(0), known.std(0, correction=0)
         alive = deviation > SAME * deviation.max()
 
@@ -301,7 +315,8 @@ class Inserted:
                 .sqrt()
             )
 
-        usual, new = distance(known).sort().values, distance(vectors[self.known :])
+        usual = distance(known).sort().values
+        new = distance(torch.from_numpy(self.vectors.astype(np.float32)))
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
     def probability(self, triples: TripleForms) -> np.ndarray:

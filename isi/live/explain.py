@@ -278,7 +278,7 @@ def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
     """
     base = snapshot.groups.base
     result, place = snapshot.groups.result_of(row, snapshot.additions)
-    novel, entity = result.checked.novel, result.known + place
+    novel, entity = result.novel, result.known + place
     touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
     seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])
     has_words = bool(similarity.has_words(seen))

@@ -209,8 +209,7 @@ class EntityGroups:
             result = self._rows_of_group(part, method, known_triples)
             for place, name in enumerate(part.members):
                 self._results[keys[name]] = result, place
-                vector = result.entities[result.known + place]
-                vectors[name] = StoredVector(vector.copy(), result.fallback[place])
+                vectors[name] = StoredVector(result.vectors[place].copy(), result.fallback[place])
         rows = dict[str, InsertedEntity]()
         for name, member in group.members.items():
             record = EntityRecord(

@@ -181,10 +181,8 @@ def compute_rows(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
             stacklevel=3,
         )
-    vectors = reading.constrained(
-        tables_of(model), torch.from_numpy(done.entities[done.known :])
-    ).numpy()
-    return replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
+    vectors = reading.constrained(tables_of(model), torch.from_numpy(done.vectors)).numpy()
+    return replace(done, vectors=vectors)
 
 
 def enlarge(
@@ -200,8 +198,9 @@ def enlarge(
         (5, 4)
     """
     larger = deepcopy(unwrapped(model))
-    larger.num_entities, larger.num_relations = len(done.entities), len(done.relations)
-    grown = stored(tables_of(larger), torch.from_numpy(done.entities[done.known :]))
+    larger.num_entities = done.known + len(done.vectors)
+    larger.num_relations = len(done.relations)
+    grown = stored(tables_of(larger), torch.from_numpy(done.vectors))
     base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
     if isinstance(base, InverseRelations):
         base, rows, larger.num_relations = (
@@ -222,7 +221,7 @@ def enlarge(
     options["create_inverse_triples"] = factory.create_inverse_triples
     if not isinstance(factory, TriplesFactory):
         return larger, CoreTriplesFactory(
-            triples, len(done.entities), len(done.relations), **options
+            triples, larger.num_entities, len(done.relations), **options
         )
     relation_names = done.relation_names or ()
     options |= {

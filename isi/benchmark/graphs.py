@@ -1,0 +1,133 @@
+"""Graphs to hide entities of: shipped tables, PyKEEN's datasets, triples of a caller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from isi.columns import TRIPLE
+from isi.errors import InputError, extra, suggestion
+from isi.graph.graph import HEAD, RELATION, TAIL, Graph
+from isi.insertion.arguments import argument, listed_triples
+from isi.tables import paths
+
+#: Folder below ``data/raw`` of each graph whose folder has another name.
+FOLDERS = {"fb15k237": "snapshots"}
+
+
+def graph_of(triples: Any) -> Graph:
+    """The graph of a name (``named``), of triples of labels or ids in any form of
+    ``isi.insert``, or of a triples factory of PyKEEN's. InputError names the argument.
+
+    Entities and relations are in the order of a factory's ids, else sorted; those without triples
+    are left out. The label of an id is its text.
+    """
+    with argument("triples"):
+        if isinstance(triples, str):
+            return named(triples)[0]
+        if hasattr(triples, "mapped_triples"):
+            return _of_factory(triples)
+        listed = listed_triples(triples)
+        if not isinstance(listed, np.ndarray) or listed.dtype.kind not in "iu":
+            listed = np.array([[str(name) for name in triple] for triple in listed], dtype=object)
+        if listed.ndim != 2 or listed.shape[1] != len(TRIPLE) or not len(listed):
+            raise InputError("", "", "expected triples: head, relation and tail")
+    return numbered(listed)
+
+
+def numbered(triples: np.ndarray) -> Graph:
+    """The graph of triples, (T, 3), of labels or numbers, each triple once, in the given order."""
+    import pandas as pd
+
+    ends, entities = pd.factorize(triples[:, [HEAD, TAIL]].flatten(), sort=True)
+    relation, relations = pd.factorize(triples[:, RELATION], sort=True)
+    head, tail = ends.reshape(-1, 2).T
+    ids = np.stack([head, relation, tail], 1).astype(np.int64)
+    _, first = np.unique(ids, axis=0, return_index=True)
+    return unweighted(list(map(str, entities)), list(map(str, relations)), ids[np.sort(first)])
+
+
+def unweighted(entities: Sequence[str], relations: Sequence[str], triples: np.ndarray) -> Graph:
+    """A graph without kinds, each of whose triples, ids (T, 3), was observed once."""
+    ones = torch.ones(len(triples), dtype=torch.int64)
+    kinds = torch.zeros(len(entities), dtype=torch.int64)
+    return Graph(list(entities), list(relations), torch.from_numpy(triples), ones, kinds)
+
+
+def named(name: str) -> tuple[Graph, list[str]]:
+    """A graph that ships with the checkout in the current folder, or a dataset of PyKEEN's; and
+    the words of its entities, for word vectors.
+    """
+    return of_package(name) if _file_of(name) is None else shipped(name)
+
+
+def shipped(name: str) -> tuple[Graph, list[str]]:
+    """A graph that ships as a table of triples, and the words of its entities."""
+    path = _file_of(name)
+    if path is None:
+        raise InputError("", "", f"expected the name of a graph in {paths.RAW}, got {name!r}")
+    return _of_csv(path) if path.suffix == ".csv" else _of_parquet(path)
+
+
+def _file_of(name: str) -> Path | None:
+    """The table of triples of a shipped graph; None if there is none."""
+    folder = paths.RAW / FOLDERS.get(name, name)
+    files = [folder / "triples.csv", folder / "triples.parquet"]
+    return next((file for file in files if name and file.is_file()), None)
+
+
+def of_package(name: str) -> tuple[Graph, list[str]]:
+    """A dataset of PyKEEN, all its splits, and the names of its entities."""
+    with extra("pykeen"):
+        from pykeen.datasets import dataset_resolver, get_dataset
+
+    if name not in dataset_resolver.lookup_dict:
+        known = suggestion(name, dataset_resolver.lookup_dict)
+        raise InputError("", "", f"expected the name of a dataset, got {name!r:.80}{known}")
+    dataset = get_dataset(dataset=name)
+    splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
+    triples = torch.unique(torch.cat(splits), dim=0)
+    entities, relations = _by_id(dataset.entity_to_id), _by_id(dataset.relation_to_id)
+    return unweighted(entities, relations, triples.numpy()), entities
+
+
+def _of_csv(path: Path) -> tuple[Graph, list[str]]:
+    import pandas as pd
+
+    table = pd.read_csv(path, keep_default_na=False)
+    graph = numbered(table[list(TRIPLE)].to_numpy(object))
+    return graph, graph.entities
+
+
+def _of_parquet(path: Path) -> tuple[Graph, list[str]]:
+    """Triples of row numbers of two tables beside them."""
+    import pandas as pd
+
+    with extra("pipeline"):
+        import pyarrow  # noqa: F401
+
+    entities = pd.read_parquet(path.with_name("entities.parquet"))
+    relations = pd.read_parquet(path.with_name("relations.parquet"))["relation"]
+    ids = pd.read_parquet(path, columns=list(TRIPLE)).to_numpy(np.int64)
+    return unweighted(list(entities["entity"]), list(relations), ids), list(entities["label"])
+
+
+def _of_factory(factory: Any) -> Graph:
+    ids = np.unique(factory.mapped_triples.numpy(), axis=0)
+    graph = numbered(ids)
+    if not hasattr(factory, "entity_to_id"):
+        return graph
+    entities, relations = factory.entity_id_to_label, factory.relation_id_to_label
+    return unweighted(
+        [entities[int(entity)] for entity in graph.entities],
+        [relations[int(relation)] for relation in graph.relations],
+        graph.triples.numpy(),
+    )
+
+
+def _by_id(ids: dict[str, int]) -> list[str]:
+    return sorted(ids, key=ids.__getitem__)
