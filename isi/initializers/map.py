@@ -71,7 +71,9 @@ def problems(
             theta0.relation[model[:, None], relation],
             theta0.entity[model[:, None], other],
         )
-        yield Problem(positive, negative, prior, precision[model], score_of(theta0.model, *ends))
+        score = score_of(theta0.model, *ends)
+        constrain = None if theta0.model.is_free else theta0.model.constrain
+        yield Problem(positive, negative, prior, precision[model], score, constrain)
 
 
 def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Score:

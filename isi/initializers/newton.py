@@ -8,8 +8,8 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
-from torch.linalg import solve
-from torch.nn.functional import softplus
+from torch.linalg import cholesky_ex, solve, vector_norm
+from torch.nn.functional import normalize, softplus
 
 from isi.models.scoring import Interaction, padded
 
@@ -19,6 +19,10 @@ TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
 CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
+#: Share of a vector's length by which it is moved before a constraint's slope is taken: at the
+#: border of a ball, the slope depends on whether the objective leads in or out.
+NUDGE = 1e-6
+TINY = 1e-12  #: Minimum squared length of a vector by which a curvature is divided.
 
 
 class Score(Protocol):
@@ -92,6 +96,12 @@ class Problem:
     mean: Tensor  #: μ; shape: (B, d)
     precision: Tensor  #: λΣ⁻¹; shape: (B, d, d)
     score: Score
+    #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
+    constrain: Callable[[Tensor], Tensor] | None = None
+
+    def allowed(self, at: Tensor) -> Tensor:
+        """Vectors, (B, d), under the constraint."""
+        return at if self.constrain is None else self.constrain(at)
 
     def scores(self, at: Tensor) -> Tensor:
         """f of each triple with vectors (B, d); shape (B, C)."""
@@ -113,18 +123,19 @@ class Problem:
 
 
 def newton(problem: Problem) -> Tensor:
-    """argmin of the objective, (B, d), by Newton's method from μ.
+    """argmin of the objective over allowed vectors, (B, d), by Newton's method from μ.
 
     Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v
     (Gauss-Newton), and the result is near a local optimum. A step is halved while it increases the
-    objective.
+    objective. With a constraint, each step follows its slope, and what it leads to is constrained.
     """
-    at, active = problem.mean, torch.ones(len(problem.mean), dtype=torch.bool)
+    at, active = problem.allowed(problem.mean), torch.ones(len(problem.mean), dtype=torch.bool)
     score, slopes = problem.scores(at), problem.slopes(at)
     for _ in range(STEPS):
         step, gain = newton_step(problem, at, score, slopes)
         share, decrease = step_size(problem, at, score, step)
-        at = torch.where(active[:, None], at + share[:, None] * step, at)
+        there = problem.allowed(at + share[:, None] * step)
+        at = torch.where(active[:, None], there, at)
         active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
@@ -142,8 +153,37 @@ def newton_step(
     gradient = ((weight * likely - problem.positive).float()[:, None] @ slopes)[:, 0].double()
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
     hessian = gram(slopes, (weight * likely * (1 - likely)).float()).double() + problem.precision
+    if problem.constrain is not None:
+        gradient, hessian = along(problem.constrain, at, gradient, hessian)
     step = -solve(hessian, gradient)
     return step, -(gradient * step).sum(-1)
+
+
+def along(
+    constrain: Callable[[Tensor], Tensor], at: Tensor, gradient: Tensor, hessian: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Gradient, (B, d), and Hessian, (B, d, d), of an objective of ``constrain(v)``.
+
+    With J = ∂constrain/∂v, a little down the slope, the gradient is Jᵀg. The Hessian is JᵀHJ; plus
+    κJᵀJ with κ = -⟨v, (I - J)g⟩ / ‖v‖² ≥ 0, the part by the curvature of a sphere where g leads
+    out of it; plus (I - J)ᵀH(I - J), so that it has an inverse.
+    """
+    length = vector_norm(at, dim=-1, keepdim=True)
+    down = at - NUDGE * length * normalize(gradient, dim=-1)
+    with torch.enable_grad():
+        down = down.requires_grad_()
+        kept = constrain(down)
+    unit = torch.eye(at.shape[-1], dtype=at.dtype)
+    one_by_one = unit[:, None].expand(-1, len(at), -1)
+    rows = torch.autograd.grad(kept, down, one_by_one, is_grads_batched=True)[0]
+    slope = rows.transpose(0, 1)
+    off = unit - slope
+    outwards = -(at * (off @ gradient[..., None])[..., 0]).sum(-1, keepdim=True)
+    curvature = (outwards / length.square().clamp(min=TINY))[..., None]
+    flat = slope.mT @ hessian @ slope + off.mT @ hessian @ off
+    curved = flat + curvature * (slope.mT @ slope)
+    has_minimum = cholesky_ex(curved).info == 0
+    return (gradient[:, None] @ slope)[:, 0], torch.where(has_minimum[:, None, None], curved, flat)
 
 
 def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
@@ -154,7 +194,7 @@ def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tupl
     """
     here, share = problem.objective(score, at), torch.ones(len(at), dtype=at.dtype)
     for _ in range(HALVINGS):
-        there = at + share[:, None] * step
+        there = problem.allowed(at + share[:, None] * step)
         after = problem.objective(problem.scores(there), there)
         worse = after > here * (1 + ROUNDING)
         if not worse.any():

@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 from copy import deepcopy
-from dataclasses import replace
 from typing import Annotated, Any, Unpack
 
 import numpy as np
@@ -181,10 +180,7 @@ def compute_rows(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
             stacklevel=3,
         )
-    vectors = reading.constrained(
-        tables_of(model), torch.from_numpy(done.entities[done.known :])
-    ).numpy()
-    return replace(done, entities=np.concatenate([done.entities[: done.known], vectors]))
+    return done
 
 
 def enlarge(

@@ -31,8 +31,6 @@ def from_pykeen(
     The model is not changed.
 
     DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder.
-    Constraints that PyKEEN applies to its vectors while it trains are not applied to new ones
-    (``isi.pykeen.insert`` does).
 
     Args:
         factory: the triples factory with labels that the model was trained on; not with a result of

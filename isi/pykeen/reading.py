@@ -17,11 +17,12 @@ from pykeen.nn.representation import Embedding as Table
 from pykeen.nn.representation import Representation
 from torch import Tensor
 from torch.nn import Module
+from torch.nn.functional import normalize
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.inverses import both_ways
-from isi.models.model import MODELS, Model
+from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
@@ -96,6 +97,16 @@ class InteractionModel(Model):
         scores = scores if self.relations else scores + 0 * relation[..., 0]
         return self.offset + scores.to(head.dtype)
 
+    @property
+    def is_free(self) -> bool:
+        return not any(form.limits for form in self.entities)
+
+    def constrain(self, vectors: Tensor) -> Tensor:
+        """Joined rows, (..., d), under the constraints of their tables."""
+        rows = vectors.flatten(0, -2).double()
+        parts = [_flat(values) for values in parted(rows, self.entities)]
+        return torch.cat(parts, 1).view(vectors.shape).to(vectors.dtype)
+
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
         raise NoRelationMap
 
@@ -163,11 +174,6 @@ def form_of(table: Table) -> Form:
     return Form(tuple(table.shape), table.is_complex, limits)
 
 
-def constrained(tables: Sequence[Table], rows: Tensor) -> Tensor:
-    """Joined rows, (n, d), under the constraints of their tables."""
-    return torch.cat([_flat(values) for values in parted(rows, list(map(form_of, tables)))], 1)
-
-
 def stored(tables: Sequence[Table], rows: Tensor) -> list[tuple[Table, Tensor]]:
     """Each of some tables, and its part of joined rows, (n, d), as PyKEEN stores it."""
     parts = parted(rows, list(map(form_of, tables)))
@@ -206,12 +212,12 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 
 
 def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
-    """The registered model, with a margin of 0, whose scores are those of an interaction;
-    None if there is none.
+    """The registered model, with a margin of 0, whose scores and constraint are those of an
+    interaction; None if there is none.
 
     Compared on random vectors, so that a user's own model counts, too.
     """
-    free = replace(scored, entities=_free(scored.entities), relations=_free(scored.relations))
+    free = replace(scored, entities=_free(scored.entities))
     generator = torch.Generator().manual_seed(0)
     for model in _without_margin():
         with suppress(InputError):  # of a dimension that the model cannot have
@@ -223,8 +229,22 @@ def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
                 continue
             expected = free.score(head, rows, tail)
             if torch.allclose(model.score(head, relation, tail), expected):
-                return model
+                return with_constraint(model, scored, head)
     return None
+
+
+def with_constraint(model: Model, scored: InteractionModel, rows: Tensor) -> Model | None:
+    """A registered model that constrains entity vectors as an interaction does; None if it cannot.
+
+    Compared on random rows, (n, d), of lengths below and above 1.
+    """
+    lengths = torch.logspace(-1, 1, len(rows), dtype=rows.dtype)
+    rows = normalize(rows, dim=-1) * lengths[:, None]
+    expected, models = scored.constrain(rows), [model]
+    if isinstance(model, ConstrainedModel):
+        models = [replace(model, constraint=name) for name in CONSTRAINTS]
+    alike = (each for each in models if torch.allclose(each.constrain(rows), expected))
+    return next(alike, None)
 
 
 def with_margin(model: Any, margin: float) -> Model:
