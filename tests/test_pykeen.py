@@ -20,6 +20,7 @@ from pykeen.evaluation import RankBasedEvaluator
 from pykeen.models import ERModel, model_resolver
 from pykeen.pipeline import PipelineResult
 from pykeen.predict import predict_target
+from pykeen.regularizers import Regularizer
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory, TriplesNumericLiteralsFactory
 from pykeen.utils import clamp_norm
@@ -657,14 +658,51 @@ def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
     labels = {f"thing {2 * chr(97 + row)}": row for row in range(ENTITIES)}
     named = TriplesFactory(factory.mapped_triples, labels, factory.relation_to_id)
     model = model_of("distmult", {}, named)
-    with pytest.warns(UserWarning, match=r"'Thing-aa': did you mean 'thing aa'"):
-        isi.pykeen.insert(model, named, [("cup", "r0", "Thing-aa")])
+    slip = [("cup", "r0", "Thing-aa")]  # which no triple joins to a known entity
+    with pytest.raises(InputError, match=r"^argument 'triples': .*'Thing-aa'.*'thing aa'"):
+        isi.pykeen.insert(model, named, slip)
+    larger, _ = isi.pykeen.insert(model, named, slip, new=["cup", "Thing-aa"], initializer="mean")
+    assert larger.num_entities == ENTITIES + 2
     triples = [("cup", "r0", "thing bb"), ("thing_aa", "r1", "thing cc")]
     with pytest.warns(UserWarning, match="'thing_aa': did you mean 'thing aa'"):
         isi.pykeen.insert(model, named, triples)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         isi.pykeen.insert(model, named, triples, new=["cup", "thing_aa"], calibrate=False)
+
+
+def test_ids_beside_labels_and_facts_of_known_entities_are_told_what_to_do(factory: Any) -> None:
+    model = model_of("distmult", {}, factory)
+    with pytest.raises(InputError, match=f"triple 1.*no entity has the id {ENTITIES}.*'new'"):
+        isi.pykeen.insert(model, factory, torch.tensor([[0, 0, 1], [ENTITIES, 0, 1]]))
+    ids = torch.tensor([[ENTITIES, 0, 1]])
+    larger, _ = isi.pykeen.insert(model, factory, ids, new=["cup"], initializer="mean")
+    assert larger.num_entities == ENTITIES + 1
+    with pytest.raises(InputError, match=r"got 7$"):
+        isi.pykeen.insert(model, factory, torch.tensor([[ENTITIES, 7, 1]]), new=["cup"])
+    for facts, new in (([("e1", "r0", "e2")], None), ([("e1", "r0", "e2")], ["cup"])):
+        with pytest.raises(InputError, match=r"known already.*fit_new.*from_pykeen"):
+            isi.pykeen.insert(model, factory, facts, new=new)
+
+
+@pytest.mark.parametrize("name", [*MODELS, "RotatE"])
+def test_a_model_that_has_just_been_read_in_training_is_copied(name: str, factory: Any) -> None:
+    """Regularizers keep a term with its gradient until the next update."""
+    model = model_of(name, MODELS[name], factory).train()
+    for part in (*model.entity_representations, *model.relation_representations):
+        part()
+    model.cache = [model.score_hrt(factory.mapped_triples)]  # another tensor with a graph
+    terms = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
+    larger, more = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    trained = isi.pykeen.fit_new(larger.train(), more, NEW, epochs=1)
+    for copy in (larger, trained):
+        kept = [part for part in copy.modules() if isinstance(part, Regularizer)]
+        assert len(kept) == len(terms)
+        assert all(not part.updated and not part.regularization_term.any() for part in kept)
+        assert not copy.cache[0].requires_grad
+    after = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
+    assert all(one is other for one, other in zip(terms, after, strict=True))
+    assert model.training
 
 
 def test_numeric_literals_stay_and_those_of_new_entities_are_zero(factory: Any) -> None:

@@ -2,19 +2,20 @@
 and its score.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from pykeen.models import ERModel
 from pykeen.nn import modules
 from pykeen.nn.representation import Embedding as Table
 from pykeen.nn.representation import Representation
+from pykeen.regularizers import Regularizer
 from torch import Tensor
 from torch.nn import Module
 from torch.nn.functional import normalize
@@ -26,6 +27,7 @@ from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
+M = TypeVar("M", bound=Module)
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
 ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
 SAMPLES = 8  #: Random triples on which scores are compared.
@@ -126,6 +128,33 @@ def unwrapped(model: Any) -> Any:
     return model
 
 
+def copied(module: M) -> M:
+    """A deep copy of a module, which can be trained by itself.
+
+    What a module keeps of a pass in training, such as the term of a regularizer, is copied without
+    its gradient; the copy's regularizers start again at zero.
+    """
+    memory = dict[int, Any]()
+    for part in module.modules():
+        for tensor in _tensors_in(vars(part)):
+            if not tensor.is_leaf:
+                memory[id(tensor)] = tensor.detach().clone()
+    copy = deepcopy(module, memory)
+    for part in copy.modules():
+        if isinstance(part, Regularizer):
+            part.reset()
+    return copy
+
+
+def _tensors_in(values: Any) -> Iterator[Tensor]:
+    """The tensors in nested dicts, lists and tuples."""
+    if isinstance(values, Tensor):
+        yield values
+    elif isinstance(values, Mapping | list | tuple):
+        for value in values.values() if isinstance(values, Mapping) else values:
+            yield from _tensors_in(value)
+
+
 def tables_of(model: object) -> list[Table]:
     """The entity tables of a model; InputError unless it stores all
     vectors of entities in tables.
@@ -197,7 +226,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     read = [_read(representation) for representation in model.relation_representations]
     tables = [rows for _, rows in read]
     triples = both_ways(triples) if model.use_inverse_triples else triples
-    interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
+    interaction = copied(model.interaction).cpu().double().eval().requires_grad_(False)
     rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
     scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
     closed = closed_form(scored, entity.shape[1]) if len(forms) == 1 else None
