@@ -298,3 +298,13 @@ def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
 def name_of(model: Model) -> str | None:
     """The name under which a model's class is registered; None if it is not."""
     return next((name for name in MODELS.names() if type(model) is MODELS.get(name)), None)
+
+
+def stored_options(model: Model) -> dict[str, Any]:
+    """The options of a registered model, as a folder stores them: without a constraint if there is
+    none, so that folders are those of versions without this option.
+    """
+    options = dict(vars(model))
+    if options.get("constraint") == "none":
+        del options["constraint"]
+    return options

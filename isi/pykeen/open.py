@@ -14,7 +14,7 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Manifest
 from isi.live.loaded import LoadedEmbedding
 from isi.live.names import by_known_name, note_of_kinds
-from isi.models.model import name_of
+from isi.models.model import name_of, stored_options
 from isi.names import plain
 from isi.pykeen.insertion import add_rows, checked_labels, larger_factory, of_result
 from isi.pykeen.reading import PykeenModel, read_model
@@ -105,7 +105,7 @@ def from_pykeen(
     read = pack(read) if model.use_inverse_triples else read
     # as a folder can hold it
     name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
-    options: dict[str, Any] = vars(read.model) if name else {}
+    options: dict[str, Any] = stored_options(read.model) if name else {}
     manifest = Manifest(
         model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[]
     )
