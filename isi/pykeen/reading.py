@@ -49,27 +49,29 @@ class Form:
         """Length of a row: the product of ``shape``, twice that if complex."""
         return prod(self.shape) * (1 + self.is_complex)
 
-    def values(self, rows: Tensor) -> Tensor:
+    def values(self, rows: Tensor, limited: bool = True) -> Tensor:
         """Convert rows of shape (..., size) to values of shape (..., *shape),
-        under the constraints.
+        under the constraints if ``limited``.
         """
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         values = rows.reshape(-1, *self.shape)  # a table, as constrainers expect it
-        for limit in self.limits:
+        for limit in self.limits if limited else ():
             values = limit(values)
         return values.view(*rows.shape[:-1], *self.shape)
 
 
-def parted(rows: Tensor, forms: Sequence[Form]) -> list[Tensor]:
-    """Split joined rows, (..., Σ size), into the values of each table, (..., *shape)."""
+def parted(rows: Tensor, forms: Sequence[Form], limited: bool = True) -> list[Tensor]:
+    """Split joined rows, (..., Σ size), into the values of each table, (..., *shape),
+    under the constraints if ``limited``.
+    """
     parts = torch.split(rows, [form.size for form in forms], -1) if forms else ()
-    return [form.values(part) for form, part in zip(forms, parts, strict=True)]
+    return [form.values(part, limited) for form, part in zip(forms, parts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class InteractionModel(Model):
-    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction.
+    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction, of entity vectors as they are.
     It has no ``transform`` and no ``inverse``.
 
     A row joins the rows of all tables of an entity (SimplE, ConvE, ... have several), or of a
@@ -87,7 +89,9 @@ class InteractionModel(Model):
         return max(1, sum(form.size for form in self.relations))
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        first, last = (parted(vectors.double(), self.entities) for vectors in (head, tail))
+        first, last = (
+            parted(vectors.double(), self.entities, limited=False) for vectors in (head, tail)
+        )
         sides = (
             [first[table] for table in self.interaction.head_indices],
             parted(relation.double(), self.relations),
@@ -246,7 +250,6 @@ def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
 
     Compared on random vectors, so that a user's own model counts, too.
     """
-    free = replace(scored, entities=_free(scored.entities))
     generator = torch.Generator().manual_seed(0)
     for model in _without_margin():
         with suppress(InputError):  # of a dimension that the model cannot have
@@ -256,7 +259,7 @@ def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
             rows = table_rows(model, relation)
             if rows.shape[1] != sum(form.size for form in scored.relations):
                 continue
-            expected = free.score(head, rows, tail)
+            expected = scored.score(head, rows, tail)
             if torch.allclose(model.score(head, relation, tail), expected):
                 return with_constraint(model, scored, head)
     return None
@@ -280,11 +283,6 @@ def with_margin(model: Any, margin: float) -> Model:
     """A distance model with another margin; another model as it is."""
     changed: Model = replace(model, margin=margin) if model.distance else model
     return changed
-
-
-def _free(forms: Sequence[Form]) -> tuple[Form, ...]:
-    """Forms without constraints."""
-    return tuple(replace(form, limits=()) for form in forms)
 
 
 def _without_margin() -> Iterator[Model]:
