@@ -162,28 +162,33 @@ def newton_step(
 def along(
     constrain: Callable[[Tensor], Tensor], at: Tensor, gradient: Tensor, hessian: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Gradient, (B, d), and Hessian, (B, d, d), of an objective of ``constrain(v)``.
+    """Gradient, (B, d), and Hessian, (B, d, d), of an objective of ``constrain(v)``, from those of
+    the objective of v, g and H, at allowed vectors, (B, d).
 
     With J = ∂constrain/∂v, a little down the slope, the gradient is Jᵀg. The Hessian is JᵀHJ; plus
-    κJᵀJ with κ = -⟨v, (I - J)g⟩ / ‖v‖² ≥ 0, the part by the curvature of a sphere where g leads
-    out of it; plus (I - J)ᵀH(I - J), so that it has an inverse.
+    (I - J)ᵀH(I - J), so that it has an inverse; plus κJᵀJ with κ = -⟨v, (I - J)g⟩ / ‖v‖², which is
+    due to the curvature of a sphere, where the sum has a minimum.
     """
     length = vector_norm(at, dim=-1, keepdim=True)
-    down = at - NUDGE * length * normalize(gradient, dim=-1)
-    with torch.enable_grad():
-        down = down.requires_grad_()
-        kept = constrain(down)
-    unit = torch.eye(at.shape[-1], dtype=at.dtype)
-    one_by_one = unit[:, None].expand(-1, len(at), -1)
-    rows = torch.autograd.grad(kept, down, one_by_one, is_grads_batched=True)[0]
-    slope = rows.transpose(0, 1)
-    off = unit - slope
-    outwards = -(at * (off @ gradient[..., None])[..., 0]).sum(-1, keepdim=True)
-    curvature = (outwards / length.square().clamp(min=TINY))[..., None]
-    flat = slope.mT @ hessian @ slope + off.mT @ hessian @ off
-    curved = flat + curvature * (slope.mT @ slope)
+    below = at - NUDGE * length * normalize(gradient, dim=-1)
+    slope = jacobian(constrain, below)
+    half = hessian @ slope
+    flat = hessian - half - half.mT + 2 * slope.mT @ half
+    out = gradient - (slope @ gradient[..., None])[..., 0]
+    curvature = -(at * out).sum(-1, keepdim=True) / length.square().clamp(min=TINY)
+    curved = flat + curvature[..., None] * (slope.mT @ slope)
     has_minimum = cholesky_ex(curved).info == 0
     return (gradient[:, None] @ slope)[:, 0], torch.where(has_minimum[:, None, None], curved, flat)
+
+
+def jacobian(function: Callable[[Tensor], Tensor], at: Tensor) -> Tensor:
+    """J[b, i, j] = ∂ function(v)[b, i] / ∂ v[b, j], (B, d, d), of a function of rows, at (B, d)."""
+    with torch.enable_grad():
+        vectors = at.detach().requires_grad_()
+        values = function(vectors)
+    columns = torch.eye(at.shape[-1], dtype=at.dtype)[:, None].expand(-1, len(at), -1)
+    rows: Tensor = torch.autograd.grad(values, vectors, columns, is_grads_batched=True)[0]
+    return rows.transpose(0, 1)
 
 
 def step_size(problem: Problem, at: Tensor, score: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
