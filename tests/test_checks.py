@@ -208,6 +208,12 @@ class OneWay(TransE):
 
 
 @dataclass(frozen=True)
+class Shrinking(DistMult):
+    def constrain(self, vectors: Tensor) -> Tensor:
+        return vectors / 2
+
+
+@dataclass(frozen=True)
 class Bent(Trilinear):
     """It says that it is linear."""
 
@@ -243,6 +249,7 @@ class ByPlace(Trilinear):
         (Uphill(2.0), models.gradients_are_those_of_the_score),
         (Directions(), models.zero_vectors_have_finite_gradients),
         (OneWay(2.0), models.maps_undo_each_other),
+        (Shrinking(), models.constrained_vectors_stay),
         (Bent(), models.linear_score_is_a_product),
         (Marginless(), models.distance_has_a_margin),
         (ByPlace(), models.stack_has_no_effect),

@@ -1,5 +1,6 @@
 """``isi.fit_new`` trains new rows alone; nearest entities and distance in ``Inserted`` by hand."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 import isi
 from isi.insertion.arguments import stack_of_one
 from isi.insertion.result import Inserted
+from isi.models.bilinear import DistMult
 from tests.small_embedding import (
     BETWEEN,
     ENTITIES,
@@ -162,3 +164,39 @@ def test_transe_with_the_norm_of_city_blocks() -> None:
     learned, _ = isi.fit_new(done.entities, relations, triples, epochs=5, **options)
     assert learned[:3].tobytes() == entities.tobytes()
     assert (learned[3] != done.entities[3]).any()
+
+
+@dataclass(frozen=True)
+class Short(DistMult):
+    """A user's model: no coordinate of a new entity is above a fifth."""
+
+    def constrain(self, vectors: torch.Tensor) -> torch.Tensor:
+        return vectors.clamp(-0.2, 0.2)
+
+
+@pytest.mark.parametrize("initializer", ["mean", "map", "ridge", None])
+def test_a_constraint_of_a_users_own_holds_for_new_rows(initializer: str | None) -> None:
+    """Every function that computes new rows keeps them under the constraint, as the hidden ones."""
+    wide = random_embedding(1, ENTITIES, len(BETWEEN), 4)
+    given = {
+        "entities": (9 * wide.entity[0]).clamp(-0.5, 0.5).numpy(),
+        "relations": 9 * wide.relation[0].numpy(),
+    }
+    model, known = Short(), list(KNOWN_TRIPLES)
+    done = call(**given, model=model, initializer=initializer, known_triples=known, budget=20)
+    new = torch.from_numpy(done.entities[ENTITIES:])
+    assert torch.equal(model.constrain(new), new)
+    if initializer == "map":
+        free = call(**given, model=DistMult(), initializer="map")
+        assert (np.abs(free.entities[ENTITIES:]) > 0.2).any()
+    hidden = done.hide()
+    if hidden is not None:
+        inserted = hidden.insert(done.method.initializer, done.options)
+        assert inserted is not None
+        assert torch.equal(model.constrain(inserted[1]), inserted[1])
+    fitted, _ = isi.fit_new(
+        done.entities, done.relations, TRIPLES, new=2, model=model, epochs=50, **NAMES
+    )
+    rows = torch.from_numpy(fitted[ENTITIES:])
+    assert torch.equal(model.constrain(rows), rows)
+    assert fitted[:ENTITIES].tobytes() == done.entities[:ENTITIES].tobytes()

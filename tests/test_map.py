@@ -260,6 +260,48 @@ def test_map_is_what_a_general_minimizer_finds(name: str, known_negatives: float
         assert plain(result.vectors[0, place].double().numpy()) <= best.fun + 1e-6
 
 
+@pytest.mark.parametrize("constraint", ["sphere", "ball"])
+@pytest.mark.parametrize("name", LINEAR)
+def test_map_under_a_constraint_is_what_a_general_minimizer_finds_there(
+    name: str, constraint: str
+) -> None:
+    of = four_novel(model_named(name, constraint=constraint))
+    model, mean = of.theta0.model, mean_of(of)
+    vectors = insert("map", of, **MEAN).vectors[0].double()
+    lengths = vectors.norm(dim=-1)
+    assert (lengths <= 1 + 1e-6).all()
+    if constraint == "sphere":
+        torch.testing.assert_close(lengths, torch.ones_like(lengths), rtol=0, atol=1e-6)
+    for place in (0, 1, 3):
+        plain = plain_objective(of, place, mean, 3, 0.5, 2.0)
+
+        def constrained(
+            vector: np.ndarray, objective: Callable[[np.ndarray], float] = plain
+        ) -> float:
+            return objective(model.constrain(torch.as_tensor(vector)).numpy())
+
+        found = vectors[place].numpy()
+        for start in (found, mean):
+            best = scipy.optimize.minimize(constrained, start, method="BFGS")
+            assert plain(found) <= best.fun + 1e-4
+        afterwards = model.constrain(insert("map", four_novel(model_named(name)), **MEAN).vectors)
+        assert plain(found) <= plain(afterwards[0, place].double().numpy()) + 1e-6
+
+
+@pytest.mark.parametrize(("name", "options"), DISTANCES)
+def test_no_step_along_the_sphere_makes_map_of_a_distance_better(
+    name: str, options: dict[str, Option]
+) -> None:
+    of = four_novel(model_named(name, **options, constraint="sphere"))
+    mean = torch.from_numpy(mean_of(of)).expand(1, 4, -1)
+    (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), mean, 0.5)
+    at = insert("map", of, **MEAN).vectors[0].double()
+    here = problem.objective(problem.scores(at), at)
+    for step in torch.randn(50, *at.shape, generator=torch.Generator().manual_seed(0)).double():
+        there = of.theta0.model.constrain(at + 0.05 * step)
+        assert (problem.objective(problem.scores(there), there) > here - 1e-4).all()
+
+
 SOFT: dict[str, Option] = {"word_weight": 4.0, "relation_weight": 2.0}
 PRIORS: list[tuple[str, str, dict[str, Option], dict[str, Option]]] = [
     ("map_mean", "mean", {}, OWN),

@@ -16,7 +16,7 @@ import isi
 from isi import config
 from isi.config import Option
 from isi.errors import InputError
-from isi.graph.sessions import session_of
+from isi.graph.sessions import TRAIN, Session, session_of
 from isi.models.bilinear import BlockModel
 from isi.models.distance import TransE
 from isi.models.model import (
@@ -353,3 +353,35 @@ def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
             torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40)
         )
         assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
+
+
+def test_vectors_lie_on_the_sphere_or_in_the_ball() -> None:
+    vectors = torch.tensor([[[3.0, 4.0], [0.3, 0.4], [0.0, 0.0]]])
+    expected = {
+        "none": vectors,
+        "sphere": torch.tensor([[[0.6, 0.8], [0.6, 0.8], [0.0, 0.0]]]),
+        "ball": torch.tensor([[[0.6, 0.8], [0.3, 0.4], [0.0, 0.0]]]),
+    }
+    for constraint, kept in expected.items():
+        model = make_model("complex", {"constraint": constraint}, "models.complex")
+        torch.testing.assert_close(model.constrain(vectors), kept)
+        assert model.is_free == (constraint == "none")
+        assert not trainer.is_compiled(model, 1) or model.is_free
+    with pytest.raises(InputError, match="constraint"):
+        make_model("distmult", {"constraint": "cube"}, "models.distmult")
+
+
+def test_training_keeps_vectors_under_the_constraint_and_others_as_they_are() -> None:
+    counts = {(e, e % RELATIONS, (e + 1) % 7): 1 for e in range(7)}
+    graph, keys = graph_of(counts, 8, RELATIONS), torch.tensor([[0]])
+    known = torch.arange(8)[None] < 7
+    session = Session(graph, known, torch.full((1, 7), TRAIN, dtype=torch.int8))
+    model = make_model("transe", {"margin": 2.0, "squared": False, "constraint": "sphere"}, "")
+    theta = uniform(torch.ones(1, 8, dtype=torch.bool), RELATIONS, model, DIMENSION, 0.3, 0, keys)
+    data = training_data(session, "training", keys, "all")
+    settings = Optimizer(batch_size=5, learning_rate=0.1, weight_decay=0.0, max_epochs=2)
+    negatives = Negatives(mode="sampled", ratio=2, head_pool="all")
+    trained = trainer.train(theta, data, negatives, settings, 0)
+    lengths = trained.entity[0].norm(dim=-1)
+    torch.testing.assert_close(lengths[:7], torch.ones(7))
+    assert torch.equal(trained.entity[0, 7], theta.entity[0, 7])

@@ -20,8 +20,10 @@ from pykeen.evaluation import RankBasedEvaluator
 from pykeen.models import ERModel, model_resolver
 from pykeen.pipeline import PipelineResult
 from pykeen.predict import predict_target
+from pykeen.regularizers import Regularizer
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory, TriplesNumericLiteralsFactory
+from pykeen.utils import clamp_norm
 from torch.nn.functional import softplus
 from torch.optim import SGD, Adam
 
@@ -165,7 +167,8 @@ class Rescal(Model):
 def test_a_model_of_a_users_own_serves_where_it_scores_as_pykeens(
     factory: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(OURS, "_registered", dict(OURS._registered))
+    every = {name: OURS.get(name) for name in OURS.names()}
+    monkeypatch.setattr(OURS, "_registered", every)
     register_model("rescal")(Rescal)
     model = model_of("rescal", {}, factory)
     read = read_model(model, factory.mapped_triples, None)
@@ -208,6 +211,78 @@ def test_a_model_of_any_tables_scores_as_before_and_predicts_with_new_entities(
         assert np.isfinite(named["score"]).all()
 
 
+@pytest.mark.parametrize("of", ["factory", "inverse"])
+@pytest.mark.parametrize("name", MODELS)
+def test_what_is_measured_is_what_pykeen_gets(
+    name: str, of: str, request: pytest.FixtureRequest
+) -> None:
+    """Rows of new entities, and of hidden ones, are under PyKEEN's constraints from the start."""
+    factory = request.getfixturevalue(of)
+    model = model_of(name, MODELS[name], factory, steps=10 if of == "factory" else 0)
+    how = {"initializer": "map_mean", "options": {"strength": 0.01}}
+    done = isi.pykeen.compute_rows(model, factory, NEW, **how)  # type: ignore[arg-type]
+    larger, more = isi.pykeen.enlarge(model, factory, done)
+    for _ in range(2):
+        read = read_model(larger, more.mapped_triples, None)
+        rows = read.entity[0, ENTITIES:].numpy()
+        np.testing.assert_allclose(rows, done.entities[ENTITIES:], rtol=1e-5, atol=1e-6)
+        larger.post_parameter_update()
+    draws = done.hide()
+    assert draws is not None
+    hidden = draws.insert(done.method.initializer, done.options)
+    assert hidden is not None
+    torch.testing.assert_close(done.model.constrain(hidden[1]), hidden[1])
+    fitted = isi.pykeen.fit_new(larger, more, NEW, epochs=3)
+    rows = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
+    fitted.post_parameter_update()
+    again = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
+    np.testing.assert_allclose(rows, again, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("constrainer", "options", "constraint"),
+    [
+        (None, None, "none"),
+        (torch.nn.functional.normalize, None, "sphere"),
+        (clamp_norm, {"maxnorm": 1.0, "p": 2, "dim": -1}, "ball"),
+        (clamp_norm, {"maxnorm": 2.0, "p": 2, "dim": -1}, None),
+        (clamp_norm, {"maxnorm": 1.0, "p": 1, "dim": -1}, None),
+        (torch.clamp, {"min": -0.1, "max": 0.1}, None),
+    ],
+)
+@pytest.mark.parametrize("interaction", ["transe", "complex"])
+def test_a_constraint_of_pykeens_is_read_and_another_one_is_kept_as_it_is(
+    interaction: str, constrainer: Any, options: Any, constraint: str | None, factory: Any
+) -> None:
+    if interaction == "complex" and constrainer is torch.clamp:
+        return  # which complex numbers do not have
+    model = ERModel(
+        triples_factory=factory,
+        interaction=interaction,
+        interaction_kwargs={"p": 2} if interaction == "transe" else {},
+        entity_representations_kwargs={
+            "shape": DIMENSION,
+            "dtype": torch.cfloat if interaction == "complex" else torch.float,
+            "constrainer": constrainer,
+            "constrainer_kwargs": options,
+        },
+        relation_representations_kwargs={
+            "shape": DIMENSION,
+            "dtype": torch.cfloat if interaction == "complex" else torch.float,
+        },
+        random_seed=0,
+    )
+    read = read_model(model, factory.mapped_triples, None)
+    assert getattr(read.model, "constraint", None) == constraint
+    assert isinstance(read.model, InteractionModel) == (constraint is None)
+    table = model.entity_representations[0]
+    table._embeddings.weight.data *= 9
+    rows = read_model(model, factory.mapped_triples, None).entity[0]
+    model.post_parameter_update()
+    expected = read_model(model, factory.mapped_triples, None).entity[0]
+    torch.testing.assert_close(read.model.constrain(rows), expected, rtol=1e-5, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["RGCN", "CompGCN", "NodePiece"])
 def test_a_model_that_computes_vectors_says_what_to_do(
     name: str, factory: Any, inverse: Any
@@ -242,13 +317,11 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
         triples[~of_known],
         new=2,
         model="transe_l1",
-        model_options={"margin": 1.0},
+        model_options={"margin": 1.0, "constraint": "sphere"},
         initializer=initializer,
         known_triples=triples[of_known],
     )
-    # as TransE's vectors are
-    unit = expected.entities / np.linalg.norm(expected.entities, axis=1, keepdims=True)
-    np.testing.assert_allclose(done.entities, unit, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(done.entities, expected.entities, rtol=1e-4, atol=1e-5)
     assert done.relations.shape == (RELATIONS, 2 * DIMENSION)
 
 
@@ -272,14 +345,21 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
     ]
     apart = [both_ways(torch.from_numpy(ids)).numpy() for ids in (new, triples)]
     facts_once = isi.pykeen.compute_rows(model, known, new, new=1)
-    facts_twice = isi.insert(*tables, apart[0], new=1, model="distmult", known_triples=apart[1])
+    facts_twice = isi.insert(
+        *tables,
+        apart[0],
+        new=1,
+        model="distmult",
+        model_options={"constraint": "sphere"},
+        known_triples=apart[1],
+    )
     once, twice = (
         next(each.known_ends for each in done.selection.candidates if each.initializer == "ridge")
         for done in (facts_once, facts_twice)
         if done.selection
     )
     assert twice > 1.3 * facts_twice.selection.random_mrr  # type: ignore[union-attr]
-    assert once < facts_once.selection.random_mrr  # type: ignore[union-attr]
+    assert once < 1.1 * facts_once.selection.random_mrr  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
@@ -578,14 +658,51 @@ def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
     labels = {f"thing {2 * chr(97 + row)}": row for row in range(ENTITIES)}
     named = TriplesFactory(factory.mapped_triples, labels, factory.relation_to_id)
     model = model_of("distmult", {}, named)
-    with pytest.warns(UserWarning, match=r"'Thing-aa': did you mean 'thing aa'"):
-        isi.pykeen.insert(model, named, [("cup", "r0", "Thing-aa")])
+    slip = [("cup", "r0", "Thing-aa")]  # which no triple joins to a known entity
+    with pytest.raises(InputError, match=r"^argument 'triples': .*'Thing-aa'.*'thing aa'"):
+        isi.pykeen.insert(model, named, slip)
+    larger, _ = isi.pykeen.insert(model, named, slip, new=["cup", "Thing-aa"], initializer="mean")
+    assert larger.num_entities == ENTITIES + 2
     triples = [("cup", "r0", "thing bb"), ("thing_aa", "r1", "thing cc")]
     with pytest.warns(UserWarning, match="'thing_aa': did you mean 'thing aa'"):
         isi.pykeen.insert(model, named, triples)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         isi.pykeen.insert(model, named, triples, new=["cup", "thing_aa"], calibrate=False)
+
+
+def test_ids_beside_labels_and_facts_of_known_entities_are_told_what_to_do(factory: Any) -> None:
+    model = model_of("distmult", {}, factory)
+    with pytest.raises(InputError, match=f"triple 1.*no entity has the id {ENTITIES}.*'new'"):
+        isi.pykeen.insert(model, factory, torch.tensor([[0, 0, 1], [ENTITIES, 0, 1]]))
+    ids = torch.tensor([[ENTITIES, 0, 1]])
+    larger, _ = isi.pykeen.insert(model, factory, ids, new=["cup"], initializer="mean")
+    assert larger.num_entities == ENTITIES + 1
+    with pytest.raises(InputError, match=r"got 7$"):
+        isi.pykeen.insert(model, factory, torch.tensor([[ENTITIES, 7, 1]]), new=["cup"])
+    for facts, new in (([("e1", "r0", "e2")], None), ([("e1", "r0", "e2")], ["cup"])):
+        with pytest.raises(InputError, match=r"known already.*fit_new.*from_pykeen"):
+            isi.pykeen.insert(model, factory, facts, new=new)
+
+
+@pytest.mark.parametrize("name", [*MODELS, "RotatE"])
+def test_a_model_that_has_just_been_read_in_training_is_copied(name: str, factory: Any) -> None:
+    """Regularizers keep a term with its gradient until the next update."""
+    model = model_of(name, MODELS[name], factory).train()
+    for part in (*model.entity_representations, *model.relation_representations):
+        part()
+    model.cache = [model.score_hrt(factory.mapped_triples)]  # another tensor with a graph
+    terms = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
+    larger, more = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    trained = isi.pykeen.fit_new(larger.train(), more, NEW, epochs=1)
+    for copy in (larger, trained):
+        kept = [part for part in copy.modules() if isinstance(part, Regularizer)]
+        assert len(kept) == len(terms)
+        assert all(not part.updated and not part.regularization_term.any() for part in kept)
+        assert not copy.cache[0].requires_grad
+    after = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
+    assert all(one is other for one, other in zip(terms, after, strict=True))
+    assert model.training
 
 
 def test_numeric_literals_stay_and_those_of_new_entities_are_zero(factory: Any) -> None:

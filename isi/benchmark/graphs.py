@@ -12,7 +12,7 @@ import torch
 from isi.columns import TRIPLE
 from isi.errors import InputError, extra, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
-from isi.insertion.arguments import argument, listed_triples
+from isi.insertion.arguments import listed_triples, naming_argument
 from isi.tables import paths
 
 #: Folder below ``data/raw`` of each graph whose folder has another name.
@@ -26,7 +26,7 @@ def graph_of(triples: Any) -> Graph:
     Entities and relations are in the order of a factory's ids, else sorted; those without triples
     are left out. The label of an id is its text.
     """
-    with argument("triples"):
+    with naming_argument("triples"):
         if isinstance(triples, str):
             return named(triples)[0]
         if hasattr(triples, "mapped_triples"):

@@ -16,7 +16,7 @@ from isi.benchmark.split import SplitIds, split_ids
 from isi.config import Count, Fraction, Seed, check
 from isi.errors import extra
 from isi.graph.graph import TAIL, Graph
-from isi.insertion.arguments import Names, argument, triples_of
+from isi.insertion.arguments import Names, naming_argument, triples_of
 from isi.random import stream
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class HiddenSplit:
 
     def facts_of(self, number: int | None) -> list[tuple[str, str, str]]:
         """At most ``number`` facts of each hidden entity, the first ones; None: all."""
-        check(number, Count | None, "", "argument 'number'")  # type: ignore[arg-type]
+        check(number, Count | None, "", "naming_argument 'number'")  # type: ignore[arg-type]
         return [tuple(row) for row in self.labels(self.ids.insert_triples(number)).tolist()]
 
     @property
@@ -227,9 +227,9 @@ def hide(
         ("seed", seed, Seed),
         ("root", root, Seed),
     ):
-        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
+        check(value, kind, "", f"naming_argument {name!r}")  # type: ignore[arg-type]
     graph = triples if isinstance(triples, Graph) else graph_of(triples)
     rng = stream(root, "hidden from another trainer", seed)
-    with argument("fraction"):
+    with naming_argument("fraction"):
         ids = split_ids(graph.triples.numpy(), len(graph.entities), fraction, fewest, queries, rng)
     return HiddenSplit([graph.entities[row] for row in ids.order], graph.relations, ids, seed)

@@ -162,6 +162,19 @@ def maps_undo_each_other(subject: CheckedModel) -> Iterator[str]:
     yield from gap("inverse(transform(inverse(t)))", again, back)
 
 
+def constrained_vectors_stay(subject: CheckedModel) -> Iterator[str]:
+    """``constrain`` keeps the shape, treats each row by itself, and leaves its results as they are,
+    also of rows of zeros.
+    """
+    entity, model = subject.random.entity, subject.model
+    kept = model.constrain(torch.cat([entity, torch.zeros_like(entity)]))
+    if kept.shape != (2 * len(entity), *entity.shape[1:]) or not torch.isfinite(kept).all():
+        yield f"the shape is {tuple(kept.shape)}, or a number is not finite"
+        return
+    yield from gap("constrain(constrain(v))", model.constrain(kept), kept)
+    yield from gap("constrain(v) of one row", model.constrain(entity[:1, :1]), kept[:1, :1])
+
+
 def linear_score_is_a_product(subject: CheckedModel) -> Iterator[str]:
     """If ``linear``, f = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩."""
     theta, model = subject.random, subject.model
@@ -227,6 +240,7 @@ CHECKS: list[Callable[[CheckedModel], Iterator[str]]] = [
     gradients_are_those_of_the_score,
     zero_vectors_have_finite_gradients,
     maps_undo_each_other,
+    constrained_vectors_stay,
     linear_score_is_a_product,
     distance_has_a_margin,
     stack_has_no_effect,

@@ -194,7 +194,7 @@ class Registered:
             raise InputError(paths.PARAMS, f"initializers.{self.name}", message)
 
     def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
-        """The vectors of the novel entities (equation 8);
+        """The vectors of the novel entities (equation 8), under the model's constraint;
         ``InputError`` if the result is not as in ``InitResult``.
         """
         self.check(context.theta0.model)
@@ -213,7 +213,7 @@ class Registered:
             got = tuple(tensor.shape) if isinstance(tensor, Tensor) else type(tensor).__name__
             if got != shape and not (part == "weights" and tensor is None):
                 raise InputError(name, "", f"expected {part} of shape {shape}, got {got}")
-        vectors = result.vectors.to(context.theta0.relation)
+        vectors = context.theta0.model.constrain(result.vectors.to(context.theta0.relation))
         check_finite((vectors,), f"the vectors of {name}", torch.finfo(vectors.dtype).max)
         return replace(result, vectors=vectors, fallback=result.fallback.long())
 

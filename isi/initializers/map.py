@@ -82,6 +82,7 @@ def problems(
             of["mean"],
             precision[model],
             score_of(theta0.model, *ends),
+            constrain=None if theta0.model.is_free else theta0.model.constrain,
             slope=context.scale.slope,
             offset=of.get("offset", context.scale.offset),
             asked=of.get("asked"),

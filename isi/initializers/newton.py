@@ -8,8 +8,8 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
-from torch.linalg import solve
-from torch.nn.functional import softplus
+from torch.linalg import cholesky_ex, solve, vector_norm
+from torch.nn.functional import normalize, softplus
 
 from isi.models.scoring import Interaction, padded
 
@@ -22,6 +22,10 @@ TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
 CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
+#: Share of a vector's length by which it is moved before a constraint's slope is taken: at the
+#: border of a ball, the slope depends on whether the objective leads in or out.
+NUDGE = 1e-6
+TINY = 1e-12  #: Minimum squared length of a vector by which a curvature is divided.
 
 
 class Score(Protocol):
@@ -104,6 +108,12 @@ class Problem:
     candidates: int = 0
     #: number of such facts that each triple is; shape: (B, C)
     answers: Tensor | float = 0.0
+    #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
+    constrain: Callable[[Tensor], Tensor] | None = None
+
+    def allowed(self, at: Tensor) -> Tensor:
+        """Vectors, (B, d), under the constraint."""
+        return at if self.constrain is None else self.constrain(at)
 
     def log_odds(self, at: Tensor) -> Tensor:
         """o = slope · f + offset of each triple with vectors (B, d); shape (B, C)."""
@@ -161,19 +171,21 @@ class Problem:
 
 
 def newton(problem: Problem, start: Tensor | None = None) -> Tensor:
-    """argmin of the objective, (B, d), by Newton's method from ``start``, (B, d), or μ.
+    """argmin of the objective over allowed vectors, (B, d), by Newton's method from ``start``,
+    (B, d), or μ.
 
     Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v
     (Gauss-Newton), and the result is near a local optimum. A step is halved while it increases the
-    objective.
+    objective. With a constraint, each step follows its slope, and what it leads to is constrained.
     """
-    at = problem.mean if start is None else start
+    at = problem.allowed(problem.mean if start is None else start)
     active = torch.ones(len(at), dtype=torch.bool)
     odds, slopes = problem.log_odds(at), problem.slopes(at)
     for _ in range(STEPS):
         step, gain = newton_step(problem, at, odds, slopes)
         share, decrease = step_size(problem, at, odds, step)
-        at = torch.where(active[:, None], at + share[:, None] * step, at)
+        there = problem.allowed(at + share[:, None] * step)
+        at = torch.where(active[:, None], there, at)
         active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
@@ -192,6 +204,8 @@ def newton_step(
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
     curved = curvature(slopes, second.float()) + problem.between_candidates(odds, slopes)
     hessian = curved.double() + problem.precision
+    if problem.constrain is not None:
+        gradient, hessian = along(problem.constrain, at, gradient, hessian)
     step = -solve(hessian, gradient)
     return step, -(gradient * step).sum(-1)
 
@@ -209,6 +223,38 @@ def curvature(slopes: Tensor, second: Tensor) -> Tensor:
     return gram(chosen, largest) + rest
 
 
+def along(
+    constrain: Callable[[Tensor], Tensor], at: Tensor, gradient: Tensor, hessian: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Gradient, (B, d), and Hessian, (B, d, d), of an objective of ``constrain(v)``, from those of
+    the objective of v, g and H, at allowed vectors, (B, d).
+
+    With J = ∂constrain/∂v, a little down the slope, the gradient is Jᵀg. The Hessian is JᵀHJ; plus
+    (I - J)ᵀH(I - J), so that it has an inverse; plus κJᵀJ with κ = -⟨v, (I - J)g⟩ / ‖v‖², which is
+    due to the curvature of a sphere, where the sum has a minimum.
+    """
+    length = vector_norm(at, dim=-1, keepdim=True)
+    below = at - NUDGE * length * normalize(gradient, dim=-1)
+    slope = jacobian(constrain, below)
+    half = hessian @ slope
+    flat = hessian - half - half.mT + 2 * slope.mT @ half
+    out = gradient - (slope @ gradient[..., None])[..., 0]
+    curvature = -(at * out).sum(-1, keepdim=True) / length.square().clamp(min=TINY)
+    curved = flat + curvature[..., None] * (slope.mT @ slope)
+    has_minimum = cholesky_ex(curved).info == 0
+    return (gradient[:, None] @ slope)[:, 0], torch.where(has_minimum[:, None, None], curved, flat)
+
+
+def jacobian(function: Callable[[Tensor], Tensor], at: Tensor) -> Tensor:
+    """J[b, i, j] = ∂ function(v)[b, i] / ∂ v[b, j], (B, d, d), of a function of rows, at (B, d)."""
+    with torch.enable_grad():
+        vectors = at.detach().requires_grad_()
+        values = function(vectors)
+    columns = torch.eye(at.shape[-1], dtype=at.dtype)[:, None].expand(-1, len(at), -1)
+    rows: Tensor = torch.autograd.grad(values, vectors, columns, is_grads_batched=True)[0]
+    return rows.transpose(0, 1)
+
+
 def step_size(problem: Problem, at: Tensor, odds: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
     """The first factor of 1, ½, ¼, ... whose step does not increase the objective,
     else 2^-``HALVINGS``; (B,).
@@ -217,7 +263,7 @@ def step_size(problem: Problem, at: Tensor, odds: Tensor, step: Tensor) -> tuple
     """
     here, share = problem.objective(odds, at), torch.ones(len(at), dtype=at.dtype)
     for _ in range(HALVINGS):
-        there = at + share[:, None] * step
+        there = problem.allowed(at + share[:, None] * step)
         after = problem.objective(problem.log_odds(there), there)
         worse = after > here * (1 + ROUNDING)
         if not worse.any():

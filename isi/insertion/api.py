@@ -55,8 +55,9 @@ def insert(
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or
             your own ``Model`` (set ``invertible = False`` if its ``transform`` or ``inverse`` only
             raises an error).
-        model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model; ignored
-            with a ``Model``.
+        model_options: ``margin`` and (not ``transe_l1``) ``squared`` of a distance model;
+            ``constraint`` of entity vectors: none, sphere (length 1) or ball (length at most 1), if
+            the embedding was trained with it; ignored with a ``Model``.
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
         known_triples: triples of known entities, for ``interference`` and the default initializer.
             If given, similar entities are among their ends.

@@ -184,8 +184,9 @@ class Names:
             expected += ", or a known " + (
                 "or new entity" if self.argument == "entity_names" else "relation"
             )
+        got = int(value) if is_whole(value) else value
         raise InputError(
-            "", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}"
+            "", place, f"expected {expected}, got {got!r:.80}{suggestion(value, self.ids)}"
         )
 
 

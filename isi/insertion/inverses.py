@@ -34,6 +34,13 @@ class InverseRelations(Model):
     def invertible(self) -> bool:  # type: ignore[override]
         return self.base.invertible
 
+    @property
+    def is_free(self) -> bool:
+        return self.base.is_free
+
+    def constrain(self, vectors: Tensor) -> Tensor:
+        return self.base.constrain(vectors)
+
     def width(self, dimension: int) -> int:
         return 2 * self.base.width(dimension)
 

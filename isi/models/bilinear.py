@@ -17,14 +17,14 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError
-from isi.models.model import RelationMapModel, register_model
+from isi.models.model import ConstrainedModel, register_model
 from isi.models.scoring import Backward, Triples
 from isi.tables import paths
 
 CLAMP = 1e-6  #: Lower bound of the |r| and x² + y² by which ``inverse`` divides.
 
 
-class BlockModel(RelationMapModel):
+class BlockModel(ConstrainedModel):
     """f(h, r, t) = interaction(vₕᵀW, vₜ), W block-diagonal (scalars, 2×2 blocks);
     by default ⟨vₕᵀW, vₜ⟩.
     """

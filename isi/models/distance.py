@@ -9,7 +9,7 @@ from torch import Tensor
 
 from isi.config import Positive
 from isi.models.bilinear import BlockModel
-from isi.models.model import Model, RelationMapModel, register_model
+from isi.models.model import ConstrainedModel, Model, register_model
 from isi.models.scoring import Backward, Distance, Interaction, L1Distance, Triples, padded
 
 
@@ -26,7 +26,7 @@ class Translation(Model):
 
 
 @dataclass(frozen=True)
-class DistanceModel(RelationMapModel):
+class DistanceModel(ConstrainedModel):
     """f(h, r, t) = margin - ‖transform(h, r) - vₜ‖, or with ‖·‖² if ``squared``."""
 
     distance = True
@@ -54,7 +54,7 @@ class TransE(Translation, DistanceModel):
 
 @register_model("transe_l1", defaults={"margin": 8.0})
 @dataclass(frozen=True)
-class TransEL1(Translation, RelationMapModel):
+class TransEL1(Translation, ConstrainedModel):
     """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default TransE of PyKEEN and OpenKE."""
 
     margin: Positive

@@ -10,10 +10,13 @@ scored together, and only the map needs autograd, or a closed-form gradient (``m
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 import torch
 from torch import Tensor
+from torch.linalg import vector_norm
+from torch.nn.functional import normalize
 
 from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
@@ -21,6 +24,9 @@ from isi.models.scoring import Backward, Interaction, Product, Triples
 #: Maximum number of elements in an intermediate tensor when ``Model`` scores all entities of a
 #: query.
 BUDGET = 2**24
+#: Where entity vectors lie: anywhere, on the unit sphere, or in the unit ball.
+Constraint = Literal["none", "sphere", "ball"]
+CONSTRAINTS: tuple[Constraint, ...] = get_args(Constraint)
 
 
 class Model(ABC):
@@ -87,6 +93,17 @@ class Model(ABC):
         """
         return self.inverse(vectors, relation)
 
+    def constrain(self, vectors: Tensor) -> Tensor:
+        """Entity vectors, (..., d), as the trainer keeps them: each row by itself, and a row that
+        it returns stays as it is. By default, all vectors are allowed.
+        """
+        return vectors
+
+    @property
+    def is_free(self) -> bool:
+        """Whether all entity vectors are allowed: ``constrain`` is not replaced."""
+        return type(self).constrain is Model.constrain
+
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
         """Scores of all entities as tail; shapes (M, Q, d), (M, Q, w), (M, E, d),
         result (M, Q, E).
@@ -147,6 +164,29 @@ class RelationMapModel(Model):
         return memory, _by_autograd(
             lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped
         )
+
+
+@dataclass(frozen=True)
+class ConstrainedModel(RelationMapModel):
+    """A model whose entity vectors may have a constraint."""
+
+    #: of entity vectors; not of relations
+    constraint: Constraint = field(default="none", kw_only=True)
+
+    def constrain(self, vectors: Tensor) -> Tensor:
+        """Vectors, (..., d), divided by their length, or in a ball by their length if above 1."""
+        if self.constraint == "sphere":
+            unit: Tensor = normalize(vectors, dim=-1)
+            return unit
+        if self.constraint == "ball":
+            lengths: Tensor = vector_norm(vectors, dim=-1, keepdim=True)
+            return vectors / lengths.clamp(min=1)
+        return vectors
+
+    @property
+    def is_free(self) -> bool:
+        is_replaced = type(self).constrain is not ConstrainedModel.constrain
+        return self.constraint == "none" and not is_replaced
 
 
 def _by_autograd(
@@ -225,7 +265,7 @@ def register_model(
         ... class Near(TransE):
         ...     pass
         >>> make_model("near", {"margin": 3.0}, "models.near")
-        Near(margin=3.0, squared=False)
+        Near(constraint='none', margin=3.0, squared=False)
     """
 
     def register(kind: M) -> M:
@@ -249,7 +289,7 @@ def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
 
     Example:
         >>> make_model("transe", {"margin": 2.0}, "models.transe")
-        TransE(margin=2.0, squared=False)
+        TransE(constraint='none', margin=2.0, squared=False)
     """
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))
@@ -258,3 +298,13 @@ def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
 def name_of(model: Model) -> str | None:
     """The name under which a model's class is registered; None if it is not."""
     return next((name for name in MODELS.names() if type(model) is MODELS.get(name)), None)
+
+
+def stored_options(model: Model) -> dict[str, Any]:
+    """The options of a registered model, as a folder stores them: without a constraint if there is
+    none, so that folders are those of versions without this option.
+    """
+    options = dict(vars(model))
+    if options.get("constraint") == "none":
+        del options["constraint"]
+    return options

@@ -5,9 +5,7 @@ its two steps.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Sequence
-from copy import deepcopy
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Unpack
 
 import numpy as np
@@ -20,14 +18,34 @@ from isi.config import check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert_request
-from isi.insertion.arguments import Names, all_names, listed_triples, naming_argument, triples_of
+from isi.insertion.arguments import (
+    Names,
+    all_names,
+    is_whole,
+    listed_triples,
+    naming_argument,
+    triples_of,
+)
 from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
+from isi.models.model import Model
 from isi.names import bare
 from isi.pykeen import reading
-from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of, unwrapped
+from isi.pykeen.reading import (
+    PykeenModel,
+    copied,
+    read_model,
+    stored,
+    tables_of,
+    unwrapped,
+)
 
+#: What serves facts about entities that are known.
+FURTHER_FACTS = (
+    "isi.pykeen.fit_new trains the row of a known entity on further facts (new=[its label]); "
+    "isi.from_pykeen observes, removes and inserts again"
+)
 SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
 
@@ -60,8 +78,8 @@ def insert(
         triples: of the new entities and relations, as labels (if the factory has labels) or ids, in
             any form of ``isi.insert``; or another triples factory.
         new: labels of the new entities (None: all labels in ``triples`` that the factory lacks,
-            with a warning if one is nearly a known label); their number if the factory has no
-            labels.
+            with a warning if one is nearly a known label, and an error if it has no triple with a
+            known entity, either); their number if the factory has no labels.
         words, kinds: see ``isi.insertion.request.InsertRequest``, with labels for names.
         margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability
             ½; None: estimated from scores of the factory's triples and of corrupted ones.
@@ -144,6 +162,12 @@ def compute_rows(
         near = nearly_known(new, factory.entity_to_id)
     names = all_names(Names("entity_names", factory.num_entities, entity_labels), new, "new")
     ids = triples_of(rows, "triples", names, relations)
+    joined = ids[(ids[:, [HEAD, TAIL]] < factory.num_entities).any(1)][:, [HEAD, TAIL]]
+    for label, other in near.items():
+        if not (joined == names.ids[label]).any():
+            expected = f"expected a triple of the new entity {label!r} with a known one"
+            problem = f"did you mean {other!r}, which is known? ('new' lists new ones)"
+            raise InputError("argument 'triples'", "", f"{expected}: {problem}")
     embedding = read_model(model, factory.mapped_triples, margin)
     known = (ids[:, [HEAD, TAIL]] < factory.num_entities).all(1) & (
         ids[:, RELATION] < known_relations.number
@@ -153,7 +177,7 @@ def compute_rows(
         raise InputError(
             "argument 'triples'",
             triple,
-            "expected a new entity or relation, but all are known already",
+            f"expected a new entity or relation, but all are known already: {FURTHER_FACTS}",
         )
     embedding = pack(embedding) if model.use_inverse_triples else embedding
     try:
@@ -181,8 +205,7 @@ def compute_rows(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
             stacklevel=3,
         )
-    vectors = reading.constrained(tables_of(model), torch.from_numpy(done.vectors)).numpy()
-    return replace(done, vectors=vectors)
+    return done
 
 
 def enlarge(
@@ -197,45 +220,67 @@ def enlarge(
         >>> larger.num_entities, more.entity_to_id["mug"]
         (5, 4)
     """
-    larger = deepcopy(unwrapped(model))
-    larger.num_entities = done.known + len(done.vectors)
-    larger.num_relations = len(done.relations)
-    grown = stored(tables_of(larger), torch.from_numpy(done.vectors))
-    base, rows = done.model, torch.from_numpy(done.relations[done.new_relations])
-    if isinstance(base, InverseRelations):
-        base, rows, larger.num_relations = (
-            base.base,
-            rows.view(-1, rows.shape[1] // 2),
-            2 * len(done.relations),
-        )
-    if len(rows):
+    larger = add_rows(model, done.vectors, done.relations[done.new_relations], done.model)
+    new = np.concatenate([done.insert_triples, done.between])
+    triples = np.concatenate([factory.mapped_triples.numpy(), new])
+    labels = [str(done.names.of(row)) for row in done.new]
+    of_relations = [str(done.labels.of(row)) for row in done.new_relations]
+    return larger, larger_factory(factory, triples, labels, of_relations)
+
+
+def add_rows(
+    model: PykeenModel, entities: np.ndarray, relations: np.ndarray, read: Model
+) -> PykeenModel:
+    """A copy of a model with further rows of entities, (n, d), and relations, (q, w), as they are
+    in the model ``read``.
+    """
+    larger: PykeenModel = copied(unwrapped(model))
+    base, ways = (read.base, 2) if isinstance(read, InverseRelations) else (read, 1)
+    larger.num_entities += len(entities)
+    larger.num_relations += ways * len(relations)
+    grown = stored(tables_of(larger), torch.from_numpy(entities))
+    if len(relations):
+        rows = torch.from_numpy(relations).view(ways * len(relations), -1)
         grown += stored(reading.relation_tables_of(larger), reading.table_rows(base, rows))
     for table, added in grown:
         weight = table._embeddings.weight
         # same Parameter: regularizers may refer to it
         weight.data, weight.grad = torch.cat([weight.data, added]), None
         table.max_id = table._embeddings.num_embeddings = len(weight)
-    new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
-    triples = torch.cat([factory.mapped_triples, new])
+    return larger
+
+
+def larger_factory(
+    factory: CoreTriplesFactory,
+    triples: np.ndarray,
+    entities: Sequence[str],
+    relations: Sequence[str] = (),
+) -> CoreTriplesFactory:
+    """A copy of a factory with other triples, ids of shape (T, 3), and labels of new entities and
+    relations, which have the next ids.
+    """
     options: dict[str, Any] = {"metadata": dict(factory.metadata)}
     options["create_inverse_triples"] = factory.create_inverse_triples
+    number, of_relations = factory.num_entities, factory.real_num_relations
+    mapped = torch.from_numpy(triples)
     if not isinstance(factory, TriplesFactory):
-        return larger, CoreTriplesFactory(
-            triples, larger.num_entities, len(done.relations), **options
-        )
-    relation_names = done.relation_names or ()
+        numbers = number + len(entities), of_relations + len(relations)
+        return CoreTriplesFactory(mapped, *numbers, **options)
     options |= {
-        "mapped_triples": triples,
-        "relation_to_id": dict(factory.relation_to_id)
-        | {name: row for row, name in enumerate(relation_names)},
-        "entity_to_id": dict(factory.entity_to_id)
-        | {str(done.names.of(row)): row for row in done.new},
+        "mapped_triples": mapped,
+        "relation_to_id": _with_labels(factory.relation_to_id, relations, of_relations),
+        "entity_to_id": _with_labels(factory.entity_to_id, entities, number),
     }
     if not isinstance(factory, TriplesNumericLiteralsFactory):
-        return larger, TriplesFactory(**options)
+        return TriplesFactory(**options)
     old = factory.numeric_literals
-    options["numeric_literals"] = np.pad(old, ((0, len(done.new)), *[(0, 0)] * (old.ndim - 1)))
-    return larger, TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
+    options["numeric_literals"] = np.pad(old, ((0, len(entities)), *[(0, 0)] * (old.ndim - 1)))
+    return TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
+
+
+def _with_labels(ids: Mapping[str, int], labels: Sequence[str], first: int) -> dict[str, int]:
+    """Ids by label, and those of further labels from ``first``."""
+    return {**ids, **{label: row for row, label in enumerate(labels, first)}}
 
 
 def of_result(
@@ -305,11 +350,19 @@ def _new_labels(
     new = [end for end in ends if end not in entities.ids]
     if new or relations.number > factory.real_num_relations:
         return new
+    for row, (head, _, tail) in enumerate(whole):
+        for end in (head, tail):
+            if is_whole(end) and end >= entities.number:
+                problem = f"expected labels, as the factory has, but no entity has the id {end}"
+                remedy = f"labels in 'new' get the ids {entities.number}, ... in order"
+                raise InputError("argument 'triples'", f"triple {row}", f"{problem}: {remedy}")
     known = triples_of(rows, "triples", entities, relations)
     names = ", ".join(
         repr(entities.of(row)) for row in dict.fromkeys(known[:, [HEAD, TAIL]].flatten().tolist())
     )
-    problem = f"all are known already: {names}" if len(known) else "there are no triples"
+    problem = "there are no triples"
+    if len(known):
+        problem = f"all are known already: {names}; {FURTHER_FACTS}"
     raise InputError("argument 'triples'", "", f"expected a label of a new entity, but {problem}")
 
 

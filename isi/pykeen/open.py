@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from pykeen.pipeline import PipelineResult
-from pykeen.triples import TriplesFactory
+from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.insertion.inverses import pack
@@ -14,10 +14,59 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Manifest
 from isi.live.loaded import LoadedEmbedding
 from isi.live.names import by_known_name, note_of_kinds
-from isi.models.model import name_of
+from isi.models.model import name_of, stored_options
 from isi.names import plain
-from isi.pykeen.insertion import checked_labels, of_result
+from isi.pykeen.insertion import add_rows, checked_labels, larger_factory, of_result
 from isi.pykeen.reading import PykeenModel, read_model
+
+
+class PykeenEmbedding(LiveEmbedding):
+    """A live embedding that was made from a model of PyKEEN, and gives one back after any change.
+
+    Example:
+        >>> home = isi.from_pykeen(model, factory)
+        >>> effect = home.insert("mug", {"in": "kitchen"})
+        >>> home.model.num_entities, home.factory.entity_to_id["mug"]
+        (5, 4)
+        >>> effect = home.undo()
+        >>> home.model.num_entities
+        4
+    """
+
+    def __init__(
+        self, bundle: LoadedEmbedding, model: PykeenModel, factory: CoreTriplesFactory
+    ) -> None:
+        """Use ``isi.from_pykeen``."""
+        super().__init__(bundle)
+        self._trained = model, factory
+        self._made_from: LoadedEmbedding | None = None
+
+    @property
+    def model(self) -> PykeenModel:
+        """A copy of the model with the inserted entities as last rows; the same one until the next
+        change.
+        """
+        return self._enlarged[0]
+
+    @property
+    def factory(self) -> CoreTriplesFactory:
+        """A copy of the triples factory, with the inserted entities and all facts that hold."""
+        return self._enlarged[1]
+
+    @property
+    def _enlarged(self) -> tuple[PykeenModel, CoreTriplesFactory]:
+        now, known = self.now, len(self.base.entities)
+        if self._made_from is not now:
+            model, factory = self._trained
+            trained = factory.mapped_triples.numpy()
+            is_retracted = np.isin(now.keys_of(trained), now.keys_of(now.retracted))
+            added = now.triples[len(self.known_triples) :]
+            triples = np.concatenate([trained[~is_retracted], added])
+            no_relations = now.relations[:0]
+            larger = add_rows(model, now.entities[known:], no_relations, now.model)
+            self._current = larger, larger_factory(factory, triples, now.entity_names[known:])
+            self._made_from = now
+        return self._current
 
 
 def from_pykeen(
@@ -26,13 +75,12 @@ def from_pykeen(
     *,
     kinds: Mapping[str, str] | None = None,
     margin: float | None = None,
-) -> LiveEmbedding:
+) -> PykeenEmbedding:
     """A live embedding of a trained model of PyKEEN, or of the result of its pipeline.
-    The model is not changed.
+    The model is not changed. ``model`` and ``factory`` of the live embedding have all that was
+    inserted.
 
     DistMult, ComplEx, TransE and RotatE without inverse triples can be saved into a folder.
-    Constraints that PyKEEN applies to its vectors while it trains are not applied to new ones
-    (``isi.pykeen.insert`` does).
 
     Args:
         factory: the triples factory with labels that the model was trained on; not with a result of
@@ -57,7 +105,7 @@ def from_pykeen(
     read = pack(read) if model.use_inverse_triples else read
     # as a folder can hold it
     name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
-    options: dict[str, Any] = vars(read.model) if name else {}
+    options: dict[str, Any] = stored_options(read.model) if name else {}
     manifest = Manifest(
         model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[]
     )
@@ -66,17 +114,16 @@ def from_pykeen(
     without = [label for label in entities if kinds and label not in kind_of]
     if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
         warnings.warn(f"kinds: {note}", stacklevel=2)
-    return LiveEmbedding(
-        LoadedEmbedding(
-            manifest,
-            read.entity[0].numpy(),
-            read.relation[0].numpy(),
-            entities,
-            [kind_of.get(label, "") for label in entities],
-            list(map(plain, entities)),
-            relations,
-            triples,
-            None,
-            None if name else read.model,
-        )
+    loaded = LoadedEmbedding(
+        manifest,
+        read.entity[0].numpy(),
+        read.relation[0].numpy(),
+        entities,
+        [kind_of.get(label, "") for label in entities],
+        list(map(plain, entities)),
+        relations,
+        triples,
+        None,
+        None if name else read.model,
     )
+    return PykeenEmbedding(loaded, model, known)

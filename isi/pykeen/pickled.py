@@ -7,7 +7,7 @@ import torch
 from isi.errors import InputError
 from isi.live.folder import Bundle
 from isi.live.importer import OTHERS, Labels, bundle_of
-from isi.models.model import name_of
+from isi.models.model import name_of, stored_options
 from isi.pykeen.reading import read_model, unwrapped
 
 
@@ -28,4 +28,4 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
         expected = "expected TransE, DistMult, ComplEx or RotatE without inverse triples"
         raise InputError(path, "", f"{expected}: {OTHERS}")
     tables = [read.entity[0].numpy(), read.relation[0].numpy()]
-    return bundle_of(name, vars(read.model), tables, labels, [path])
+    return bundle_of(name, stored_options(read.model), tables, labels, [path])

@@ -2,29 +2,32 @@
 and its score.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from pykeen.models import ERModel
 from pykeen.nn import modules
 from pykeen.nn.representation import Embedding as Table
 from pykeen.nn.representation import Representation
+from pykeen.regularizers import Regularizer
 from torch import Tensor
 from torch.nn import Module
+from torch.nn.functional import normalize
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.inverses import both_ways
-from isi.models.model import MODELS, Model
+from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
 PykeenModel = ERModel[Any, Any, Any]
+M = TypeVar("M", bound=Module)
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
 ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
 SAMPLES = 8  #: Random triples on which scores are compared.
@@ -46,27 +49,29 @@ class Form:
         """Length of a row: the product of ``shape``, twice that if complex."""
         return prod(self.shape) * (1 + self.is_complex)
 
-    def values(self, rows: Tensor) -> Tensor:
+    def values(self, rows: Tensor, limited: bool = True) -> Tensor:
         """Convert rows of shape (..., size) to values of shape (..., *shape),
-        under the constraints.
+        under the constraints if ``limited``.
         """
         if self.is_complex:
             rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
         values = rows.reshape(-1, *self.shape)  # a table, as constrainers expect it
-        for limit in self.limits:
+        for limit in self.limits if limited else ():
             values = limit(values)
         return values.view(*rows.shape[:-1], *self.shape)
 
 
-def parted(rows: Tensor, forms: Sequence[Form]) -> list[Tensor]:
-    """Split joined rows, (..., Σ size), into the values of each table, (..., *shape)."""
+def parted(rows: Tensor, forms: Sequence[Form], limited: bool = True) -> list[Tensor]:
+    """Split joined rows, (..., Σ size), into the values of each table, (..., *shape),
+    under the constraints if ``limited``.
+    """
     parts = torch.split(rows, [form.size for form in forms], -1) if forms else ()
-    return [form.values(part) for form, part in zip(forms, parts, strict=True)]
+    return [form.values(part, limited) for form, part in zip(forms, parts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class InteractionModel(Model):
-    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction.
+    """f(h, r, t) = ``offset`` + score of a PyKEEN interaction, of entity vectors as they are.
     It has no ``transform`` and no ``inverse``.
 
     A row joins the rows of all tables of an entity (SimplE, ConvE, ... have several), or of a
@@ -84,7 +89,9 @@ class InteractionModel(Model):
         return max(1, sum(form.size for form in self.relations))
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        first, last = (parted(vectors.double(), self.entities) for vectors in (head, tail))
+        first, last = (
+            parted(vectors.double(), self.entities, limited=False) for vectors in (head, tail)
+        )
         sides = (
             [first[table] for table in self.interaction.head_indices],
             parted(relation.double(), self.relations),
@@ -95,6 +102,16 @@ class InteractionModel(Model):
         # for the shape and the gradient
         scores = scores if self.relations else scores + 0 * relation[..., 0]
         return self.offset + scores.to(head.dtype)
+
+    @property
+    def is_free(self) -> bool:
+        return not any(form.limits for form in self.entities)
+
+    def constrain(self, vectors: Tensor) -> Tensor:
+        """Joined rows, (..., d), under the constraints of their tables."""
+        rows = vectors.flatten(0, -2).double()
+        parts = [_flat(values) for values in parted(rows, self.entities)]
+        return torch.cat(parts, 1).view(vectors.shape).to(vectors.dtype)
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
         raise NoRelationMap
@@ -113,6 +130,33 @@ def unwrapped(model: Any) -> Any:
             return model
         model = inner
     return model
+
+
+def copied(module: M) -> M:
+    """A deep copy of a module, which can be trained by itself.
+
+    What a module keeps of a pass in training, such as the term of a regularizer, is copied without
+    its gradient; the copy's regularizers start again at zero.
+    """
+    memory = dict[int, Any]()
+    for part in module.modules():
+        for tensor in _tensors_in(vars(part)):
+            if not tensor.is_leaf:
+                memory[id(tensor)] = tensor.detach().clone()
+    copy = deepcopy(module, memory)
+    for part in copy.modules():
+        if isinstance(part, Regularizer):
+            part.reset()
+    return copy
+
+
+def _tensors_in(values: Any) -> Iterator[Tensor]:
+    """The tensors in nested dicts, lists and tuples."""
+    if isinstance(values, Tensor):
+        yield values
+    elif isinstance(values, Mapping | list | tuple):
+        for value in values.values() if isinstance(values, Mapping) else values:
+            yield from _tensors_in(value)
 
 
 def tables_of(model: object) -> list[Table]:
@@ -163,11 +207,6 @@ def form_of(table: Table) -> Form:
     return Form(tuple(table.shape), table.is_complex, limits)
 
 
-def constrained(tables: Sequence[Table], rows: Tensor) -> Tensor:
-    """Joined rows, (n, d), under the constraints of their tables."""
-    return torch.cat([_flat(values) for values in parted(rows, list(map(form_of, tables)))], 1)
-
-
 def stored(tables: Sequence[Table], rows: Tensor) -> list[tuple[Table, Tensor]]:
     """Each of some tables, and its part of joined rows, (n, d), as PyKEEN stores it."""
     parts = parted(rows, list(map(form_of, tables)))
@@ -191,7 +230,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     read = [_read(representation) for representation in model.relation_representations]
     tables = [rows for _, rows in read]
     triples = both_ways(triples) if model.use_inverse_triples else triples
-    interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
+    interaction = copied(model.interaction).cpu().double().eval().requires_grad_(False)
     rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 1)
     scored = InteractionModel(interaction, forms, tuple(form for form, _ in read), 0.0)
     closed = closed_form(scored, entity.shape[1]) if len(forms) == 1 else None
@@ -206,12 +245,11 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 
 
 def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
-    """The registered model, with a margin of 0, whose scores are those of an interaction;
-    None if there is none.
+    """The registered model, with a margin of 0, whose scores and constraint are those of an
+    interaction; None if there is none.
 
     Compared on random vectors, so that a user's own model counts, too.
     """
-    free = replace(scored, entities=_free(scored.entities), relations=_free(scored.relations))
     generator = torch.Generator().manual_seed(0)
     for model in _without_margin():
         with suppress(InputError):  # of a dimension that the model cannot have
@@ -221,21 +259,30 @@ def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
             rows = table_rows(model, relation)
             if rows.shape[1] != sum(form.size for form in scored.relations):
                 continue
-            expected = free.score(head, rows, tail)
+            expected = scored.score(head, rows, tail)
             if torch.allclose(model.score(head, relation, tail), expected):
-                return model
+                return with_constraint(model, scored, head)
     return None
+
+
+def with_constraint(model: Model, scored: InteractionModel, rows: Tensor) -> Model | None:
+    """A registered model that constrains entity vectors as an interaction does; None if it cannot.
+
+    Compared on random rows, (n, d), of lengths below and above 1.
+    """
+    lengths = torch.logspace(-1, 1, len(rows), dtype=rows.dtype)
+    rows = normalize(rows, dim=-1) * lengths[:, None]
+    expected, models = scored.constrain(rows), [model]
+    if isinstance(model, ConstrainedModel):
+        models = [replace(model, constraint=name) for name in CONSTRAINTS]
+    alike = (each for each in models if torch.allclose(each.constrain(rows), expected))
+    return next(alike, None)
 
 
 def with_margin(model: Any, margin: float) -> Model:
     """A distance model with another margin; another model as it is."""
     changed: Model = replace(model, margin=margin) if model.distance else model
     return changed
-
-
-def _free(forms: Sequence[Form]) -> tuple[Form, ...]:
-    """Forms without constraints."""
-    return tuple(replace(form, limits=()) for form in forms)
 
 
 def _without_margin() -> Iterator[Model]:

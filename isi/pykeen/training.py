@@ -1,7 +1,6 @@
 """Training of a model of PyKEEN that has new entities: of the new rows alone, or of all rows."""
 
 from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from isi.insertion import fit
 from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
 from isi.insertion.inverses import both_ways
 from isi.pykeen.insertion import checked_labels, labelled, of_result
-from isi.pykeen.reading import PykeenModel, read_model, stored, tables_of
+from isi.pykeen.reading import PykeenModel, copied, read_model, stored, tables_of
 
 
 def fit_new(
@@ -90,7 +89,7 @@ def fit_new(
         ratio=ratio,
         seed=seed,
     )
-    trained = deepcopy(model)
+    trained = copied(model)
     for table, rows in stored(tables_of(trained), torch.from_numpy(vectors[-len(ids) :])):
         table._embeddings.weight.data[torch.from_numpy(ids)] = rows
     return trained

@@ -155,8 +155,11 @@ def run_epoch(
 
 
 def is_compiled(model: Model, batch_size: int) -> bool:
-    """Whether updates are compiled: batches of one observation, for a plain block model."""
-    return batch_size == 1 and isinstance(model, BlockModel) and model.is_plain()
+    """Whether updates are compiled: batches of one observation, for a plain block model without
+    constraint.
+    """
+    is_plain = isinstance(model, BlockModel) and model.is_plain()
+    return batch_size == 1 and is_plain and model.is_free
 
 
 def compile_ahead(model: Model, batch_size: int) -> None:
@@ -193,7 +196,7 @@ def adagrad(
     trained_rows: Tensor | None = None,
 ) -> None:
     """Update a stack in place from a batch's gradient:
-    Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ.
+    Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ. Then entities are constrained.
 
     ``gradient`` is summed over the batch, ``positives``, (M,), is its number of positives; an
     embedding with 0 stays as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``,
@@ -209,6 +212,10 @@ def adagrad(
             step.masked_fill_(~trained_rows[..., None], 0.0)
         squares.addcmul_(step, step)
         table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
+    model, entity = state.embedding.model, state.embedding.entity
+    if not model.is_free:
+        changed = ~frozen if trained_rows is None else trained_rows
+        entity.copy_(torch.where(changed[..., None], model.constrain(entity), entity))
 
 
 class EarlyStopping:
