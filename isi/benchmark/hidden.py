@@ -83,7 +83,7 @@ class HiddenSplit:
 
     def facts_of(self, number: int | None) -> list[tuple[str, str, str]]:
         """At most ``number`` facts of each hidden entity, the first ones; None: all."""
-        check(number, Count | None, "", "naming_argument 'number'")  # type: ignore[arg-type]
+        check(number, Count | None, "", "argument 'number'")  # type: ignore[arg-type]
         return [tuple(row) for row in self.labels(self.ids.insert_triples(number)).tolist()]
 
     @property
@@ -227,7 +227,7 @@ def hide(
         ("seed", seed, Seed),
         ("root", root, Seed),
     ):
-        check(value, kind, "", f"naming_argument {name!r}")  # type: ignore[arg-type]
+        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
     graph = triples if isinstance(triples, Graph) else graph_of(triples)
     rng = stream(root, "hidden from another trainer", seed)
     with naming_argument("fraction"):
