@@ -8,7 +8,7 @@ systematic sample is taken (its error: docs/speed.md).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -31,8 +31,7 @@ class Evidence:
     other: Tensor  #: ids of the known ends; shape: (M, n, C)
     positive: Tensor  #: number of true triples; shape: (M, n, C), float64
     negative: Tensor  #: expected number of corrupted triples; shape: (M, n, C), float64
-    #: of log odds, beside the scale's own; None: 0; shape: (M, n, C), float64
-    offset: Tensor | None = None
+    offset: Tensor | float = 0.0  #: of log odds; shape: (M, n, C), float64
 
 
 def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evidence:
@@ -50,15 +49,14 @@ def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evi
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
-    return joined(parts)
+    return replace(joined(parts), offset=context.scale.offset)
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:
-    """The triples of several parts, one after the other; all or none have an offset."""
-    names = [name for name, values in vars(parts[0]).items() if values is not None]
-    return Evidence(
-        **{name: torch.cat([getattr(part, name) for part in parts], -1) for name in names}
-    )
+    """The triples of several parts, one after the other, without offsets."""
+    names = ("is_tail", "relation", "other", "positive", "negative")
+    columns = {name: [getattr(part, name) for part in parts] for name in names}
+    return Evidence(**{name: torch.cat(column, -1) for name, column in columns.items()})
 
 
 def corrupted_ends(context: InitContext, ratio: int) -> Evidence:

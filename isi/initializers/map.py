@@ -15,11 +15,11 @@ from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import AnyScore, LinearScore, MappedScore, Problem, Score, gram, newton
+from isi.initializers.newton import Problem, gram, newton
 from isi.initializers.paper import hybrid_similarity
 from isi.initializers.scale import KnownQueries
-from isi.initializers.softmax import evidence_by_query
-from isi.models.model import Model, RelationMapModel
+from isi.initializers.scores import score_of
+from isi.initializers.softmax import crowd, evidence_by_query
 from isi.models.stack import NotFinite, rows
 
 #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be
@@ -27,8 +27,8 @@ from isi.models.stack import NotFinite, rows
 SHRINKAGE = 0.1
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
 #: Maximum number of elements in the vectors of the triples of all entities solved together.
-BUDGET = 2**20
-PASSES = 2  #: Number of times that the known queries are chosen.
+BUDGET = 2**23
+PASSES = 3  #: Number of times that likely wrong answers are chosen.
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -62,58 +62,46 @@ def problems(
     """The problems of all M · n novel entities in order, in batches of ``BUDGET``;
     ``mean``: μ, (M, n, d).
     """
-    theta0, (models, number, dimension) = context.theta0, mean.shape
-    precision = strength * precision_of(context)
-    batch = batch_of(weighted, dimension)
-    given = {**vars(weighted), "mean": mean.double()}
-    candidates = given.pop("candidates", 0)
-    listed = {name: part.flatten(0, 1) for name, part in given.items() if part is not None}
-    for place in torch.split(torch.arange(models * number), batch):
-        model = place // number
-        of = {name: values[place] for name, values in listed.items()}
-        ends = (
-            of["is_tail"][..., None],
-            theta0.relation[model[:, None], of["relation"]],
-            theta0.entity[model[:, None], of["other"]],
-        )
-        yield Problem(
-            of["positive"],
-            of["negative"],
-            of["mean"],
-            precision[model],
-            score_of(theta0.model, *ends),
-            constrain=None if theta0.model.is_free else theta0.model.constrain,
-            slope=context.scale.slope,
-            offset=of.get("offset", context.scale.offset),
-            asked=of.get("asked"),
-            candidates=candidates,
-            answers=of.get("answers", 0.0),
-        )
+    models, number, dimension = mean.shape
+    places = torch.arange(models * number)
+    yield from (
+        problem_of(context, weighted, mean, strength * precision_of(context), part)
+        for part in torch.split(places, batch_of(weighted, dimension))
+    )
 
 
-def score_of(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Score:
-    """f of triples by vectors of the novel entities; shapes (B, C, 1), (B, C, w), (B, C, d)."""
-    if model.linear:
-        return LinearScore(anchors(model, is_tail, relation, other))
-    if isinstance(model, RelationMapModel):
-        return MappedScore(model.interaction, anchors(model, is_tail, relation, other))
-
-    def score(novel: Tensor) -> Tensor:
-        return model.score(
-            torch.where(is_tail, other, novel), relation, torch.where(is_tail, novel, other)
-        )
-
-    return AnyScore(score, other.shape[1])
-
-
-def anchors(model: Model, is_tail: Tensor, relation: Tensor, other: Tensor) -> Tensor:
-    """α of triples, (B, C, d): their known ends, mapped by the relation;
-    shapes as in ``score_of``.
+def problem_of(
+    context: InitContext, weighted: Evidence, mean: Tensor, precision: Tensor, place: Tensor
+) -> Problem:
+    """The problem of the novel entities at some of M · n places, (B,); shapes as in ``problems``,
+    ``precision``: (M, d, d).
     """
-    alpha, at = torch.empty_like(other), is_tail[..., 0]
-    alpha[at] = model.transform(other[at], relation[at])
-    alpha[~at] = model.transform_tail(other[~at], relation[~at])
-    return alpha
+    theta0, model = context.theta0, place // mean.shape[1]
+
+    def of(values: Tensor) -> Tensor:
+        return values.flatten(0, 1)[place]
+
+    ends = (
+        of(weighted.is_tail)[..., None],
+        theta0.relation[model[:, None], of(weighted.relation)],
+        theta0.entity[model[:, None], of(weighted.other)],
+    )
+    offset = weighted.offset
+    return Problem(
+        of(weighted.positive),
+        of(weighted.negative),
+        of(mean.double()),
+        precision[model],
+        score_of(theta0.model, *ends),
+        slope=context.scale.slope,
+        offset=of(offset) if isinstance(offset, Tensor) else offset,
+        constrain=None if theta0.model.is_free else theta0.model.constrain,
+    )
+
+
+def batch_of(weighted: Evidence, dimension: int) -> int:
+    """Number of novel entities that are solved together."""
+    return max(1, BUDGET // (weighted.other.shape[-1] * dimension))
 
 
 def most_probable(
@@ -127,47 +115,43 @@ def most_probable(
     its maximum a posteriori vector (MAP).
     """
     if context.queries is not None:
-        return _by_query(context, context.queries, prior, strength, known_negatives)
-    weighted = evidence_of(context, ratio, known_negatives)
-    return _solved(context, weighted, prior, strength)
+        vectors = _by_query(context, context.queries, prior.vectors, strength, known_negatives)
+    else:
+        weighted = evidence_of(context, ratio, known_negatives)
+        batches = problems(context, weighted, prior.vectors, strength)
+        vectors = torch.cat([newton(problem) for problem in batches]).view(prior.vectors.shape)
+    return replace(prior, vectors=vectors.to(prior.vectors.dtype), is_centroid=False)
 
 
 def _by_query(
-    context: InitContext,
-    queries: KnownQueries,
-    prior: InitResult,
-    strength: float,
-    weight: float,
-) -> InitResult:
-    """MAP where each query has a log Z: first from the facts alone, then with the known queries to
-    which the vectors of before are wrong answers, ``PASSES`` times.
+    context: InitContext, queries: KnownQueries, mean: Tensor, strength: float, weight: float
+) -> Tensor:
+    """MAP where each query has a log Z, (M, n, d), by ``PASSES``: each considers the answers to
+    queries about the novel entities that are likely with the vectors of the pass before.
     """
-    result = _solved(context, evidence_by_query(context, queries, None, weight), prior, strength)
-    for _ in range(PASSES if weight else 0):
-        weighted = evidence_by_query(context, queries, result.vectors, weight)
-        result = _solved(context, weighted, prior, strength, result.vectors)
-    return result
-
-
-def _solved(
-    context: InitContext,
-    weighted: Evidence,
-    prior: InitResult,
-    strength: float,
-    start: Tensor | None = None,
-) -> InitResult:
-    """The minima of ``problems``, by Newton's method from ``start``, (M, n, d), or the prior."""
-    start = prior.vectors if start is None else start
-    at = torch.split(start.double().flatten(0, 1), batch_of(weighted, start.shape[-1]))
-    batches = problems(context, weighted, prior.vectors, strength)
-    solved = [newton(problem, first) for problem, first in zip(batches, at, strict=True)]
-    vectors = torch.cat(solved).view(prior.vectors.shape).to(prior.vectors.dtype)
-    return replace(prior, vectors=vectors, is_centroid=False)
-
-
-def batch_of(weighted: Evidence, dimension: int) -> int:
-    """Number of novel entities that are solved together."""
-    return max(1, BUDGET // (weighted.other.shape[-1] * dimension))
+    vectors, precision = mean.double(), strength * precision_of(context)
+    places = torch.arange(mean[..., 0].numel()).view(mean.shape[:2])
+    for _ in range(PASSES):
+        near = evidence_by_query(context, queries, vectors, weight)
+        batch, start = batch_of(near, mean.shape[-1]), vectors.flatten(0, 1)
+        solved = []
+        for model, of_model in enumerate(places):
+            shared = crowd(context, queries, model, weight)
+            for place in torch.split(of_model, batch):
+                problem = problem_of(context, near, mean, precision, place)
+                novel = place - of_model[0]
+                solved.append(
+                    newton(
+                        replace(
+                            problem,
+                            start=start[place],
+                            asked=near.asked(model, novel),
+                            crowd=shared and shared.of(novel),
+                        )
+                    )
+                )
+        vectors = torch.cat(solved).view(vectors.shape)
+    return vectors
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}

@@ -3,20 +3,20 @@ triples and have a normal prior.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 from torch.linalg import cholesky_ex, solve, vector_norm
 from torch.nn.functional import normalize, softplus
 
-from isi.models.scoring import Interaction, padded
+from isi.initializers.scores import Score
+from isi.models.scoring import Interaction, Product, padded
 
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
 #: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
 #: one multiple of the unit matrix with their trace.
-CURVED = 2**10
+CURVED = 2**9
 #: A step is the last if twice its predicted gain of log-probability is at most this.
 TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
@@ -28,64 +28,83 @@ NUDGE = 1e-6
 TINY = 1e-12  #: Minimum squared length of a vector by which a curvature is divided.
 
 
-class Score(Protocol):
-    """The score f of each of C triples by vectors v, (B, d), float32."""
-
-    def scores(self, at: Tensor) -> Tensor:
-        """f; shape (B, C)."""
-
-    def slopes(self, at: Tensor) -> Tensor:
-        """∂f/∂v; shape (B, C, d)."""
-
-
 @dataclass(frozen=True)
-class LinearScore:
-    """f = ⟨v, α⟩; ``alpha``: (B, C, d)."""
-
-    alpha: Tensor
-
-    def scores(self, at: Tensor) -> Tensor:
-        return (self.alpha @ at[..., None])[..., 0]
-
-    def slopes(self, at: Tensor) -> Tensor:  # noqa: ARG002
-        return self.alpha
-
-
-@dataclass(frozen=True)
-class MappedScore:
-    """f = interaction(α, v), where α is the known end, mapped by the relation;
-    ``alpha``: (B, C, d).
-    """
+class Crowd:
+    """K triples that B vectors v of one model share, with weights of their own."""
 
     interaction: Interaction
-    alpha: Tensor
+    alpha: Tensor  #: known ends, mapped by the relation; shape: (K, d), float32
+    offset: Tensor  #: of log odds; shape: (K,), float64
+    negative: Tensor  #: w⁻; shape: (B, K), float64
 
-    def scores(self, at: Tensor) -> Tensor:
-        return self.interaction.rows(self.alpha, at[:, None])[0]
+    def of(self, vectors: Tensor) -> "Crowd":
+        """The crowd of some of the vectors, by their places, (B',)."""
+        return replace(self, negative=self.negative[vectors])
 
-    def slopes(self, at: Tensor) -> Tensor:
-        score, backward = self.interaction.rows(self.alpha, at[:, None])
-        return backward(torch.ones_like(score))[1]
+    def log_odds(self, at: Tensor) -> Tensor:
+        """o of each triple with vectors (B, d); shape (B, K)."""
+        scores, _ = self.interaction.pairs(self.alpha[None], at.float()[None])
+        return scores[0].mT.double() + self.offset
+
+    def quadratic(self, at: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradient, (B, d), and Hessian, (B, d, d), by derivatives by each score, (B, K); of the
+        Hessian, the ``CURVED`` triples of most curvature.
+        """
+        weight = first.float()
+        if isinstance(self.interaction, Product):
+            gradient = weight @ self.alpha
+        else:
+            _, backward = self.interaction.pairs(self.alpha[None], at.float()[None])
+            gradient = backward(weight.mT.contiguous()[None])[1][0]
+        largest, place = second.float().topk(min(CURVED, second.shape[1]), sorted=False)
+        score, backward = self.interaction.rows(self.alpha[place], at.float()[:, None])
+        return gradient, gram(backward(torch.ones_like(score))[1], largest)
 
 
 @dataclass(frozen=True)
-class AnyScore:
-    """f of vectors for each triple, (B, C, d), with slopes by autograd."""
+class Asked:
+    """The G queries (v, r, ?) of the facts of B vectors, whose loss is a softmax over answers.
 
-    function: Callable[[Tensor], Tensor]
-    triples: int  #: C
+    The last triples of a problem are the likely answers to each query, one query after the other.
+    """
 
-    def scores(self, at: Tensor) -> Tensor:
-        return self.function(self._for_each(at))
+    number: Tensor  #: of facts of each query; shape: (B, G), float64
+    rest: Tensor  #: log Σ exp(o) of all other answers; shape: (B, G), float64
+    right: Tensor  #: number of these facts that each triple is; shape: (B, C), float64
+    likely: int  #: number of likely answers to each query, S
 
-    def slopes(self, at: Tensor) -> Tensor:
-        with torch.enable_grad():
-            vectors = self._for_each(at).clone().requires_grad_()
-            total = self.function(vectors).sum()
-        return torch.autograd.grad(total, vectors)[0]
+    def loss(self, odds: Tensor) -> Tensor:
+        """Σ number · log Σ exp(o) - Σ o of right answers, by log odds (B, C); shape (B,)."""
+        log_z = self._answers(odds).logsumexp(-1)
+        return (self.number * log_z).sum(-1) - (self.right * odds).sum(-1)
 
-    def _for_each(self, at: Tensor) -> Tensor:
-        return at[:, None].expand(-1, self.triples, -1)
+    def derivatives(self, odds: Tensor) -> tuple[Tensor, Tensor]:
+        """First and second derivatives of the loss by each log odds, (B, C) each; those by two
+        answers to a query are in ``between``.
+        """
+        expected = (self.number[..., None] * self._likely(odds)).flatten(1)
+        none = torch.zeros(len(odds), odds.shape[1] - expected.shape[1], dtype=odds.dtype)
+        second = torch.cat([none, expected], 1)
+        return second - self.right, second
+
+    def between(self, odds: Tensor, slopes: Tensor) -> Tensor:
+        """What second derivatives by two answers add to the Hessian, by slopes (B, C, d);
+        shape (B, d, d).
+        """
+        likely = self._likely(odds).float()
+        of_answers = slopes[:, slopes.shape[1] - likely[0].numel() :]
+        of_answers = of_answers.reshape(*likely.shape, slopes.shape[2])
+        return -gram((likely[..., None, :] @ of_answers)[..., 0, :], self.number.float())
+
+    def _likely(self, odds: Tensor) -> Tensor:
+        """The softmax over the likely answers to each query; shape (B, G, S)."""
+        return torch.softmax(self._answers(odds), -1)[..., :-1]
+
+    def _answers(self, odds: Tensor) -> Tensor:
+        """Log odds of the likely answers to each query and of the rest; shape (B, G, S + 1)."""
+        batch, queries = self.number.shape
+        answers = odds[:, odds.shape[1] - queries * self.likely :].view(batch, queries, -1)
+        return torch.cat([answers, self.rest[..., None]], -1)
 
 
 @dataclass(frozen=True)
@@ -101,13 +120,9 @@ class Problem:
     score: Score
     slope: float = 1.0  #: of log odds
     offset: Tensor | float = 0.0  #: of log odds; shape: (B, C)
-    #: numbers of facts m of G queries (v, r, ?), whose loss is a softmax; shape (B, G), float64
-    asked: Tensor | None = None
-    #: number of candidate answers of each of these queries, which are the last of the C triples.
-    #: The offset of a candidate is the log of its weight.
-    candidates: int = 0
-    #: number of such facts that each triple is; shape: (B, C)
-    answers: Tensor | float = 0.0
+    asked: Asked | None = None
+    crowd: Crowd | None = None
+    start: Tensor | None = None  #: where Newton's method starts, (B, d); None: at μ
     #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
     constrain: Callable[[Tensor], Tensor] | None = None
 
@@ -116,69 +131,66 @@ class Problem:
         return at if self.constrain is None else self.constrain(at)
 
     def log_odds(self, at: Tensor) -> Tensor:
-        """o = slope · f + offset of each triple with vectors (B, d); shape (B, C)."""
-        return self.slope * self.score.scores(at.float()).double() + self.offset
+        """o = slope · f + offset of each triple with vectors (B, d); shape (B, C), and those of
+        the crowd, (B, C + K).
+        """
+        odds = self.slope * self.score.scores(at.float()).double() + self.offset
+        return odds if self.crowd is None else torch.cat([odds, self.crowd.log_odds(at)], 1)
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
         return self.score.slopes(at.float())
 
     def objective(self, odds: Tensor, at: Tensor) -> Tensor:
-        """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), and the loss of ``asked``,
-        Σ m log Σ exp(o of candidates) - Σ o of answers; shapes (B, C), (B, d), result (B,).
+        """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), plus the losses of
+        ``asked`` and ``crowd``; shapes as of ``log_odds``, (B, d), result (B,).
         """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        loss = (self.positive * softplus(-odds) + self.negative * softplus(odds)).sum(-1)
+        own, crowd = self._parts(odds)
+        loss = (self.positive * softplus(-own) + self.negative * softplus(own)).sum(-1)
         if self.asked is not None:
-            log_z = self._candidates(odds).logsumexp(-1)
-            loss = loss + (self.asked * log_z).sum(-1) - (self.answers * odds).sum(-1)
+            loss = loss + self.asked.loss(own)
+        if self.crowd is not None:
+            loss = loss + (self.crowd.negative * softplus(crowd)).sum(-1)
         return loss + prior / 2
 
-    def derivatives(self, odds: Tensor) -> tuple[Tensor, Tensor]:
-        """First derivative of the loss by each score, and the second one, (B, C) each; those of
-        two candidates of ``asked`` are in ``between_candidates``.
+    def quadratic(self, odds: Tensor, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
+        odds and slopes.
         """
-        weight, likely = self.positive + self.negative, padded(torch.sigmoid, odds)
+        own, crowd = self._parts(odds)
+        weight, likely = self.positive + self.negative, padded(torch.sigmoid, own)
         first, second = weight * likely - self.positive, weight * likely * (1 - likely)
         if self.asked is not None:
-            expected = (self.asked[..., None] * self._likely(odds)).flatten(1)
-            first = first - self.answers
-            first[:, -expected.shape[1] :] += expected
-            second[:, -expected.shape[1] :] += expected
-        return self.slope * first, self.slope**2 * second
+            more = self.asked.derivatives(own)
+            first, second = first + more[0], second + more[1]
+        first, second = self.slope * first, self.slope**2 * second
+        gradient = (first.float()[:, None] @ slopes)[:, 0]
+        hessian = curvature(slopes, second.float())
+        if self.asked is not None:
+            hessian = hessian + self.asked.between(own, slopes)
+        if self.crowd is not None:
+            likely = torch.sigmoid(crowd)
+            first = self.crowd.negative * likely
+            more = self.crowd.quadratic(at, first, first * (1 - likely))
+            gradient, hessian = gradient + more[0], hessian + more[1]
+        return gradient.double(), hessian.double()
 
-    def between_candidates(self, odds: Tensor, slopes: Tensor) -> Tensor | float:
-        """What the second derivatives by scores of two candidates add to the Hessian; (B, d, d)."""
-        if self.asked is None:
-            return 0.0
-        likely = self._likely(odds).float()
-        of_candidates = slopes[:, slopes.shape[1] - likely[0].numel() :]
-        of_candidates = of_candidates.reshape(*likely.shape, slopes.shape[2])
-        mean = (likely[..., None, :] @ of_candidates)[..., 0, :]
-        return -(self.slope**2) * gram(mean, self.asked.float())
-
-    def _likely(self, odds: Tensor) -> Tensor:
-        """The softmax over the candidates of each query of ``asked``; (B, G, candidates)."""
-        return torch.softmax(self._candidates(odds), -1)
-
-    def _candidates(self, odds: Tensor) -> Tensor:
-        """The log odds of the candidates of each query of ``asked``; shape (B, G, candidates)."""
-        batch, triples = odds.shape
-        queries = 0 if self.asked is None else self.asked.shape[1]
-        candidates = odds[:, triples - queries * self.candidates :]
-        return candidates.reshape(batch, queries, self.candidates)
+    def _parts(self, odds: Tensor) -> tuple[Tensor, Tensor]:
+        """Log odds of a vector's own triples, (B, C), and of the crowd, (B, K)."""
+        number = self.positive.shape[1]
+        return odds[:, :number], odds[:, number:]
 
 
-def newton(problem: Problem, start: Tensor | None = None) -> Tensor:
-    """argmin of the objective over allowed vectors, (B, d), by Newton's method from ``start``,
-    (B, d), or μ.
+def newton(problem: Problem) -> Tensor:
+    """argmin of the objective over allowed vectors, (B, d), by Newton's method.
 
     Strictly convex if the score f is linear in v. Otherwise each step linearizes f around v
     (Gauss-Newton), and the result is near a local optimum. A step is halved while it increases the
     objective. With a constraint, each step follows its slope, and what it leads to is constrained.
     """
-    at = problem.allowed(problem.mean if start is None else start)
+    at = problem.allowed(problem.mean if problem.start is None else problem.start)
     active = torch.ones(len(at), dtype=torch.bool)
     odds, slopes = problem.log_odds(at), problem.slopes(at)
     for _ in range(STEPS):
@@ -199,11 +211,9 @@ def newton_step(
     """The step, (B, d), to the minimum of the quadratic model of the objective,
     and twice its gain, (B,).
     """
-    first, second = problem.derivatives(odds)
-    gradient = (first.float()[:, None] @ slopes)[:, 0].double()
+    gradient, hessian = problem.quadratic(odds, slopes, at)
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
-    curved = curvature(slopes, second.float()) + problem.between_candidates(odds, slopes)
-    hessian = curved.double() + problem.precision
+    hessian += problem.precision
     if problem.constrain is not None:
         gradient, hessian = along(problem.constrain, at, gradient, hessian)
     step = -solve(hessian, gradient)

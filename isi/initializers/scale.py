@@ -9,6 +9,7 @@ softplus(log Z - f) is the loss of an answer with score f.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -16,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
+from isi.config import LARGEST
 from isi.evaluation.platt import fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.stack import Embedding, rows
@@ -26,9 +28,8 @@ Loss = Literal["logistic", "softmax", "margin", "self-adversarial"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 #: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
 TRIPLES = 2**12
-#: Maximum number of queries with known answers, drawn at random, whose log Z is computed.
-QUERIES = 2**14
-LEAST_QUERIES, WORK = 2**10, 2**35  #: Of these queries, and of multiplications for their log Z.
+#: Maximum number of queries with known answers, evenly spaced by relation and given end.
+QUERIES = 2**15
 FEW = 2**8  #: Maximum number of queries for the mean of log Z.
 BUDGET = 2**24  #: Maximum number of scores in one table.
 
@@ -91,7 +92,9 @@ class KnownQueries:
     relation: Tensor  #: ids; shape: (K,)
     other: Tensor  #: ids of the given ends; shape: (K,)
     answers: Tensor  #: number of known answers; if K is a sample, scaled up; shape: (M, K), float64
-    log_z: Tensor  #: log Σ exp(score) over known entities as answers; shape: (M, K), float64
+    #: log Σ exp(score) over the known answers, which have nearly all of Z after training; shape:
+    #: (M, K), float64
+    log_z: Tensor
     #: whether training asked for tails alone, as with inverse relations
     tails_only: bool
 
@@ -109,31 +112,31 @@ class KnownQueries:
 
 
 def known_queries(
-    theta: Embedding, known: Tensor, triples: Tensor, trained: Tensor, tails_only: bool
+    theta: Embedding, triples: Tensor, trained: Tensor, tails_only: bool
 ) -> KnownQueries:
-    """The queries of ``trained``, (M, T), triples, (T, 3), or a sample of ``QUERIES`` of them;
-    ``known``: mask of the candidates, (M, E).
-    """
-    (models, entities, dimension), relations = theta.entity.shape, theta.relation.shape[1]
+    """The queries of ``trained``, (M, T), triples, (T, 3), or a sample of ``QUERIES`` of them."""
+    (models, entities, _), relations = theta.entity.shape, theta.relation.shape[1]
     head, relation, tail = triples[:, HEAD], triples[:, RELATION], triples[:, TAIL]
     keys = (relations + relation) * entities + head
     if not tails_only:
         keys = torch.cat([relation * entities + tail, keys])
+    ways = len(keys) // max(1, len(triples))
     key, place = torch.unique(keys, return_inverse=True)
     answers = torch.zeros(models, len(key), dtype=torch.float64)
-    answers.index_add_(1, place, trained.double().repeat(1, len(keys) // max(1, len(triples))))
-    affordable = max(LEAST_QUERIES, min(QUERIES, WORK // (models * entities * dimension)))
-    step = -(-len(key) // affordable) or 1
-    sampled = answers[:, ::step]
-    sampled = sampled * (answers.sum(1) / sampled.sum(1).clamp(min=1))[:, None]
-    key = key[::step]
-    slot, other = key // entities, key % entities
-    novel_is_tail, relation = slot >= relations, slot % relations
-    shape = models, len(key)
-    log_z = log_partition(
-        theta, known, *(ids.expand(shape) for ids in (novel_is_tail, relation, other))
+    answers.index_add_(1, place, trained.double().repeat(1, ways))
+    scores = theta.score(*triples.T[:, None].expand(-1, models, -1)).double()
+    scores = scores.masked_fill(~trained, -torch.inf).repeat(1, ways)
+    index, low = place.expand(models, -1), torch.full(answers.shape, -LARGEST, dtype=torch.float64)
+    highest = low.scatter_reduce(1, index, scores, "amax")
+    total = torch.zeros_like(answers)
+    total.scatter_add_(1, index, (scores - highest.gather(1, index)).exp())
+    step = -(-len(key) // QUERIES) or 1
+    number, log_z = answers[:, ::step], (highest + total.log())[:, ::step]
+    number = number * (answers.sum(1) / number.sum(1).clamp(min=1))[:, None]
+    slot, other = key[::step] // entities, key[::step] % entities
+    return KnownQueries(
+        slot >= relations, slot % relations, other, number, log_z.clamp(min=-LARGEST), tails_only
     )
-    return KnownQueries(novel_is_tail, relation, other, sampled, log_z, tails_only)
 
 
 def log_partition(
@@ -143,17 +146,25 @@ def log_partition(
     queries as in ``KnownQueries``; result (M, Q), float64.
     """
     log_z = torch.zeros(relation.shape, dtype=torch.float64)
-    for is_tail in (False, True):
-        of_side = novel_is_tail == is_tail
-        first = torch.argsort(~of_side, stable=True)[:, : int(of_side.sum(1).max())]
-        for part in torch.split(first, max(1, BUDGET // known.numel()), 1):
-            ids = other.gather(1, part), relation.gather(1, part)
-            scores = theta.score_tails(*ids) if is_tail else theta.score_heads(*ids[::-1])
-            total = scores.masked_fill(~known[:, None], -torch.inf).logsumexp(-1).double()
-            log_z.scatter_(
-                1, part, torch.where(of_side.gather(1, part), total, log_z.gather(1, part))
-            )
+    for part, is_tail in parts_of_sides(novel_is_tail, known.numel()):
+        ids = other.gather(1, part), relation.gather(1, part)
+        scores = theta.score_tails(*ids) if is_tail else theta.score_heads(*ids[::-1])
+        total = scores.masked_fill(~known[:, None], -torch.inf).logsumexp(-1).double()
+        of_side = novel_is_tail.gather(1, part) == is_tail
+        log_z.scatter_(1, part, torch.where(of_side, total, log_z.gather(1, part)))
     return log_z
+
+
+def parts_of_sides(is_tail: Tensor, width: int) -> Iterator[tuple[Tensor, bool]]:
+    """Places, (M, ≤ Q), of all queries of each side, (M, Q), in parts of which a table with
+    ``width`` numbers for each query of a model is within ``BUDGET``; where models differ in their
+    number of queries, a part has some of the other side, too.
+    """
+    for side in (False, True):
+        of_side = is_tail == side
+        first = torch.argsort(~of_side, stable=True)[:, : int(of_side.sum(1).max())]
+        for part in torch.split(first, max(1, BUDGET // width), 1):
+            yield part, side
 
 
 def _known_and_corrupted(theta: Embedding, triples: Tensor) -> tuple[Tensor, Tensor]:

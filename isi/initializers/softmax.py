@@ -6,18 +6,21 @@ of its known answers. As the given end of a query (v, r, ?), log Σ exp(f) over 
 the known end. Here log Z is that of the known entities.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from isi.initializers.api import InitContext
-from isi.initializers.evidence import Evidence, joined, spread
-from isi.initializers.scale import KnownQueries, log_partition
+from isi.initializers.evidence import SAMPLE, Evidence, joined, spread
+from isi.initializers.newton import Asked, Crowd
+from isi.initializers.scale import KnownQueries, log_partition, parts_of_sides
+from isi.initializers.scores import anchors
+from isi.models.model import RelationMapModel
+from isi.models.stack import rows
 
-#: Maximum number of known queries of a novel entity: those that it answers wrongly most.
-RIVALS = 512
-CANDIDATES = 128  #: Maximum number of candidates of a query with the novel entity as given end.
+CANDIDATES = 64  #: Maximum number of candidates of a query about a novel entity: the most likely.
+BUDGET = 2**24  #: Maximum number of scores in one table.
 
 
 def facts(context: InitContext, queries: KnownQueries) -> Evidence:
@@ -43,62 +46,87 @@ def facts(context: InitContext, queries: KnownQueries) -> Evidence:
     )
 
 
-def rivals(context: InitContext, queries: KnownQueries, at: Tensor, weight: float) -> Evidence:
-    """The known queries to which vectors ``at``, (M, n, d), are the most likely wrong answers.
+def crowd(context: InitContext, queries: KnownQueries, model: int, weight: float) -> Crowd | None:
+    """The known queries of a model, to which its n novel entities are wrong answers; None if they
+    are among the evidence.
 
-    ``weight``: β. A query counts as often as it has known answers, times β and s, which is as in
+    A query counts as often as it has known answers, times ``weight``, β, and s, which is as in
     ``corrupted_known``.
     """
-    mean = 2 * context.trained.sum(-1).double() / context.known.sum(-1)
-    complete = (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
-    times = weight * complete[..., None] * queries.answers[:, None]
-    odds = queries.scores(context.theta0, at).double() - queries.log_z[:, None]
-    most = min(RIVALS, odds.shape[-1])
-    place = (times * torch.sigmoid(odds)).topk(most, sorted=False).indices
-    negative = times.gather(-1, place)
-    log_z = queries.log_z[:, None].expand(odds.shape).gather(-1, place)
+    theta = context.theta0
+    if not weight or not isinstance(theta.model, RelationMapModel):
+        return None
+    given = theta.entity[model, queries.other], theta.relation[model, queries.relation]
+    is_tail = queries.novel_is_tail[:, None]
+    times = weight * _complete(context)[model, :, None] * queries.answers[model]
+    alpha = anchors(theta.model, is_tail, given[1], given[0])
+    return Crowd(theta.model.interaction, alpha, -queries.log_z[model], times)
+
+
+def sampled_crowd(context: InitContext, queries: KnownQueries, weight: float) -> Evidence:
+    """At most ``SAMPLE`` of the queries of ``crowd``, for a model without a map of relations."""
+    item, number = spread(queries.answers, SAMPLE)
+    shape = (*context.novel.shape, item.shape[-1])
+    times = weight * _complete(context)[..., None] * number[:, None]
+    offset = -queries.log_z.gather(1, item)
     return Evidence(
-        queries.novel_is_tail[place],
-        queries.relation[place],
-        queries.other[place],
-        torch.zeros_like(negative),
-        negative,
-        -log_z,
+        queries.novel_is_tail[item][:, None].expand(shape),
+        queries.relation[item][:, None].expand(shape),
+        queries.other[item][:, None].expand(shape),
+        torch.zeros_like(times),
+        times,
+        offset[:, None].expand(shape),
     )
 
 
-@dataclass(frozen=True)
-class ByQuery(Evidence):
-    """Weighted triples, of which each has a log Z, and queries about the novel entities."""
+def _complete(context: InitContext) -> Tensor:
+    """s: how much of a novel entity is known; shape (M, n)."""
+    mean = 2 * context.trained.sum(-1).double() / context.known.sum(-1)
+    return (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
 
-    #: number of facts (v, r, ?) that a triple is; shape: (M, n, C), float64
-    answers: Tensor | float = 0.0
-    #: numbers of facts of G queries (v, r, ?), whose candidates are the last triples; shape: (M, n,
-    #: G), float64
-    asked: Tensor | None = None
-    candidates: int = 0  #: of each of these queries
+
+@dataclass(frozen=True, kw_only=True)
+class ByQuery(Evidence):
+    """Weighted triples, of which each has a log Z, and queries about the novel entities, whose
+    likely answers are the last triples (see ``Asked``).
+    """
+
+    number: Tensor  #: of facts of each query; shape: (M, n, G), float64
+    rest: Tensor  #: log Σ exp(score) of unlikely answers; shape: (M, n, G), float64
+    right: Tensor  #: facts of these queries; shape: (M, n, C), float64
+    likely: int  #: number of likely answers to each query
+
+    def asked(self, model: int, novel: Tensor) -> Asked:
+        """The queries about some novel entities, (B,), of a model."""
+        of = model, novel
+        return Asked(self.number[of], self.rest[of], self.right[of], self.likely)
 
 
 def evidence_by_query(
-    context: InitContext, queries: KnownQueries, at: Tensor | None, weight: float
+    context: InitContext, queries: KnownQueries, at: Tensor, weight: float
 ) -> ByQuery:
-    """The evidence of novel entities; ``rivals`` of vectors ``at``, (M, n, d), if given."""
+    """The evidence of novel entities near vectors ``at``, (M, n, d), which say what is likely;
+    ``weight``: see ``crowd``.
+    """
     parts = [facts(context, queries)]
-    if at is not None and weight:
-        parts.append(rivals(context, queries, at, weight))
-    asked, candidates = asked_of(context, queries)
-    every = joined([*parts, candidates])
-    answers = torch.zeros_like(every.positive)
-    answers[..., : context.observed.shape[-1]] = _asked_about(context, queries)
-    size = candidates.other.shape[-1] // asked.shape[-1]
-    return ByQuery(**vars(every), answers=answers, asked=asked, candidates=size)
+    if weight and not isinstance(context.theta0.model, RelationMapModel):
+        parts.append(sampled_crowd(context, queries, weight))
+    number, likely, rest = asked_of(context, queries, at)
+    every = joined([*parts, likely])
+    offsets = [torch.as_tensor(part.offset) for part in (*parts, likely)]
+    right = torch.zeros_like(every.positive)
+    right[..., : context.observed.shape[-1]] = _asked_about(context, queries)
+    each = likely.other.shape[-1] // number.shape[-1]
+    listed = vars(replace(every, offset=torch.cat(offsets, -1)))
+    return ByQuery(**listed, number=number, rest=rest, right=right, likely=each)
 
 
-def asked_of(context: InitContext, queries: KnownQueries) -> tuple[Tensor, Evidence]:
-    """The queries (v, r, ?) and (?, r, v) of the insert triples: their numbers of facts, (M, n, G),
-    and the candidates of all, one query after the other.
-
-    The candidates are evenly spaced known entities, each for as many as it stands for.
+def asked_of(
+    context: InitContext, queries: KnownQueries, at: Tensor
+) -> tuple[Tensor, Evidence, Tensor]:
+    """The queries (v, r, ?) and (?, r, v) of the insert triples: their numbers of facts, (M, n, G);
+    the likely candidates of all, one query after the other; log Σ exp(score) of the others,
+    (M, n, G).
     """
     relations, shape = context.theta0.relation.shape[1], context.novel.shape
     number = torch.zeros(*shape, 2 * relations, dtype=torch.float64)
@@ -107,13 +135,36 @@ def asked_of(context: InitContext, queries: KnownQueries) -> tuple[Tensor, Evide
     number, slot = number.sort(dim=-1, descending=True, stable=True)
     most = max(1, int((number > 0).sum(-1).max()))
     number, slot = number[..., :most], slot[..., :most]
-    ends, weight = spread(context.known.double(), CANDIDATES)
-    size = *shape, most, ends.shape[-1]
-    slot = slot[..., None].expand(size).flatten(2)
-    other = ends[:, None, None].expand(size).flatten(2)
-    offset = weight.log()[:, None, None].expand(size).flatten(2)
-    none = torch.zeros_like(offset)
-    return number, Evidence(slot >= relations, slot % relations, other, none, none, offset)
+    place, rest = _likely_candidates(context, slot, at)
+    slot = slot[..., None].expand(place.shape).flatten(2)
+    none = torch.zeros(slot.shape, dtype=torch.float64)
+    likely = Evidence(slot >= relations, slot % relations, place.flatten(2), none, none, none)
+    return number, likely, rest
+
+
+def _likely_candidates(context: InitContext, slot: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Ids of the known entities of highest score in queries about vectors ``at``, (M, n, d), by
+    ``slot``, (M, n, G): (M, n, G, S); and log Σ exp(score) of the others, (M, n, G).
+    """
+    theta, (models, new, most) = context.theta0, slot.shape
+    relations = theta.relation.shape[1]
+    given = at[:, :, None].expand(-1, -1, most, -1).flatten(1, 2).to(theta.entity.dtype)
+    novel_is_tail, relation = slot.flatten(1) >= relations, slot.flatten(1) % relations
+    number = min(CANDIDATES, theta.entity.shape[1] - 1)
+    place = torch.zeros(models, new * most, number, dtype=torch.int64)
+    rest = torch.zeros(models, new * most, dtype=torch.float64)
+    for part, is_tail in parts_of_sides(novel_is_tail, context.known.numel()):
+        vectors, row = rows(given, part), rows(theta.relation, relation.gather(1, part))
+        score = theta.model.score_heads if is_tail else theta.model.score_tails
+        scores = score(vectors, row, theta.entity).masked_fill(~context.known[:, None], -torch.inf)
+        best = scores.topk(number, sorted=False).indices
+        others = scores.scatter(2, best, -torch.inf).double().logsumexp(-1)
+        of_side = novel_is_tail.gather(1, part) == is_tail
+        index = part[..., None].expand(best.shape)
+        place.scatter_(1, index, torch.where(of_side[..., None], best, place.gather(1, index)))
+        rest.scatter_(1, part, torch.where(of_side, others, rest.gather(1, part)))
+    size = models, new, most
+    return place.view(*size, number), rest.view(size)
 
 
 def _asked_about(context: InitContext, queries: KnownQueries) -> Tensor:

@@ -54,9 +54,7 @@ class NovelEntities:
     @cached_property
     def queries(self) -> KnownQueries | None:
         """The queries of the known triples, with a scale ``by_query``."""
-        session = trained_session(self.known_triples, self.theta)
-        session.entities[:, self.known :] = False
-        return queries_in(session, self.theta, self.scale)
+        return queries_in(trained_session(self.known_triples, self.theta), self.theta, self.scale)
 
     @property
     def ids(self) -> np.ndarray:
@@ -270,7 +268,7 @@ def queries_in(session: Session, theta: Embedding, scale: Scale) -> KnownQueries
     packed = isinstance(theta.model, InverseRelations)
     if packed:
         theta, triples, trained = unpack(theta), both_ways(triples), torch.cat([trained] * 2, -1)
-    return known_queries(theta, session.entities, triples, trained, tails_only=packed)
+    return known_queries(theta, triples, trained, tails_only=packed)
 
 
 def context_in_session(

@@ -10,7 +10,8 @@ from torch import Tensor
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
-from isi.initializers.newton import AnyScore, LinearScore, Problem, newton
+from isi.initializers.newton import Problem, newton
+from isi.initializers.scores import AnyScore, LinearScore
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.stack import Embedding
 
