@@ -4,7 +4,7 @@ at a mean of known vectors.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -13,10 +13,14 @@ from torch.linalg import inv_ex, solve
 from isi.config import Count, NotNegative, Positive
 from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
-from isi.initializers.baselines import soft_hybrid
+from isi.initializers.baselines import (
+    entity_relation_average,
+    soft_hybrid,
+    soft_relational_similarity,
+)
 from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import Problem, gram, newton
-from isi.initializers.paper import hybrid_similarity
+from isi.initializers.paper import hybrid_similarity, kind_mean, mean
 from isi.initializers.scale import KnownQueries
 from isi.initializers.scores import score_of
 from isi.initializers.softmax import crowd, evidence_by_query
@@ -57,26 +61,26 @@ def precision_of(context: InitContext) -> Tensor:
 
 
 def problems(
-    context: InitContext, weighted: Evidence, mean: Tensor, strength: float
+    context: InitContext, weighted: Evidence, prior: Tensor, strength: float
 ) -> Iterator[Problem]:
     """The problems of all M · n novel entities in order, in batches of ``BUDGET``;
-    ``mean``: μ, (M, n, d).
+    ``prior``: its mean μ, (M, n, d).
     """
-    models, number, dimension = mean.shape
+    models, number, dimension = prior.shape
     places = torch.arange(models * number)
     yield from (
-        problem_of(context, weighted, mean, strength * precision_of(context), part)
+        problem_of(context, weighted, prior, strength * precision_of(context), part)
         for part in torch.split(places, batch_of(weighted, dimension))
     )
 
 
 def problem_of(
-    context: InitContext, weighted: Evidence, mean: Tensor, precision: Tensor, place: Tensor
+    context: InitContext, weighted: Evidence, prior: Tensor, precision: Tensor, place: Tensor
 ) -> Problem:
     """The problem of the novel entities at some of M · n places, (B,); shapes as in ``problems``,
     ``precision``: (M, d, d).
     """
-    theta0, model = context.theta0, place // mean.shape[1]
+    theta0, model = context.theta0, place // prior.shape[1]
 
     def of(values: Tensor) -> Tensor:
         return values.flatten(0, 1)[place]
@@ -90,7 +94,7 @@ def problem_of(
     return Problem(
         of(weighted.positive),
         of(weighted.negative),
-        of(mean.double()),
+        of(prior.double()),
         precision[model],
         score_of(theta0.model, *ends),
         slope=context.scale.slope,
@@ -115,7 +119,8 @@ def most_probable(
     its maximum a posteriori vector (MAP).
     """
     if context.queries is not None:
-        vectors = _by_query(context, context.queries, prior.vectors, strength, known_negatives)
+        weight = known_negatives * ratio
+        vectors = _by_query(context, context.queries, prior.vectors, strength, weight)
     else:
         weighted = evidence_of(context, ratio, known_negatives)
         batches = problems(context, weighted, prior.vectors, strength)
@@ -124,32 +129,26 @@ def most_probable(
 
 
 def _by_query(
-    context: InitContext, queries: KnownQueries, mean: Tensor, strength: float, weight: float
+    context: InitContext, queries: KnownQueries, prior: Tensor, strength: float, weight: float
 ) -> Tensor:
     """MAP where each query has a log Z, (M, n, d), by ``PASSES``: each considers the answers to
     queries about the novel entities that are likely with the vectors of the pass before.
     """
-    vectors, precision = mean.double(), strength * precision_of(context)
-    places = torch.arange(mean[..., 0].numel()).view(mean.shape[:2])
-    for _ in range(PASSES):
+    vectors, precision = prior.double(), strength * precision_of(context)
+    places = torch.arange(prior[..., 0].numel()).view(prior.shape[:2])
+    crowds = [crowd(context, queries, model, weight) for model in range(len(prior))]
+    for step in range(PASSES):
         near = evidence_by_query(context, queries, vectors, weight)
-        batch, start = batch_of(near, mean.shape[-1]), vectors.flatten(0, 1)
-        solved = []
+        before, solved = vectors.flatten(0, 1), []
         for model, of_model in enumerate(places):
-            shared = crowd(context, queries, model, weight)
-            for place in torch.split(of_model, batch):
-                problem = problem_of(context, near, mean, precision, place)
-                novel = place - of_model[0]
-                solved.append(
-                    newton(
-                        replace(
-                            problem,
-                            start=start[place],
-                            asked=near.asked(model, novel),
-                            crowd=shared and shared.of(novel),
-                        )
-                    )
-                )
+            for place in torch.split(of_model, batch_of(near, prior.shape[-1])):
+                novel, start = place - of_model[0], before[place]
+                problem = problem_of(context, near, prior, precision, place)
+                problem = replace(problem, start=start, asked=near.asked(model, novel))
+                shared = crowds[model]
+                if shared is not None and step:  # the first pass shows where they crowd
+                    problem = replace(problem, crowd=shared.near(novel, start))
+                solved.append(newton(problem))
         vectors = torch.cat(solved).view(vectors.shape)
     return vectors
 
@@ -157,19 +156,30 @@ def _by_query(
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
-#: Options for embeddings on which more weight on the prior or on known triples pays, the best guess
-#: first.
+#: The initializer whose vector is the prior mean.
+Prior = Literal["soft_hybrid", "soft_rs", "er_avg", "kind_mean", "mean"]
+
+#: Settings for embeddings on which another prior, or more weight on it or on known triples pays,
+#: the best guess first: prior, strength, known_negatives, ratio.
+_COMPARED: list[tuple[Prior, float, float, int]] = [
+    ("soft_hybrid", 1.0, 3.0, 3),
+    ("er_avg", 5.0, 5.0, 1),
+    ("soft_rs", 0.3, 1.0, 1),
+    ("mean", 0.2, 1.0, 1),
+    ("soft_hybrid", 1.0, 10.0, 3),
+    ("soft_hybrid", 3.0, 10.0, 3),
+    ("soft_hybrid", 1.0, 1.0, 3),
+    ("soft_rs", 1.0, 3.0, 1),
+    ("er_avg", 20.0, 5.0, 1),
+    ("mean", 1.0, 3.0, 1),
+    ("kind_mean", 1.0, 3.0, 1),
+    ("soft_hybrid", 3.0, 3.0, 3),
+    ("soft_hybrid", 3.0, 30.0, 3),
+    ("soft_hybrid", 3.0, 100.0, 3),
+]
 _SETTINGS = [
-    {"strength": strength, "known_negatives": weight}
-    for strength, weight in (
-        (1.0, 3.0),
-        (1.0, 10.0),
-        (3.0, 10.0),
-        (1.0, 1.0),
-        (3.0, 3.0),
-        (3.0, 30.0),
-        (3.0, 100.0),
-    )
+    {"prior": prior, "strength": strength, "known_negatives": weight, "ratio": ratio}
+    for prior, strength, weight, ratio in _COMPARED
 ]
 
 
@@ -203,15 +213,31 @@ def maximum_a_posteriori(
     strength: Positive,
     ratio: Count,
     known_negatives: NotNegative,
+    prior: Prior = "soft_hybrid",
 ) -> InitResult:
     """MAP: the most probable vector given insert triples,
     corrupted known triples and a prior at the soft hybrid.
     """
-    prior = soft_hybrid(context, word_weight, relation_weight)
-    prior = replace(
-        prior, fallback=prior.fallback.masked_fill(similarity.has_insert_triples(context), NONE)
-    )
-    return most_probable(context, prior, strength, ratio, known_negatives)
+    if prior == "soft_hybrid" or not context.theta0.model.invertible:
+        around = soft_hybrid(context, word_weight, relation_weight)
+    else:
+        around = _PRIORS[prior](context)
+    has_triples = similarity.has_insert_triples(context)
+    around = replace(around, fallback=around.fallback.masked_fill(has_triples, NONE))
+    return most_probable(context, around, strength, ratio, known_negatives)
+
+
+def _soft_rs(context: InitContext) -> InitResult:
+    """Soft RS at its default temperature."""
+    return soft_relational_similarity(context, 0.02)
+
+
+_PRIORS = {
+    "soft_rs": _soft_rs,
+    "er_avg": entity_relation_average,
+    "kind_mean": kind_mean,
+    "mean": mean,
+}
 
 
 @initializer(
@@ -289,7 +315,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
         alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
-        residual = problem.positive - weight * problem.log_odds(problem.mean)
+        residual = problem.positive - weight * problem.log_odds(problem.mean).own
         step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])
         vectors.append(problem.mean + step)
     shape, dtype = prior.vectors.shape, prior.vectors.dtype

@@ -4,6 +4,7 @@ triples and have a normal prior.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,7 +17,8 @@ from isi.models.scoring import Interaction, Product, padded
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
 #: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
 #: one multiple of the unit matrix with their trace.
-CURVED = 2**9
+CURVED = 2**10
+CROWD = 2**14  #: Maximum number of triples that vectors share.
 #: A step is the last if twice its predicted gain of log-probability is at most this.
 TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
@@ -34,29 +36,37 @@ class Crowd:
 
     interaction: Interaction
     alpha: Tensor  #: known ends, mapped by the relation; shape: (K, d), float32
-    offset: Tensor  #: of log odds; shape: (K,), float64
-    negative: Tensor  #: w⁻; shape: (B, K), float64
+    offset: Tensor  #: of log odds; shape: (K,), float32
+    negative: Tensor  #: w⁻; shape: (B, K), float32
 
-    def of(self, vectors: Tensor) -> "Crowd":
-        """The crowd of some of the vectors, by their places, (B',)."""
-        return replace(self, negative=self.negative[vectors])
+    def near(self, places: Tensor, at: Tensor) -> "Crowd":
+        """The crowd of the vectors ``at``, (B', d), at some places, (B',): at most ``CROWD``
+        triples, those to which one of them adds the most loss.
+        """
+        part = replace(self, negative=self.negative[places])
+        if len(self.alpha) <= CROWD:
+            return part
+        added = (part.negative * torch.sigmoid(part.log_odds(at))).amax(0)
+        most = added.topk(CROWD, sorted=False).indices
+        return replace(
+            part, alpha=part.alpha[most], offset=part.offset[most], negative=part.negative[:, most]
+        )
 
     def log_odds(self, at: Tensor) -> Tensor:
         """o of each triple with vectors (B, d); shape (B, K)."""
         scores, _ = self.interaction.pairs(self.alpha[None], at.float()[None])
-        return scores[0].mT.double() + self.offset
+        return scores[0].mT + self.offset
 
     def quadratic(self, at: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
         """Gradient, (B, d), and Hessian, (B, d, d), by derivatives by each score, (B, K); of the
         Hessian, the ``CURVED`` triples of most curvature.
         """
-        weight = first.float()
         if isinstance(self.interaction, Product):
-            gradient = weight @ self.alpha
+            gradient = first @ self.alpha
         else:
             _, backward = self.interaction.pairs(self.alpha[None], at.float()[None])
-            gradient = backward(weight.mT.contiguous()[None])[1][0]
-        largest, place = second.float().topk(min(CURVED, second.shape[1]), sorted=False)
+            gradient = backward(first.mT.contiguous()[None])[1][0]
+        largest, place = second.topk(min(CURVED, second.shape[1]), sorted=False)
         score, backward = self.interaction.rows(self.alpha[place], at.float()[:, None])
         return gradient, gram(backward(torch.ones_like(score))[1], largest)
 
@@ -107,6 +117,13 @@ class Asked:
         return torch.cat([answers, self.rest[..., None]], -1)
 
 
+class Odds(NamedTuple):
+    """Log odds of the triples of B vectors."""
+
+    own: Tensor  #: of each vector's own; shape: (B, C), float64
+    crowd: Tensor | None  #: of those that all share; shape: (B, K), float32
+
+
 @dataclass(frozen=True)
 class Problem:
     """The objective of B vectors v, each with C triples.
@@ -130,36 +147,34 @@ class Problem:
         """Vectors, (B, d), under the constraint."""
         return at if self.constrain is None else self.constrain(at)
 
-    def log_odds(self, at: Tensor) -> Tensor:
-        """o = slope · f + offset of each triple with vectors (B, d); shape (B, C), and those of
-        the crowd, (B, C + K).
-        """
-        odds = self.slope * self.score.scores(at.float()).double() + self.offset
-        return odds if self.crowd is None else torch.cat([odds, self.crowd.log_odds(at)], 1)
+    def log_odds(self, at: Tensor) -> Odds:
+        """o = slope · f + offset of each triple with vectors (B, d)."""
+        own = self.slope * self.score.scores(at.float()).double() + self.offset
+        return Odds(own, None if self.crowd is None else self.crowd.log_odds(at))
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
         return self.score.slopes(at.float())
 
-    def objective(self, odds: Tensor, at: Tensor) -> Tensor:
+    def objective(self, odds: Odds, at: Tensor) -> Tensor:
         """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), plus the losses of
-        ``asked`` and ``crowd``; shapes as of ``log_odds``, (B, d), result (B,).
+        ``asked`` and ``crowd``; vectors (B, d), result (B,).
         """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        own, crowd = self._parts(odds)
+        own = odds.own
         loss = (self.positive * softplus(-own) + self.negative * softplus(own)).sum(-1)
         if self.asked is not None:
             loss = loss + self.asked.loss(own)
-        if self.crowd is not None:
-            loss = loss + (self.crowd.negative * softplus(crowd)).sum(-1)
+        if self.crowd is not None and odds.crowd is not None:
+            loss = loss + (self.crowd.negative * softplus(odds.crowd)).sum(-1).double()
         return loss + prior / 2
 
-    def quadratic(self, odds: Tensor, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    def quadratic(self, odds: Odds, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
         """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
         odds and slopes.
         """
-        own, crowd = self._parts(odds)
+        own = odds.own
         weight, likely = self.positive + self.negative, padded(torch.sigmoid, own)
         first, second = weight * likely - self.positive, weight * likely * (1 - likely)
         if self.asked is not None:
@@ -170,17 +185,12 @@ class Problem:
         hessian = curvature(slopes, second.float())
         if self.asked is not None:
             hessian = hessian + self.asked.between(own, slopes)
-        if self.crowd is not None:
-            likely = torch.sigmoid(crowd)
+        if self.crowd is not None and odds.crowd is not None:
+            likely = torch.sigmoid(odds.crowd)
             first = self.crowd.negative * likely
             more = self.crowd.quadratic(at, first, first * (1 - likely))
             gradient, hessian = gradient + more[0], hessian + more[1]
         return gradient.double(), hessian.double()
-
-    def _parts(self, odds: Tensor) -> tuple[Tensor, Tensor]:
-        """Log odds of a vector's own triples, (B, C), and of the crowd, (B, K)."""
-        number = self.positive.shape[1]
-        return odds[:, :number], odds[:, number:]
 
 
 def newton(problem: Problem) -> Tensor:
@@ -205,9 +215,7 @@ def newton(problem: Problem) -> Tensor:
     return at
 
 
-def newton_step(
-    problem: Problem, at: Tensor, odds: Tensor, slopes: Tensor
-) -> tuple[Tensor, Tensor]:
+def newton_step(problem: Problem, at: Tensor, odds: Odds, slopes: Tensor) -> tuple[Tensor, Tensor]:
     """The step, (B, d), to the minimum of the quadratic model of the objective,
     and twice its gain, (B,).
     """
@@ -224,7 +232,7 @@ def curvature(slopes: Tensor, second: Tensor) -> Tensor:
     """``gram`` of slopes, (B, C, d), and weights, (B, C); of more than ``CURVED`` triples, those of
     least weight enter with their trace alone; shape (B, d, d).
     """
-    if second.shape[1] <= CURVED:
+    if second.shape[1] <= 4 * CURVED:  # to choose takes time, too
         return gram(slopes, second)
     largest, place = second.topk(CURVED, sorted=False)
     chosen = slopes.gather(1, place[..., None].expand(-1, -1, slopes.shape[2]))
@@ -265,7 +273,7 @@ def jacobian(function: Callable[[Tensor], Tensor], at: Tensor) -> Tensor:
     return rows.transpose(0, 1)
 
 
-def step_size(problem: Problem, at: Tensor, odds: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
+def step_size(problem: Problem, at: Tensor, odds: Odds, step: Tensor) -> tuple[Tensor, Tensor]:
     """The first factor of 1, ½, ¼, ... whose step does not increase the objective,
     else 2^-``HALVINGS``; (B,).
 

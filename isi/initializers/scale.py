@@ -29,7 +29,7 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 #: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
 TRIPLES = 2**12
 #: Maximum number of queries with known answers, evenly spaced by relation and given end.
-QUERIES = 2**15
+QUERIES = 2**17
 FEW = 2**8  #: Maximum number of queries for the mean of log Z.
 BUDGET = 2**24  #: Maximum number of scores in one table.
 

@@ -60,7 +60,7 @@ def crowd(context: InitContext, queries: KnownQueries, model: int, weight: float
     is_tail = queries.novel_is_tail[:, None]
     times = weight * _complete(context)[model, :, None] * queries.answers[model]
     alpha = anchors(theta.model, is_tail, given[1], given[0])
-    return Crowd(theta.model.interaction, alpha, -queries.log_z[model], times)
+    return Crowd(theta.model.interaction, alpha, -queries.log_z[model].float(), times.float())
 
 
 def sampled_crowd(context: InitContext, queries: KnownQueries, weight: float) -> Evidence:

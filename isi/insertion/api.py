@@ -13,6 +13,7 @@ import torch
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
+from isi.initializers.scale import Loss
 from isi.insertion import engine
 from isi.insertion.arguments import TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
@@ -105,8 +106,11 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     method, test, selection = _method(checked, request)
     for sentence in selection.warnings if selection else ():
         warnings.warn(sentence, stacklevel=stacklevel + 1)  # the decorator is a frame, too
+    scale = test.scales[0] if selection is None else selection.scale
+    test = replace(test, loss=scale.loss)
     # the copy of the table in which the engine works ends with this function
     working = checked.with_rows()
+    working = replace(working, novel=replace(working.novel, scale=scale))
     result = run_engine(working, method)
     novel = working.novel
     with np.errstate(over="ignore"):
@@ -137,7 +141,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     # a model without inverse cannot serve a new entity that has triples alone by an initializer
     # that needs words
     words_for_all = checked.words_serve and (model.invertible or bool(checked.has_words.all()))
-    test = _hold_out(checked, words_for_all)
+    test = _hold_out(checked, words_for_all, request.loss)
     is_free = request.initializer is None and not options
     if request.calibrate and is_free and len(novel.known_triples) and novel.number:
         tolerance, budget = request.tolerance, request.budget
@@ -148,7 +152,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     return method, test, None
 
 
-def _hold_out(checked: Checked, with_words: bool) -> HoldOut:
+def _hold_out(checked: Checked, with_words: bool, loss: Loss | None) -> HoldOut:
     """The hold-out test of the known entities, with as many insert triples as new ones have."""
     novel = checked.novel
     known, theta = novel.known, novel.theta
@@ -165,7 +169,7 @@ def _hold_out(checked: Checked, with_words: bool) -> HoldOut:
         novel.words[:known] if with_words and novel.words is not None else None,
         None if novel.kinds is None else novel.kinds[:known],
         novel.seed,
-        novel.scale,
+        loss,
     )
 
 

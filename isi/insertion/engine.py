@@ -54,7 +54,9 @@ class NovelEntities:
     @cached_property
     def queries(self) -> KnownQueries | None:
         """The queries of the known triples, with a scale ``by_query``."""
-        return queries_in(trained_session(self.known_triples, self.theta), self.theta, self.scale)
+        triples = torch.from_numpy(self.known_triples)
+        everything = torch.ones(1, len(triples), dtype=torch.bool)
+        return queries_of(self.theta, triples, everything, self.scale)
 
     @property
     def ids(self) -> np.ndarray:
@@ -258,13 +260,14 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
     )
 
 
-def queries_in(session: Session, theta: Embedding, scale: Scale) -> KnownQueries | None:
-    """The queries of the training triples of a session, if each has an offset of its own; of an
+def queries_of(
+    theta: Embedding, triples: Tensor, trained: Tensor, scale: Scale
+) -> KnownQueries | None:
+    """The queries of ``trained``, (M, T), triples, (T, 3), if each has an offset of its own; of an
     embedding in the packed form (``isi.insertion.inverses``), those of the unpacked form.
     """
     if not scale.by_query:
         return None
-    trained, triples = session.members(TRAIN), session.graph.triples
     packed = isinstance(theta.model, InverseRelations)
     if packed:
         theta, triples, trained = unpack(theta), both_ways(triples), torch.cat([trained] * 2, -1)

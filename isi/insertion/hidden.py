@@ -25,8 +25,8 @@ from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
-from isi.initializers.scale import LOGISTIC, Scale
-from isi.insertion.engine import context_in_session, queries_in, trained_session
+from isi.initializers.scale import Loss, Scale, fit_scale
+from isi.insertion.engine import context_in_session, queries_of, trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -49,6 +49,7 @@ class Candidate:
 
     initializer: str
     options: Mapping[str, Any]
+    trained_with: Loss  #: the assumed loss of training, which says what scores mean
     known_ends: float  #: of the known end of a hidden entity's triple, given the hidden entity
     hidden_ends: float  #: of the hidden entity, given the known end
     h_old: float  #: of earlier triples, among the other known entities
@@ -72,6 +73,12 @@ class HiddenDraws:
     about: EndQueries  #: triples of hidden entities, without their insert triples
     earlier: EndQueries  #: triples of the other entities
     share: float  #: number of new entities that ``h_cur`` is for, divided by n
+
+    def with_scale(self, scale: Scale) -> HiddenDraws:
+        """The same draws with other log odds."""
+        context = self.context
+        queries = queries_of(context.theta0, context.triples, context.trained, scale)
+        return replace(self, context=replace(context, scale=scale, queries=queries))
 
     @cached_property
     def competes(self) -> Tensor:
@@ -135,6 +142,7 @@ class HiddenDraws:
         return Candidate(
             initializer.name,
             options,
+            self.context.scale.loss,
             known_ends=_mrr(ranks[asked & ~is_hidden]),
             hidden_ends=_mrr(ranks[asked & is_hidden]),
             h_old=_mrr(before[0][:, counted]),
@@ -174,7 +182,18 @@ class HoldOut:
     words: np.ndarray | None  #: of the known entities, shape: (E, v); None: not used
     kinds: np.ndarray | None  #: of the known entities, shape: (E,)
     seed: int
-    scale: Scale = LOGISTIC
+    loss: Loss | None = "logistic"  #: of the embedding's training; None: unknown
+
+    @cached_property
+    def scales(self) -> list[Scale]:
+        """The scale of the loss; if that is unknown, those of all losses, the logistic one first:
+        ``self-adversarial`` has that of ``margin``.
+        """
+        losses: tuple[Loss, ...] = ("logistic", "softmax", "margin")
+        if self.loss is not None:
+            losses = (self.loss,)
+        triples = torch.from_numpy(self.triples)
+        return [fit_scale(self.theta0, triples, loss) for loss in losses]
 
     def hide(self, most: int = HIDDEN) -> HiddenDraws | None:
         """Hide up to ``most`` entities, a tenth of the known ones at a time;
@@ -251,8 +270,6 @@ class HoldOut:
         return replace(
             context,
             by_kind=self.kinds is not None,
-            scale=self.scale,
-            queries=queries_in(session, theta, self.scale),
         )
 
 

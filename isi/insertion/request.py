@@ -12,12 +12,11 @@ import torch
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.scale import Loss, fit_scale
+from isi.initializers.scale import Loss
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, table
 from isi.insertion.engine import NovelEntities
 from isi.models.model import Model
-from isi.models.stack import Embedding
 
 
 class Settings(TypedDict, total=False):
@@ -175,10 +174,6 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     if not added and len(given.relations) == len(known.relations):
         raise InputError("argument 'new'", "", "expected at least one new entity")
     theta = arguments.stack_of_one(rows, given.relations, given.model)
-    known_theta = Embedding(
-        theta.entity[:, :number], theta.relation[:, : len(known.relations)], theta.model
-    )
-    scale = fit_scale(known_theta, torch.from_numpy(given.known_triples), request.loss)
     novel = NovelEntities(
         theta=theta,
         known=number,
@@ -189,7 +184,6 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         words=arguments.word_table(request.words, request.word_source, names),
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
-        scale=scale,
         entity_keys=request.entity_keys,
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
+from isi.initializers.newton import CURVED
+from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HoldOut
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 #: The initializers that are preferred by default, the best first (compared in docs/method.md). The
 #: first one whose data are given and that supports the model is always a candidate.
 PREFERRED = ("map", "soft_es", "mean")
+#: Plain means, which cost little: they are candidates, too.
+MEANS = ("soft_rs", "er_avg", "soft_hybrid")
 PAIRS = 2**29  #: Maximum number of word similarities of entity pairs.
 #: Number of hidden entities for which no candidate is left out to save work.
 LEAST_HIDDEN = 20
@@ -37,6 +42,11 @@ RATE, OVERHEAD = 1.4e10, 7e7
 STEPS = 8  #: Assumed number of steps of Newton's method.
 #: As many multiplications of a product take the time of a step's work on one number of a vector.
 ELEMENTWISE = 300
+PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
+#: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
+PRICE = 10.0
+#: A mean that answers so much better than the selected candidate is named in a warning.
+BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
 
@@ -52,6 +62,7 @@ class Selection:
     queries: int  #: number of their queried triples
     most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
+    scale: Scale  #: by which the candidates were measured
 
     @property
     def why(self) -> str:
@@ -64,9 +75,22 @@ class Selection:
         best, sentences = self.selected, list[str]()
         if best.loss > self.tolerance:
             sentences.append(
-                f"every candidate harms: {best.initializer} harms least, and with it the MRR of"
-                f" earlier triples falls by {best.loss:.3f} (tolerance {self.tolerance:g};"
+                f"{best.initializer} is the best candidate, but it harms: the MRR of earlier"
+                f" triples falls by {best.loss:.3f} (tolerance {self.tolerance:g};"
                 f" of trained triples from {best.h_old:.3f} to {best.h_cur:.3f})"
+            )
+        means = [each for each in self.candidates if each.initializer in MEANS]
+        mean = max(means, key=attrgetter("about"), default=best)
+        if mean.about > best.about + BETTER:
+            sentences.append(
+                f"{mean.initializer} answers questions about new entities better (MRR"
+                f" {mean.about:.3f} against {best.about:.3f} with {best.initializer}), but"
+                f" the MRR of earlier triples falls by {mean.loss:.3f}"
+            )
+        if best.hidden_ends < NEAR_RANDOM * self.random_mrr:
+            sentences.append(
+                f"new entities will hardly ever be an answer (MRR {best.hidden_ends:.3f}): "
+                "say what the embedding was trained with (loss)"
             )
         if best.h_old < NEAR_RANDOM * self.random_mrr:
             sentences.append(
@@ -100,8 +124,8 @@ def select(
 ) -> tuple[Method, Selection | None]:
     """The default initializer, and the comparison behind it if there can be one.
 
-    The preferred ones, optima of an objective and own initializers are compared. ES, RS and ERS are
-    not: this test underestimates their harm (docs/insert.md).
+    The preferred ones, soft means, optima of an objective and own initializers are compared. ES, RS
+    and ERS are not: this test underestimates their harm (docs/insert.md).
 
     Args:
         test: the hold-out test; ``has_triples``, ``has_words``: whether new entities have any.
@@ -111,7 +135,7 @@ def select(
     method = preferred(model, has_triples, has_words)
     compared = [method.initializer]
     for each in suited_to(model, has_triples, has_words):
-        serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED
+        serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED + MEANS
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
     selection = compare(compared, test, tolerance, budget)
@@ -184,17 +208,13 @@ def compare(
             entities, and if these are few, that of candidates: defaults, the cheaper first, come
             before other options.
     """
-    work = {each.name: work_of(each, test) for each in initializers}
-    first, *others = initializers
-    ordered = [first, *sorted(others, key=lambda each: work[each.name])]
-    settings = [(each, dict(each.defaults)) for each in ordered]
-    for each in ordered:
-        # with facts, no more than one by words alone
-        if each.needs != ("words",) or not test.numbers.any():
-            settings += [(each, {**each.defaults, **options}) for options in each.calibration]
-    total = np.cumsum([work[each.name] for each, _ in settings])
+    settings = ordered_settings(initializers, test)
+    first = settings[0][0]
+    scales = test.scales if first.cost == "newton" else test.scales[:1]
+    tried = [first] * (len(scales) - 1) + [each for each, _ in settings]
+    total = np.cumsum([work_of(each, test) for each in tried])
     # number of hidden entities that the budget allows, for each number of candidates
-    possible = (budget * RATE - OVERHEAD * np.arange(1, len(settings) + 1)) / total
+    possible = (budget * RATE - OVERHEAD * np.arange(1, len(tried) + 1)) / total
     affordable = int((possible >= min(LEAST_HIDDEN, test.theta0.entity.shape[1])).sum())
     if not affordable:
         return None
@@ -202,6 +222,13 @@ def compare(
     draws = test.hide(most_hidden)
     if draws is None:
         return None
+    scale = scales[0]
+    if len(scales) > 1 and affordable >= len(scales):
+        by_scale = {each: draws.with_scale(each).measure(*settings[0]) for each in scales}
+        known = {each: found for each, found in by_scale.items() if found is not None}
+        scale = max(known, key=lambda each: value(known[each], tolerance), default=scale)
+        affordable -= len(scales) - 1
+    draws = draws.with_scale(scale)
     measured = [draws.measure(each, options) for each, options in settings[:affordable]]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
@@ -214,17 +241,48 @@ def compare(
         queries=int(draws.about.counted.sum()),
         most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
+        scale=scale,
     )
 
 
-def select_by_rule(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
-    """The first with the highest ``about`` among losses of at most ``tolerance``;
-    if none, with the least loss.
+def ordered_settings(
+    initializers: Sequence[Registered], test: HoldOut
+) -> list[tuple[Registered, dict[str, object]]]:
+    """Initializers with options, in the order in which a budget is spent: the first with its
+    defaults, means by their work, the first with other options, all others.
     """
-    harmless = [candidate for candidate in candidates if candidate.loss <= tolerance]
-    if harmless:
-        return max(harmless, key=lambda candidate: candidate.about)
-    return min(candidates, key=lambda candidate: candidate.loss)
+    first, *others = initializers
+    others.sort(key=lambda each: work_of(each, test))
+    cheap = [each for each in others if each.cost != "newton"]
+    dear = [each for each in others if each.cost == "newton"]
+    settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
+    settings += with_other_options(first, test)
+    settings += [(each, dict(each.defaults)) for each in dear]
+    for each in (*cheap, *dear):
+        settings += with_other_options(each, test)
+    return settings
+
+
+def with_other_options(
+    initializer: Registered, test: HoldOut
+) -> list[tuple[Registered, dict[str, object]]]:
+    """An initializer with each of the options of its ``calibration``; none if it sees words alone,
+    and there are facts.
+    """
+    if initializer.needs == ("words",) and test.numbers.any():
+        return []
+    return [(initializer, {**initializer.defaults, **each}) for each in initializer.calibration]
+
+
+def value(candidate: Candidate, tolerance: float) -> float:
+    """The MRR about hidden entities, less ``PRICE`` times the loss beyond the tolerance."""
+    return candidate.about - PRICE * max(0.0, candidate.loss - tolerance)
+
+
+def select_by_rule(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
+    """The first with the highest ``value``."""
+    values = [value(candidate, tolerance) for candidate in candidates]
+    return candidates[int(np.argmax(values))]
 
 
 def work_of(initializer: Registered, test: HoldOut) -> float:
@@ -242,5 +300,9 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
         test.numbers.mean() * test.theta0.relation.shape[1],
         2 * len(test.triples),
     )
-    for_each = dimension * (dimension + (0 if test.theta0.model.linear else ELEMENTWISE))
-    return ranking + STEPS * sum(min(SAMPLE, number) for number in numbers_of_triples) * for_each
+    triples = sum(min(SAMPLE, number) for number in numbers_of_triples)
+    if test.theta0.model.linear:
+        step = min(triples, CURVED) * dimension + PASSES_OF_STEP * triples
+    else:
+        step = triples * (dimension + ELEMENTWISE)
+    return ranking + STEPS * step * dimension
