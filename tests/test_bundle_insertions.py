@@ -134,6 +134,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
                 entity_names=known.entity_names,
                 relation_names=known.relation_names,
                 known_triples=known.triples,
+                loss="logistic",
                 tolerance=TOLERANCE,
             )
             assert (record.initializer, record.options, record.why) == (

@@ -296,10 +296,10 @@ def test_no_step_along_the_sphere_makes_map_of_a_distance_better(
     mean = torch.from_numpy(mean_of(of)).expand(1, 4, -1)
     (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), mean, 0.5)
     at = insert("map", of, **MEAN).vectors[0].double()
-    here = problem.objective(problem.scores(at), at)
+    here = problem.objective(problem.log_odds(at), at)
     for step in torch.randn(50, *at.shape, generator=torch.Generator().manual_seed(0)).double():
         there = of.theta0.model.constrain(at + 0.05 * step)
-        assert (problem.objective(problem.scores(there), there) > here - 1e-4).all()
+        assert (problem.objective(problem.log_odds(there), there) > here - 1e-4).all()
 
 
 SOFT: dict[str, Option] = {"word_weight": 4.0, "relation_weight": 2.0}
@@ -349,7 +349,7 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(
     around, result = insert("mean", of), insert("map", of, **MEAN)
     (problem,) = maximum.problems(of, evidence_of(of, 3, 2.0), around.vectors, 0.5)
     at = torch.stack([around.vectors[0], result.vectors[0]]).double().requires_grad_()
-    before, after = (problem.objective(problem.scores(vectors), vectors) for vectors in at)
+    before, after = (problem.objective(problem.log_odds(vectors), vectors) for vectors in at)
     assert (after[[0, 1, 3]] < before[[0, 1, 3]]).all()
     assert torch.equal(result.vectors[0, 2], around.vectors[0, 2])
     gradients = torch.autograd.grad(before.sum() + after.sum(), at)[0].abs()
@@ -387,14 +387,14 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     """
     of = four_novel(model_named("distmult"))
     (problem,) = maximum.problems(of, evidence_of(of, 3, 0.0), insert("mean", of).vectors, 1000)
-    at, score = problem.mean, problem.scores(problem.mean)
+    at, score = problem.mean, problem.log_odds(problem.mean)
     step, _ = newton_step(problem, at, score, problem.slopes(at))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
         expected = [share, share, 1, share]  # the third has no insert triples, hence a zero step
         shares, decrease = step_size(problem, at, score, times * step)
         assert shares.tolist() == expected
         there = at + shares[:, None] * times * step
-        lower = problem.objective(score, at) - problem.objective(problem.scores(there), there)
+        lower = problem.objective(score, at) - problem.objective(problem.log_odds(there), there)
         torch.testing.assert_close(decrease, lower)
 
 

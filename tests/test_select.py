@@ -92,19 +92,21 @@ def of(
 @pytest.mark.parametrize(
     ("about", "loss", "tolerance", "expected"),
     [
-        ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.01, 1),
+        ([0.3, 0.5, 0.9], [0.0, 0.01, 0.06], 0.01, 1),  # .9 less 10 times .05
         ([0.3, 0.5, 0.9], [0.0, 0.01, 0.02], 0.02, 2),
-        ([0.3, 0.5, 0.9], [0.03, 0.02, 0.5], 0.01, 1),  # all harm: the least loss
+        ([0.3, 0.5, 0.9], [0.03, 0.02, 0.5], 0.01, 1),  # all harm: .1, .4 and -4
         ([0.5, 0.5, 0.4], [0.0, 0.0, 0.0], 0.01, 0),
-        ([0.1, 0.9], [0.2, 0.2], 0.1, 0),
+        ([0.1, 0.9], [0.2, 0.2], 0.1, 1),
         ([0.1, 0.2], [-0.1, 0.0], 0.0, 1),
     ],
 )
-def test_the_best_that_does_no_harm_is_chosen(
+def test_what_is_gained_is_weighed_against_harm_beyond_the_tolerance(
     about: list[float], loss: list[float], tolerance: float, expected: int
 ) -> None:
     candidates = [
-        Candidate("", {}, known_ends=mrr, hidden_ends=mrr, h_old=1.0, h_cur=1.0, loss=lost)
+        Candidate(
+            "", {}, "logistic", known_ends=mrr, hidden_ends=mrr, h_old=1.0, h_cur=1.0, loss=lost
+        )
         for mrr, lost in zip(about, loss, strict=True)
     ]
     assert select_by_rule(candidates, tolerance) is candidates[expected]
@@ -125,10 +127,10 @@ def test_an_initializer_of_ones_own_takes_part_and_wins_if_it_is_perfect() -> No
     assert frame.loc[frame["chosen"], "initializer"].tolist() == ["oracle"]
 
 
-def test_means_of_a_few_vectors_and_controls_take_no_part_unless_they_are_a_default() -> None:
+def test_means_of_a_few_vectors_and_controls_take_no_part() -> None:
     words = RNG.standard_normal((ENTITIES + 1, 5)).astype(np.float32)
     tried = {each.initializer for each in insert(words=words).selection.candidates}
-    assert tried >= {"map", "map_own_facts", "ridge", "soft_es", "mean"}
+    assert tried >= {"map", "map_own_facts", "ridge", "soft_es", "mean", "soft_rs", "er_avg"}
     assert not tried & {
         "xavier",
         "iu",
@@ -136,9 +138,6 @@ def test_means_of_a_few_vectors_and_controls_take_no_part_unless_they_are_a_defa
         "rs",
         "ers",
         "kind_mean",
-        "soft_rs",
-        "soft_hybrid",
-        "er_avg",
     }
 
 
@@ -160,7 +159,7 @@ def test_a_loud_vector_is_chosen_with_a_warning_and_only_if_there_is_nothing_els
     assert not choice.warnings
     alone = of(noisy)
     (warning,) = alone.warnings
-    assert "loud harms least" in warning
+    assert "loud" in warning
     assert f"{alone.selected.h_cur:.3f}" in warning
     assert of(noisy, quiet, tolerance=1).selected.initializer == "loud"
 

@@ -9,6 +9,7 @@ from isi.cli import NewFolder, Settings, flags, settings
 from isi.errors import InputError, at
 from isi.live.folder import write
 from isi.live.importer import PICKLE, of_tensors, read_labels, tensors_in
+from isi.models.losses import Loss
 from isi.models.model import MODELS
 
 
@@ -38,6 +39,15 @@ def import_(
             )
         ),
     ] = (),
+    loss: Annotated[
+        Loss | None,
+        Parameter(
+            help=(
+                "what the embedding was trained with, which says what its scores mean "
+                "(default: decided on hidden entities at the first insertion)"
+            )
+        ),
+    ] = None,
     tensors: Annotated[
         tuple[Path, ...],
         Parameter(
@@ -62,11 +72,11 @@ def import_(
     """Read an embedding, check it, and write a bundle.
     An ``InputError`` names the missing or wrong file or tensor.
     """
-    if trust_pickle and (model or set or tensors):
+    if trust_pickle and (model or set or tensors or loss):
         raise InputError(
             "--trust-pickle",
             "",
-            "expected no --family, --set or --tensors: the pickle determines them",
+            "expected no --family, --set, --loss or --tensors: the pickle determines them",
         )
     labels = read_labels(folder)
     if trust_pickle:
@@ -83,7 +93,7 @@ def import_(
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--family", "", expected)
         with flags(model="--family", model_options="--set"):
-            bundle = of_tensors(labels, str(model), settings(set), files)
+            bundle = of_tensors(labels, str(model), settings(set), files, loss)
     write(out, bundle)
     options, size = (
         ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import torch
 from torch import Tensor
@@ -20,12 +19,9 @@ from torch.nn.functional import softplus
 from isi.config import LARGEST
 from isi.evaluation.platt import fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.models.losses import Loss
 from isi.models.stack import Embedding, rows
 
-#: The loss that an embedding was trained with. ``softmax``: cross-entropy over (all or sampled)
-#: entities; ``margin``: of pairs; ``self-adversarial``: weighted negatives (Sun et al. 2019).
-Loss = Literal["logistic", "softmax", "margin", "self-adversarial"]
-LOSSES: tuple[Loss, ...] = get_args(Loss)
 #: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
 TRIPLES = 2**12
 #: Maximum number of queries with known answers, evenly spaced by relation and given end.

@@ -13,7 +13,6 @@ import torch
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
-from isi.initializers.scale import Loss
 from isi.insertion import engine
 from isi.insertion.arguments import TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
@@ -21,6 +20,7 @@ from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
 from isi.insertion.result import Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
+from isi.models.losses import Loss
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, without_denormals
 
@@ -106,11 +106,10 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     method, test, selection = _method(checked, request)
     for sentence in selection.warnings if selection else ():
         warnings.warn(sentence, stacklevel=stacklevel + 1)  # the decorator is a frame, too
-    scale = test.scales[0] if selection is None else selection.scale
-    test = replace(test, loss=scale.loss)
+    test = replace(test, loss=method.trained_with)
     # the copy of the table in which the engine works ends with this function
     working = checked.with_rows()
-    working = replace(working, novel=replace(working.novel, scale=scale))
+    working = replace(working, novel=replace(working.novel, scale=test.scales[0]))
     result = run_engine(working, method)
     novel = working.novel
     with np.errstate(over="ignore"):
@@ -138,6 +137,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
         default = preferred(model, has_triples, checked.words_serve)
         method = named(default.initializer.name, options, model, entities)
         method = replace(method, why=default.why)
+    method = replace(method, trained_with=request.loss or "logistic")
     # a model without inverse cannot serve a new entity that has triples alone by an initializer
     # that needs words
     words_for_all = checked.words_serve and (model.invertible or bool(checked.has_words.all()))

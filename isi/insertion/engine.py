@@ -23,6 +23,7 @@ from isi.initializers.api import InitContext, InitResult, Registered
 from isi.initializers.scale import LOGISTIC, KnownQueries, Scale, known_queries
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.insertion.relations import fit_relations
+from isi.models.losses import Loss
 from isi.models.stack import Embedding
 
 BUDGET = 2**24  #: Maximum number of elements of one batch of novel entities.
@@ -83,6 +84,7 @@ class Method:
     initializer: Registered  #: in the form that fits the model (``isi.insertion.inverses``)
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
+    trained_with: Loss = "logistic"  #: the loss that the embedding was trained with
 
     def initialize(self, context: InitContext) -> InitResult:
         """Vectors of the novel entities of a context (equation 8)."""

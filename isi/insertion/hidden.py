@@ -25,8 +25,9 @@ from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
-from isi.initializers.scale import Loss, Scale, fit_scale
+from isi.initializers.scale import Scale, fit_scale
 from isi.insertion.engine import context_in_session, queries_of, trained_session
+from isi.models.losses import Loss
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -232,9 +233,11 @@ class HoldOut:
         graph = trained_session(self.triples, self.theta0, self.kinds).graph
         context = self._context(graph, torch.from_numpy(novel), inserted)
         share = max(tenth, len(self.numbers)) / together
-        return HiddenDraws(
-            context, end_queries(graph, _padded(about)), end_queries(graph, _padded(earlier)), share
+        about_queries, earlier_queries = (
+            end_queries(graph, _padded(listed)) for listed in (about, earlier)
         )
+        draws_of = HiddenDraws(context, about_queries, earlier_queries, share)
+        return draws_of.with_scale(self.scales[0])
 
     def _order(self, degree: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Ids of entities that may be hidden, in the order of hiding."""

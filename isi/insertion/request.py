@@ -12,10 +12,10 @@ import torch
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from isi.initializers.scale import Loss
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, table
 from isi.insertion.engine import NovelEntities
+from isi.models.losses import Loss
 from isi.models.model import Model
 
 

@@ -20,6 +20,7 @@ from isi.config import Count, Seed, check
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import FALLBACKS, InitResult
+from isi.initializers.scale import Scale
 from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
@@ -86,6 +87,11 @@ class Inserted:
     @property
     def model(self) -> Model:
         return self.checked.model
+
+    @property
+    def scale(self) -> Scale:
+        """What scores mean: the loss of training, and what was fitted for it."""
+        return self.test.scales[0]
 
     @property
     def known(self) -> int:

@@ -63,6 +63,7 @@ class Selection:
     most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
     scale: Scale  #: by which the candidates were measured
+    assumed: bool  #: whether that was decided on the hidden entities, too
 
     @property
     def why(self) -> str:
@@ -87,7 +88,7 @@ class Selection:
                 f" {mean.about:.3f} against {best.about:.3f} with {best.initializer}), but"
                 f" the MRR of earlier triples falls by {mean.loss:.3f}"
             )
-        if best.hidden_ends < NEAR_RANDOM * self.random_mrr:
+        if self.assumed and best.hidden_ends < NEAR_RANDOM * self.random_mrr:
             sentences.append(
                 f"new entities will hardly ever be an answer (MRR {best.hidden_ends:.3f}): "
                 "say what the embedding was trained with (loss)"
@@ -132,7 +133,7 @@ def select(
         tolerance, budget: see ``compare``.
     """
     model, entities = test.theta0.model, test.theta0.entity.shape[1]
-    method = preferred(model, has_triples, has_words)
+    method = replace(preferred(model, has_triples, has_words), trained_with=test.loss or "logistic")
     compared = [method.initializer]
     for each in suited_to(model, has_triples, has_words):
         serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED + MEANS
@@ -143,7 +144,7 @@ def select(
         return method, None
     best = selection.selected
     initializer = next(each for each in compared if each.name == best.initializer)
-    return Method(initializer, best.options, selection.why), selection
+    return Method(initializer, best.options, selection.why, selection.scale.loss), selection
 
 
 def preferred(model: Model, has_triples: bool, has_words: bool) -> Method:
@@ -228,7 +229,7 @@ def compare(
         known = {each: found for each, found in by_scale.items() if found is not None}
         scale = max(known, key=lambda each: value(known[each], tolerance), default=scale)
         affordable -= len(scales) - 1
-    draws = draws.with_scale(scale)
+    draws = draws if scale is scales[0] else draws.with_scale(scale)
     measured = [draws.measure(each, options) for each, options in settings[:affordable]]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
@@ -242,6 +243,7 @@ def compare(
         most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
         scale=scale,
+        assumed=len(test.scales) > 1,
     )
 
 

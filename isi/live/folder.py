@@ -25,6 +25,7 @@ from safetensors.numpy import load, save
 
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short, unwritable
+from isi.models.losses import Loss
 from isi.names import check_text, name_fault
 
 MANIFEST, VECTORS, JOURNAL = "embedding.json", "vectors.safetensors", "journal.jsonl"
@@ -94,9 +95,16 @@ class Manifest(ManifestSection):
     model_name: Name
     model_options: dict[str, Option]
     words: WordSource | None
+    #: the loss that it was trained with; None: unknown
+    trained_with: Loss | None = "logistic"
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
     #: one per inserted entity; these have the last rows, in this order
     inserted: list[EntityRecord]
+
+
+def _usual(manifest: Manifest) -> set[str]:
+    """Keys that are left out of ``embedding.json``, since they have the usual value."""
+    return {"trained_with"} if manifest.trained_with == "logistic" else set()
 
 
 class ManifestFile(Manifest):
@@ -173,7 +181,7 @@ def write(folder: Path, bundle: Bundle, journal: str = "") -> None:
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
     manifest = (
         {"format": "isi embedding", "version": 1}
-        | bundle.manifest.model_dump(by_alias=True)
+        | bundle.manifest.model_dump(by_alias=True, exclude=_usual(bundle.manifest))
         | bundle.sizes()
     )
     manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}

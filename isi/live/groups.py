@@ -246,6 +246,8 @@ class EntityGroups:
             group.conditions.seed,
             sorted(additions.retracted),
         ]
+        if method.trained_with != "logistic":
+            shared.append(method.trained_with)
         keys = {}
         for name in group.members:
             keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
@@ -270,6 +272,7 @@ class EntityGroups:
             kinds=self._kind_ids(members),
             initializer=method.initializer.name,
             options=method.options,
+            loss=method.trained_with,
             seed=group.conditions.seed,
             entity_keys=np.array([crc32(name.encode()) for name in group.members], np.int64),
         )
@@ -294,10 +297,12 @@ class EntityGroups:
         base, entities = self.base, len(self.base.entities)
         if conditions.initializer is not None:
             options = dict(conditions.options)
-            return named(conditions.initializer, options, base.model, entities), ()
+            method = named(conditions.initializer, options, base.model, entities)
+            return replace(method, trained_with=base.manifest.trained_with or "logistic"), ()
         selected = self.selected_for(conditions.facts, conditions.words)
         method = named(selected.initializer, dict(selected.options), base.model, entities)
-        return replace(method, why=selected.why), selected.warnings
+        method = replace(method, why=selected.why, trained_with=selected.trained_with)
+        return method, selected.warnings
 
     def selected_for(self, number: int, words: bool) -> Selected:
         """The initializer for so many facts, selected on hidden known entities and then
@@ -319,6 +324,7 @@ class EntityGroups:
                 options=dict(method.options),
                 why=method.why,
                 warnings=selection.warnings if selection else [],
+                trained_with=method.trained_with,
             )
         return self.selected[number, words]
 
@@ -334,7 +340,8 @@ class EntityGroups:
         if any_seed not in self._curves:
             method, _ = self._method(conditions)
             with without_denormals():
-                draws = self._hold_out(conditions.facts, conditions.words).hide()
+                test = self._hold_out(conditions.facts, conditions.words)
+                draws = replace(test, loss=method.trained_with).hide()
                 self._curves[any_seed] = None if draws is None else fit_curves(draws, method)
         return self._curves[any_seed]
 
@@ -348,6 +355,7 @@ class EntityGroups:
             base.words if words else None,
             base.kind_ids,
             seed=0,
+            loss=base.manifest.trained_with,
         )
 
     def preparation(self) -> Iterator[Callable[[], object]]:

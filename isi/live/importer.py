@@ -24,6 +24,7 @@ from isi.errors import InputError, at, cut
 from isi.insertion.arguments import array_of, checked_model, naming_argument
 from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
+from isi.models.losses import Loss
 from isi.models.model import MODELS
 from isi.models.stack import margin_of
 from isi.names import plain
@@ -64,7 +65,11 @@ class Labels:
 
 
 def of_tensors(
-    labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]
+    labels: Labels,
+    model: str,
+    options: Mapping[str, Option],
+    files: Sequence[Path],
+    loss: Loss | None = None,
 ) -> Bundle:
     """Make a bundle of labels and tensor files;
     InputError if they do not fit, or if no margin can be estimated.
@@ -84,7 +89,7 @@ def of_tensors(
     # for the scores from which the margin is estimated
     defaults = {"squared": False, "margin": 1.0}
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
-    bundle = bundle_of(model, options, read_tables(files, model), labels, files)
+    bundle = bundle_of(model, options, read_tables(files, model), labels, files, loss)
     if estimated:
         margin = max(
             1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6
@@ -99,8 +104,11 @@ def bundle_of(
     tables: Sequence[np.ndarray],
     labels: Labels,
     files: Sequence[Path],
+    loss: Loss | None = None,
 ) -> LoadedEmbedding:
-    """Make a bundle of the two tables, checked against each other, the model and the labels."""
+    """Make a bundle of the two tables, checked against each other, the model and the labels;
+    ``loss``: of training, None if it is unknown.
+    """
     entities, relations = tables
     checked = checked_model(model, options, entities.shape[1])
     names = (labels.entities, labels.relations)
@@ -118,6 +126,7 @@ def bundle_of(
         model_name=model,
         model_options={name: vars(checked)[name] for name in options},
         words=None,
+        trained_with=loss,
         made={"imported": labels.form, "files": digests},
         inserted=[],
     )

@@ -19,6 +19,7 @@ from isi.config import Option, Seed
 from isi.errors import InputError, at, short, unwritable
 from isi.live import folder as folders
 from isi.live.folder import JOURNAL, Bundle, ManifestSection, NamedTriple, Text
+from isi.models.losses import Loss
 from isi.tables.io import atomically
 
 Fact = tuple[str, str, str]  #: Head, relation and tail by name.
@@ -96,6 +97,7 @@ class Selected(ManifestSection):
     options: dict[str, Option]
     why: Text
     warnings: list[str]
+    trained_with: Loss = "logistic"  #: assumed, where the embedding's loss is unknown
 
 
 Line = Change | Selected

@@ -189,6 +189,8 @@ def compute_rows(
             relation_names=relation_labels,
             triples=factory.mapped_triples.numpy(),
         )
+        if settings.get("loss") is None:
+            settings["loss"] = reading.loss_of(model, embedding.model)
         request = InsertRequest(triples=ids, new=new, words=words, kinds=kinds, **settings)
         done = insert_request(known_embedding, request, stacklevel=3)
     except InputError as error:

@@ -17,7 +17,7 @@ from isi.live.names import by_known_name, note_of_kinds
 from isi.models.model import name_of, stored_options
 from isi.names import plain
 from isi.pykeen.insertion import add_rows, checked_labels, larger_factory, of_result
-from isi.pykeen.reading import PykeenModel, read_model
+from isi.pykeen.reading import PykeenModel, loss_of, read_model
 
 
 class PykeenEmbedding(LiveEmbedding):
@@ -107,7 +107,12 @@ def from_pykeen(
     name = name_of(read.model) if getattr(read.model, "margin", 1.0) > 0 else None
     options: dict[str, Any] = stored_options(read.model) if name else {}
     manifest = Manifest(
-        model_name=name or "pykeen", model_options=options, words=None, made={}, inserted=[]
+        model_name=name or "pykeen",
+        model_options=options,
+        words=None,
+        trained_with=loss_of(model, read.model),
+        made={},
+        inserted=[],
     )
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
     kind_of, missing = by_known_name(kinds or {}, entities)

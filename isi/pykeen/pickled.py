@@ -8,7 +8,7 @@ from isi.errors import InputError
 from isi.live.folder import Bundle
 from isi.live.importer import OTHERS, Labels, bundle_of
 from isi.models.model import name_of, stored_options
-from isi.pykeen.reading import read_model, unwrapped
+from isi.pykeen.reading import loss_of, read_model, unwrapped
 
 
 def of_pickle(path: Path, labels: Labels) -> Bundle:
@@ -28,4 +28,5 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
         expected = "expected TransE, DistMult, ComplEx or RotatE without inverse triples"
         raise InputError(path, "", f"{expected}: {OTHERS}")
     tables = [read.entity[0].numpy(), read.relation[0].numpy()]
-    return bundle_of(name, stored_options(read.model), tables, labels, [path])
+    loss = loss_of(pickled, read.model)
+    return bundle_of(name, stored_options(read.model), tables, labels, [path], loss)

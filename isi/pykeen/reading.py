@@ -11,6 +11,7 @@ from math import prod
 from typing import Any, ClassVar, TypeVar
 
 import torch
+from pykeen import losses
 from pykeen.models import ERModel
 from pykeen.nn import modules
 from pykeen.nn.representation import Embedding as Table
@@ -23,6 +24,7 @@ from torch.nn.functional import normalize
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.inverses import both_ways
+from isi.models.losses import Loss
 from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
@@ -30,6 +32,12 @@ PykeenModel = ERModel[Any, Any, Any]
 M = TypeVar("M", bound=Module)
 WRAPPED = ("_orig_mod", "module")  #: Attributes under which wrappers of PyTorch hold a model.
 ROUNDING = 1e-3  #: Tolerance of |r| = 1 for the relations of RotatE.
+#: Losses of PyKEEN by which a score is the log odds of its triple.
+LOGISTIC = (
+    losses.SoftplusLoss,
+    losses.BCEWithLogitsLoss,
+    losses.BCEAfterSigmoidLoss,
+)
 SAMPLES = 8  #: Random triples on which scores are compared.
 
 
@@ -242,6 +250,24 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
         scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin)
     )
     return Embedding(entity[None].float(), rows[None].float(), scored)
+
+
+def loss_of(model: PykeenModel, read: Model) -> Loss | None:
+    """The loss that a model was trained with, as ``read`` is to understand its scores; None for one
+    that is not known here.
+
+    The score of a distance has no border before a margin is added, which is estimated: with
+    logistic loss, too, slope and border are fitted.
+    """
+    loss = unwrapped(model).loss
+    if isinstance(loss, losses.CrossEntropyLoss):
+        return "softmax"
+    if isinstance(loss, losses.NSSALoss):
+        return "self-adversarial"
+    if isinstance(loss, LOGISTIC):
+        return "logistic" if read.linear else "margin"
+    is_known = isinstance(loss, losses.MarginPairwiseLoss | losses.MSELoss)
+    return "margin" if is_known else None
 
 
 def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
