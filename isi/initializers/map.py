@@ -162,9 +162,9 @@ Prior = Literal["soft_hybrid", "soft_rs", "er_avg", "kind_mean", "mean"]
 #: Settings for embeddings on which another prior, or more weight on it or on known triples pays,
 #: the best guess first: prior, strength, known_negatives, ratio.
 _COMPARED: list[tuple[Prior, float, float, int]] = [
+    ("soft_rs", 0.3, 1.0, 1),
     ("soft_hybrid", 1.0, 3.0, 3),
     ("er_avg", 5.0, 5.0, 1),
-    ("soft_rs", 0.3, 1.0, 1),
     ("mean", 0.2, 1.0, 1),
     ("soft_hybrid", 1.0, 10.0, 3),
     ("soft_hybrid", 3.0, 10.0, 3),

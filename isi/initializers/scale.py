@@ -20,7 +20,8 @@ from isi.config import LARGEST
 from isi.evaluation.platt import fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.losses import Loss
-from isi.models.stack import Embedding, rows
+from isi.models.stack import Embedding
+from isi.random import stream
 
 #: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
 TRIPLES = 2**12
@@ -55,13 +56,13 @@ class Scale:
 LOGISTIC = Scale()  #: The scale of the pipeline's training, and of ``isi train``.
 
 
-def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | None) -> Scale:
+def fit_scale(theta: Embedding, triples: Tensor, loss: Loss) -> Scale:
     """The scale of one embedding that was trained with a loss on ``triples``, (T, 3).
 
-    Each triple has two corruptions: another head and another tail, which are those of other
-    triples.
+    Each triple is corrupted twice, by another head and by another tail. Known triples and
+    corruptions weigh the same.
     """
-    if loss is None or loss == "logistic" or len(triples) < 2:
+    if loss == "logistic" or len(triples) < 2:
         return LOGISTIC
     right, wrong = _known_and_corrupted(theta, triples)
     if loss == "softmax":
@@ -71,7 +72,7 @@ def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | None) -> Scale:
         offset = -log_partition(theta, known, is_tail, relation, head).mean().item()
         return Scale(loss, 1.0, offset, _log_loss(right + offset, wrong + offset))
     scores = torch.cat([right.repeat(2), wrong])  # so that both sides weigh the same
-    is_known = torch.arange(len(scores)) < len(wrong)
+    is_known = torch.arange(len(scores)) < 2 * len(right)
     curve = fit_platt(scores, is_known)
     odds = (curve.slope * part + curve.offset for part in (right, wrong))
     return Scale(loss, curve.slope, curve.offset, _log_loss(*odds))
@@ -93,18 +94,6 @@ class KnownQueries:
     log_z: Tensor
     #: whether training asked for tails alone, as with inverse relations
     tails_only: bool
-
-    def scores(self, theta: Embedding, vectors: Tensor) -> Tensor:
-        """Scores of vectors, (M, n, d), as answers; shape (M, n, K)."""
-        parts = []
-        for is_tail in (False, True):
-            chosen = self.novel_is_tail == is_tail
-            score = theta.model.score_tails if is_tail else theta.model.score_heads
-            models = len(theta.entity)
-            given = rows(theta.entity, self.other[chosen].expand(models, -1))
-            relation = rows(theta.relation, self.relation[chosen].expand(models, -1))
-            parts.append(score(given, relation, vectors))
-        return torch.cat(parts, 1).mT
 
 
 def known_queries(
@@ -164,12 +153,18 @@ def parts_of_sides(is_tail: Tensor, width: int) -> Iterator[tuple[Tensor, bool]]
 
 
 def _known_and_corrupted(theta: Embedding, triples: Tensor) -> tuple[Tensor, Tensor]:
-    """Scores of known triples, (T,), and of as many with another head, then another tail, (2T,)."""
-    head, relation, tail = triples[:: -(-len(triples) // TRIPLES)].T[:, None]
-    right = theta.score(head, relation, tail)[0]
-    other_heads = theta.score(head.roll(1, 1), relation, tail)[0]
-    other_tails = theta.score(head, relation, tail.roll(1, 1))[0]
-    return right.double(), torch.cat([other_heads, other_tails]).double()
+    """Scores of known triples, (T,), and of their corruptions, (2T,): with a random head, then
+    with a random tail, perhaps the true one, as training and MAP corrupt them.
+    """
+    entities = theta.entity.shape[1]
+    chosen = triples[:: -(-len(triples) // TRIPLES)]
+    other = stream(0, "corrupted triples of a scale").integers(entities, size=2 * len(chosen))
+    ends = torch.from_numpy(other)
+    corrupted = chosen.repeat(2, 1)
+    corrupted[: len(chosen), HEAD] = ends[: len(chosen)]
+    corrupted[len(chosen) :, TAIL] = ends[len(chosen) :]
+    scores = theta.score(*torch.cat([chosen, corrupted]).T[:, None])[0].double()
+    return scores[: len(chosen)], scores[len(chosen) :]
 
 
 def _log_loss(right: Tensor, wrong: Tensor) -> float:
