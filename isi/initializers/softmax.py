@@ -150,7 +150,7 @@ def _likely_candidates(context: InitContext, slot: Tensor, at: Tensor) -> tuple[
     relations = theta.relation.shape[1]
     given = at[:, :, None].expand(-1, -1, most, -1).flatten(1, 2).to(theta.entity.dtype)
     novel_is_tail, relation = slot.flatten(1) >= relations, slot.flatten(1) % relations
-    number = min(CANDIDATES, theta.entity.shape[1] - 1)
+    number = min(CANDIDATES, int(context.known.sum(1).min()))
     place = torch.zeros(models, new * most, number, dtype=torch.int64)
     rest = torch.zeros(models, new * most, dtype=torch.float64)
     for part, is_tail in parts_of_sides(novel_is_tail, context.known.numel()):
