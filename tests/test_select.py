@@ -320,3 +320,20 @@ def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
     figures = [measured.known_ends, measured.hidden_ends, measured.h_old, measured.h_cur]
     np.testing.assert_allclose(figures, expected, rtol=1e-5)
     assert 0 < measured.loss < measured.h_old < 0.9
+
+
+def test_a_choice_is_made_once_for_an_embedding_and_numbers_of_facts() -> None:
+    made = list[int]()
+
+    def counted(context: InitContext) -> Tensor:
+        made.append(1)
+        return oracle(context)
+
+    own("counted", counted)
+    first = insert()
+    number = len(made)
+    again = insert()
+    assert len(made) <= number + 1  # inserts, and is not compared again
+    assert again.selection is first.selection
+    more = insert(seed=5)
+    assert more.selection is not first.selection

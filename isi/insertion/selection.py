@@ -6,7 +6,7 @@ selected one has the highest MRR about them among those that keep the MRR of ear
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -49,6 +49,9 @@ PRICE = 10.0
 BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
+REMEMBERED = 16  #: Number of selections that are kept, the last ones.
+#: The compared initializers and the selection of before, by all that it depends on.
+_REMEMBERED: dict[Hashable, tuple[list[Registered], Selection | None]] = {}
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,12 @@ def select(
         serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED + MEANS
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
-    selection = compare(compared, test, tolerance, budget)
+    key = test.digest, tuple(id(each.function) for each in compared), tolerance, budget
+    if key not in _REMEMBERED:
+        _REMEMBERED[key] = compared, compare(compared, test, tolerance, budget)
+    compared, selection = _REMEMBERED[key]
+    while len(_REMEMBERED) > REMEMBERED:
+        del _REMEMBERED[next(iter(_REMEMBERED))]
     if selection is None:
         return method, None
     best = selection.selected
