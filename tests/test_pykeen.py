@@ -298,7 +298,9 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
 ) -> None:
     """PyKEEN's rows 2r and 2r + 1 are those of relation r and of its inverse."""
     model = model_of("transe", {}, inverse)
-    done = isi.pykeen.compute_rows(model, inverse, NEW, initializer=initializer, margin=1.0)
+    done = isi.pykeen.compute_rows(
+        model, inverse, NEW, initializer=initializer, margin=1.0, loss="logistic"
+    )
     assert [(entity.insert_triples, entity.between) for entity in done.report()] == [(2, 1), (1, 1)]
     larger, more = isi.pykeen.enlarge(model, inverse, done)
     assert (more.num_triples, more.create_inverse_triples) == (inverse.num_triples + len(NEW), True)
@@ -319,6 +321,7 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
         model="transe_l1",
         model_options={"margin": 1.0, "constraint": "sphere"},
         initializer=initializer,
+        loss="logistic",
         known_triples=triples[of_known],
     )
     np.testing.assert_allclose(done.entities, expected.entities, rtol=1e-4, atol=1e-5)

@@ -44,8 +44,8 @@ def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evi
         context.observed.double(),
         torch.zeros(context.observed.shape, dtype=torch.float64),
     )
-    own = context.novel_is_tail, context.relation, context.other
-    parts = [Evidence(*own, observed, none)]
+    ids = context.novel_is_tail, context.relation, context.other
+    parts = [Evidence(*ids, observed, none)]
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))

@@ -144,7 +144,7 @@ def _by_query(
             for place in torch.split(of_model, batch_of(near, prior.shape[-1])):
                 novel, start = place - of_model[0], before[place]
                 problem = problem_of(context, near, prior, precision, place)
-                problem = replace(problem, start=start, asked=near.asked(model, novel))
+                problem = replace(problem, start=start, about=near.about(model, novel))
                 shared = crowds[model]
                 if shared is not None and step:  # the first pass shows where they crowd
                     problem = replace(problem, crowd=shared.near(novel, start))
@@ -196,6 +196,7 @@ _SETTINGS = [
         "strength": 0.5,
         "ratio": 3,
         "known_negatives": 0.3,
+        "prior": "soft_hybrid",
     },
     grid={
         "word_weight": [16.0],
@@ -203,6 +204,7 @@ _SETTINGS = [
         "strength": [0.2, 0.5, 1.0, 3.0],
         "ratio": [1, 3, 9],
         "known_negatives": [0.1, 0.3, 1.0],
+        "prior": ["soft_hybrid"],
     },
     calibration=_SETTINGS,
 )
@@ -213,7 +215,7 @@ def maximum_a_posteriori(
     strength: Positive,
     ratio: Count,
     known_negatives: NotNegative,
-    prior: Prior = "soft_hybrid",
+    prior: Prior,
 ) -> InitResult:
     """MAP: the most probable vector given insert triples,
     corrupted known triples and a prior at the soft hybrid.
@@ -315,7 +317,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
         alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
-        residual = problem.positive - weight * problem.log_odds(problem.mean).own
+        residual = problem.positive - weight * problem.log_odds(problem.mean).separate
         step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])
         vectors.append(problem.mean + step)
     shape, dtype = prior.vectors.shape, prior.vectors.dtype

@@ -72,7 +72,7 @@ class Crowd:
 
 
 @dataclass(frozen=True)
-class Asked:
+class QueryLoss:
     """The G queries (v, r, ?) of the facts of B vectors, whose loss is a softmax over answers.
 
     The last triples of a problem are the likely answers to each query, one query after the other.
@@ -120,8 +120,8 @@ class Asked:
 class Odds(NamedTuple):
     """Log odds of the triples of B vectors."""
 
-    own: Tensor  #: of each vector's own; shape: (B, C), float64
-    crowd: Tensor | None  #: of those that all share; shape: (B, K), float32
+    separate: Tensor  #: of each vector's own; shape: (B, C), float64
+    shared: Tensor | None  #: of those that all share; shape: (B, K), float32
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class Problem:
     score: Score
     slope: float = 1.0  #: of log odds
     offset: Tensor | float = 0.0  #: of log odds; shape: (B, C)
-    asked: Asked | None = None
+    about: QueryLoss | None = None
     crowd: Crowd | None = None
     start: Tensor | None = None  #: where Newton's method starts, (B, d); None: at μ
     #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
@@ -149,8 +149,8 @@ class Problem:
 
     def log_odds(self, at: Tensor) -> Odds:
         """o = slope · f + offset of each triple with vectors (B, d)."""
-        own = self.slope * self.score.scores(at.float()).double() + self.offset
-        return Odds(own, None if self.crowd is None else self.crowd.log_odds(at))
+        separate = self.slope * self.score.scores(at.float()).double() + self.offset
+        return Odds(separate, None if self.crowd is None else self.crowd.log_odds(at))
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
@@ -158,35 +158,35 @@ class Problem:
 
     def objective(self, odds: Odds, at: Tensor) -> Tensor:
         """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), plus the losses of
-        ``asked`` and ``crowd``; vectors (B, d), result (B,).
+        ``about`` and ``crowd``; vectors (B, d), result (B,).
         """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        own = odds.own
-        loss = (self.positive * softplus(-own) + self.negative * softplus(own)).sum(-1)
-        if self.asked is not None:
-            loss = loss + self.asked.loss(own)
-        if self.crowd is not None and odds.crowd is not None:
-            loss = loss + (self.crowd.negative * softplus(odds.crowd)).sum(-1).double()
+        separate = odds.separate
+        loss = (self.positive * softplus(-separate) + self.negative * softplus(separate)).sum(-1)
+        if self.about is not None:
+            loss = loss + self.about.loss(separate)
+        if self.crowd is not None and odds.shared is not None:
+            loss = loss + (self.crowd.negative * softplus(odds.shared)).sum(-1).double()
         return loss + prior / 2
 
     def quadratic(self, odds: Odds, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
         """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
         odds and slopes.
         """
-        own = odds.own
-        weight, likely = self.positive + self.negative, padded(torch.sigmoid, own)
+        separate = odds.separate
+        weight, likely = self.positive + self.negative, padded(torch.sigmoid, separate)
         first, second = weight * likely - self.positive, weight * likely * (1 - likely)
-        if self.asked is not None:
-            more = self.asked.derivatives(own)
+        if self.about is not None:
+            more = self.about.derivatives(separate)
             first, second = first + more[0], second + more[1]
         first, second = self.slope * first, self.slope**2 * second
         gradient = (first.float()[:, None] @ slopes)[:, 0]
         hessian = curvature(slopes, second.float())
-        if self.asked is not None:
-            hessian = hessian + self.asked.between(own, slopes)
-        if self.crowd is not None and odds.crowd is not None:
-            likely = torch.sigmoid(odds.crowd)
+        if self.about is not None:
+            hessian = hessian + self.about.between(separate, slopes)
+        if self.crowd is not None and odds.shared is not None:
+            likely = torch.sigmoid(odds.shared)
             first = self.crowd.negative * likely
             more = self.crowd.quadratic(at, first, first * (1 - likely))
             gradient, hessian = gradient + more[0], hessian + more[1]

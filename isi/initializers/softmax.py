@@ -13,7 +13,7 @@ from torch import Tensor
 
 from isi.initializers.api import InitContext
 from isi.initializers.evidence import SAMPLE, Evidence, joined, spread
-from isi.initializers.newton import Asked, Crowd
+from isi.initializers.newton import Crowd, QueryLoss
 from isi.initializers.scale import KnownQueries, log_partition, parts_of_sides
 from isi.initializers.scores import anchors
 from isi.models.model import RelationMapModel
@@ -88,7 +88,7 @@ def _complete(context: InitContext) -> Tensor:
 @dataclass(frozen=True, kw_only=True)
 class ByQuery(Evidence):
     """Weighted triples, of which each has a log Z, and queries about the novel entities, whose
-    likely answers are the last triples (see ``Asked``).
+    likely answers are the last triples (see ``QueryLoss``).
     """
 
     number: Tensor  #: of facts of each query; shape: (M, n, G), float64
@@ -96,10 +96,10 @@ class ByQuery(Evidence):
     right: Tensor  #: facts of these queries; shape: (M, n, C), float64
     likely: int  #: number of likely answers to each query
 
-    def asked(self, model: int, novel: Tensor) -> Asked:
+    def about(self, model: int, novel: Tensor) -> QueryLoss:
         """The queries about some novel entities, (B,), of a model."""
         of = model, novel
-        return Asked(self.number[of], self.rest[of], self.right[of], self.likely)
+        return QueryLoss(self.number[of], self.rest[of], self.right[of], self.likely)
 
 
 def evidence_by_query(
@@ -111,17 +111,17 @@ def evidence_by_query(
     parts = [facts(context, queries)]
     if weight and not isinstance(context.theta0.model, RelationMapModel):
         parts.append(sampled_crowd(context, queries, weight))
-    number, likely, rest = asked_of(context, queries, at)
+    number, likely, rest = queries_about(context, queries, at)
     every = joined([*parts, likely])
     offsets = [torch.as_tensor(part.offset) for part in (*parts, likely)]
     right = torch.zeros_like(every.positive)
-    right[..., : context.observed.shape[-1]] = _asked_about(context, queries)
+    right[..., : context.observed.shape[-1]] = _number_of_queries(context, queries)
     each = likely.other.shape[-1] // number.shape[-1]
     listed = vars(replace(every, offset=torch.cat(offsets, -1)))
     return ByQuery(**listed, number=number, rest=rest, right=right, likely=each)
 
 
-def asked_of(
+def queries_about(
     context: InitContext, queries: KnownQueries, at: Tensor
 ) -> tuple[Tensor, Evidence, Tensor]:
     """The queries (v, r, ?) and (?, r, v) of the insert triples: their numbers of facts, (M, n, G);
@@ -131,7 +131,7 @@ def asked_of(
     relations, shape = context.theta0.relation.shape[1], context.novel.shape
     number = torch.zeros(*shape, 2 * relations, dtype=torch.float64)
     slots = context.novel_is_tail * relations + context.relation
-    number.scatter_add_(-1, slots, _asked_about(context, queries))
+    number.scatter_add_(-1, slots, _number_of_queries(context, queries))
     number, slot = number.sort(dim=-1, descending=True, stable=True)
     most = max(1, int((number > 0).sum(-1).max()))
     number, slot = number[..., :most], slot[..., :most]
@@ -167,7 +167,7 @@ def _likely_candidates(context: InitContext, slot: Tensor, at: Tensor) -> tuple[
     return place.view(*size, number), rest.view(size)
 
 
-def _asked_about(context: InitContext, queries: KnownQueries) -> Tensor:
+def _number_of_queries(context: InitContext, queries: KnownQueries) -> Tensor:
     """Number of queries about the novel entity with each insert triple as right answer."""
     observed = context.observed.double()
     return observed * ~context.novel_is_tail if queries.tails_only else observed
