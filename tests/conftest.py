@@ -4,6 +4,7 @@ import os
 
 import pytest
 import torch
+import yaml
 from hypothesis import settings
 
 from tests.browser import chromium
@@ -43,3 +44,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 settings.register_profile("isi", deadline=None, max_examples=60, derandomize=True, database=None)
 settings.load_profile("isi")
 torch.set_num_threads(1)
+# by libyaml, in a tenth of the time: many tests read and change params
+yaml.SafeLoader, yaml.SafeDumper = yaml.CSafeLoader, yaml.CSafeDumper  # type: ignore[misc]
