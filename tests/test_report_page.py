@@ -521,15 +521,11 @@ def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> 
 @pytest.mark.parametrize(
     ("paper_has", "ours", "said"),
     [
-        (10, 10, "agrees"),
         (10, 11, "agrees"),
         (10, 9, "agrees"),
         (10, 11.1, "larger"),
-        (10, 8.9, "smaller"),
         (0, 0, "agrees"),
-        (0, 1, "larger"),
         (-10, -10.5, "agrees"),
-        (-10, -5, "larger"),
         (-10, -20, "smaller"),
         (np.nan, 1, ""),
         (1, np.nan, ""),
