@@ -21,13 +21,16 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 #: The files that take longest.
 LONGEST = (
-    "test_pipeline",
-    "test_live_command",
-    "test_strange_results",
-    "test_pipeline_extended",
-    "test_docs",
     "test_kills",
     "test_stopping",
+    "test_pipeline",
+    "test_readers",
+    "test_live_command",
+    "test_docs",
+    "test_writing",
+    "test_strange_results",
+    "test_report_page",
+    "test_pipeline_extended",
 )
 
 
