@@ -18,7 +18,6 @@ from isi.errors import InputError
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import WordSource, read
 from isi.live.groups import TOLERANCE
-from isi.live.journal import Effect
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     BETWEEN,
@@ -307,21 +306,6 @@ def test_spellings_of_a_name_in_one_observation_are_one_entity(
     effect = home.observe(facts, upsert=True)
     assert (effect.inserted, effect.facts) == (["gas hob"], 2)
     assert home.ask("gas hob", "hasAffordance").answers[0].given
-
-
-def test_facts_between_known_entities_are_observed_and_removed(home: LiveEmbedding) -> None:
-    fact = ("kettle", "atLocation", "bedroom")
-    assert home.observe([fact, fact]) == Effect(facts=1)
-    assert [(each.entity, each.given) for each in home.ask(*fact[:2]).answers] == [
-        ("bedroom", True),
-        ("kitchen", False),
-    ]
-    assert home.observe([fact]) == Effect(known=1)
-    assert home.remove(facts=[fact]) == Effect(lost=[fact])
-    assert home.now.named_triples() == small().named_triples()
-    changes = len(home.history)
-    assert home.remove() == Effect()
-    assert len(home.history) == changes  # nothing to undo
 
 
 def test_entities_that_share_a_fact_are_inserted_together_as_by_the_library(

@@ -366,15 +366,6 @@ def files_of(folder: Path) -> dict[Path, bytes]:
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
 
 
-def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
-    for folder in ("one", "other"):
-        immediate = Page("report", [ReportSection.of("immediate.immediate")])
-        immediate.write(tmp_path / folder, small_results(["home"], studies=False))
-    one, other = (files_of(tmp_path / folder) for folder in ("one", "other"))
-    assert len(one) > 5
-    assert one == other
-
-
 def test_the_report_does_not_know_the_second_pipeline_which_has_its_own_page(
     tmp_path: Path,
 ) -> None:
