@@ -4,6 +4,7 @@ import os
 
 import pytest
 import torch
+import yaml
 from hypothesis import settings
 
 from tests.browser import chromium
@@ -20,13 +21,16 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
 
 #: The files that take longest.
 LONGEST = (
-    "test_pipeline",
-    "test_live_command",
-    "test_strange_results",
-    "test_pipeline_extended",
-    "test_docs",
     "test_kills",
     "test_stopping",
+    "test_pipeline",
+    "test_readers",
+    "test_live_command",
+    "test_docs",
+    "test_writing",
+    "test_strange_results",
+    "test_report_page",
+    "test_pipeline_extended",
 )
 
 
@@ -43,3 +47,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 settings.register_profile("isi", deadline=None, max_examples=60, derandomize=True, database=None)
 settings.load_profile("isi")
 torch.set_num_threads(1)
+# by libyaml, in a tenth of the time: many tests read and change params
+yaml.SafeLoader, yaml.SafeDumper = yaml.CSafeLoader, yaml.CSafeDumper  # type: ignore[misc]

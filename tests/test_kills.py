@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from tests.small_pipeline import Dvc, dvc
 from tools.kills.__main__ import survived
 from tools.kills.workspace import Fault, Lost, Workspace
 
@@ -16,12 +17,15 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+__all__ = ["dvc"]
+
+
 @pytest.fixture(scope="module")
-def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+def pipeline(tmp_path_factory: pytest.TempPathFactory, dvc: Dvc) -> Workspace:
     """A pipeline up to Θ⁰, whose last stage is killed, and the digests of its outputs."""
     inputs = ["observations", "graph", "sessions"]
     workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@published"], inputs)
-    workspace.finish()
+    dvc(workspace.folder, "repro", *workspace.targets)
     workspace.expected = workspace.digests()
     return workspace
 

@@ -20,7 +20,7 @@ from isi.report.readings import CaseRuns, Fit, PaperResult, Weighted
 from isi.report.sections import readings as section
 from isi.tables import paths
 from tests.beyond_entries import READING_CASE
-from tests.reports import ROOT, small_params
+from tests.reports import ROOT, small_params, svg_alone
 
 NUMBER = len(readings())
 EVERY = np.arange(NUMBER)
@@ -157,7 +157,8 @@ def write_page(folder: Path, readings: Any) -> None:
         mined={},
         readings=readings,
     )
-    Page.of("readings").write(folder, results)
+    with svg_alone():
+        Page.of("readings").write(folder, results)
 
 
 @pytest.mark.parametrize(

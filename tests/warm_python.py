@@ -4,6 +4,8 @@ command. (Importing torch and pandas takes most of the time of a small stage.)
 Every command loads the code of `isi` and of its stage itself, from its own folder.
 """
 
+import atexit
+import gc
 import importlib
 import json
 import os
@@ -12,9 +14,11 @@ import signal
 import socket
 import subprocess
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 from tests.environment import ENVIRONMENT
 
@@ -72,6 +76,10 @@ def _serve(server: socket.socket) -> None:
     """Fork for each command; returns in the fork, which is ready to run its command."""
     for name in LIBRARIES:
         importlib.import_module(name)
+    # of DVC's two parsers the quick one, since no lock file here has comments
+    parsers = importlib.import_module("dvc.utils.serialize._yaml")
+    parsers.parse_yaml_for_update = parsers.parse_yaml  # type: ignore[attr-defined]
+    gc.freeze()  # a collection in a fork would copy all that they have made
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for `_watch`
     while True:
         connection, _ = server.accept()
@@ -101,6 +109,28 @@ def _begin(connection: socket.socket) -> None:
     sys.path[0] = command["folder"]
 
 
+def _status() -> int:
+    """Run the command; returns its exit status."""
+    try:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    except SystemExit as ended:
+        if isinstance(ended.code, str):
+            print(ended.code, file=sys.stderr)
+        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def _end(status: int) -> NoReturn:
+    """End this process without freeing what the libraries have made, which takes a second."""
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    os._exit(status)
+
+
 if __name__ == "__main__":
     _serve(socket.socket(fileno=int(sys.argv[1])))
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    _end(_status())

@@ -5,8 +5,6 @@ A params.yaml in the folder that was edited there stays, with the changes of --s
 """
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,8 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 YAML_1_2 = YAML()  # keeps the comments
 #: The value that means: remove the key.
 DROP = "<dropped>"
+#: What `dvc init --no-scm` writes, without analytics and the check for updates.
+DVC_CONFIG = "[core]\n    no_scm = True\n    analytics = false\n    check_update = false\n"
 #: A copy of the params that this tool wrote into a workspace.
 WRITTEN = ".dvc/tmp/params.yaml"
 #: Changes for a run of about five minutes: fewer seeds, sizes and epochs, and the mean as the only
@@ -72,11 +72,8 @@ def make(folder: Path, changes: dict[str, Any], source: Path = ROOT / "params.ya
     change_all(params, changes)
     YAML_1_2.dump(params, folder / "params.yaml")
     if not (folder / ".dvc").exists():
-        dvc = [sys.executable, "-m", "dvc"]
-        subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
-        for option in ("core.analytics", "core.check_update"):
-            subprocess.run([*dvc, "config", option, "false"], cwd=folder, check=True)
-    # replaces the empty file of `dvc init`: bytecode is no dependency
+        (folder / ".dvc/tmp").mkdir(parents=True)
+        (folder / ".dvc/config").write_text(DVC_CONFIG, encoding="utf-8")
     shutil.copy2(ROOT / ".dvcignore", folder)
 
 
