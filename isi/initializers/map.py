@@ -215,7 +215,7 @@ def maximum_a_posteriori(
     strength: Positive,
     ratio: Count,
     known_negatives: NotNegative,
-    prior: Prior,
+    prior: Prior = "soft_hybrid",
 ) -> InitResult:
     """MAP: the most probable vector given insert triples,
     corrupted known triples and a prior at the soft hybrid.
