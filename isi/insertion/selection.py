@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
@@ -22,6 +23,7 @@ from isi.insertion.engine import Method
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.model import Model
+from isi.models.stack import Embedding
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,6 +43,9 @@ RATE, OVERHEAD = 1.4e10, 7e7
 STEPS = 8  #: Assumed number of steps of Newton's method.
 #: As many multiplications of a product take the time of a step's work on one number of a vector.
 ELEMENTWISE = 300
+#: A step takes as long as so many scores of a triple, of which one has gradients.
+PASSES_OF_SCORE = 6
+SCORED = 8  #: Number of triples of which the work of a score is measured.
 PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
 #: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
 PRICE = 20.0
@@ -301,7 +306,7 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
     to insert it, and to rank the queries about it.
     """
     _, entities, dimension = test.theta0.entity.shape
-    ranking = 2 * QUERIES * entities * (dimension + 20)
+    ranking = 2.0 * QUERIES * entities * (dimension + 20)
     if initializer.cost == "pairs":
         return ranking + entities**2 * (1 if test.words is None else test.words.shape[1])
     if initializer.cost == "entities":
@@ -315,5 +320,17 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
     if test.theta0.model.linear:
         step = min(triples, CURVED) * dimension + PASSES_OF_STEP * triples
     else:
-        step = triples * (dimension + ELEMENTWISE)
+        by_score = PASSES_OF_SCORE * multiplications(test.theta0) / dimension
+        step = triples * (dimension + ELEMENTWISE + by_score)
+        ranking += 2 * QUERIES * entities * multiplications(test.theta0)
     return ranking + STEPS * step * dimension
+
+
+def multiplications(theta: Embedding) -> float:
+    """Multiplications of the products of matrices in the score of a triple."""
+    from torch.utils.flop_counter import FlopCounterMode
+
+    ids = torch.zeros(1, SCORED, dtype=torch.int64)
+    with FlopCounterMode(display=False) as counter, torch.no_grad():
+        theta.score(ids, ids, ids)
+    return float(counter.get_total_flops()) / 2 / SCORED
