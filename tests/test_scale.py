@@ -14,12 +14,10 @@ from torch import Tensor
 import isi
 from isi.initializers import map as maximum
 from isi.initializers.api import InitContext
-from isi.initializers.newton import Crowd
-from isi.initializers.scale import LOGISTIC, fit_scale, known_queries, log_partition
+from isi.initializers.scale import LOGISTIC, KnownQueries, fit_scale, log_partition
 from isi.insertion.engine import queries_of
 from isi.models.losses import LOSSES
 from isi.models.model import make_model
-from isi.models.scoring import Product
 from isi.models.stack import Embedding, mapped
 from tests.init_contexts import DIMENSION, ENTITIES, TRIPLES, four_novel, initialize
 from tests.small_graphs import random_embedding
@@ -71,12 +69,12 @@ def test_log_z_is_the_log_of_the_sum_over_known_entities() -> None:
 def test_known_queries_have_the_sum_over_their_known_answers() -> None:
     one, trained = theta(), torch.ones(1, len(TRIPLES), dtype=torch.bool)
     trained[0, 1] = False
-    queries = known_queries(one, KNOWN, trained, tails_only=False)
+    queries = KnownQueries(one, KNOWN, trained, tails_only=False).unique
     scores = one.score(*KNOWN.T[:, None])[0]
     assert queries.answers.sum() == 2 * (len(TRIPLES) - 1)
-    for place in range(len(queries.other)):
+    for place in range(len(queries.given)):
         is_tail, relation = bool(queries.novel_is_tail[place]), int(queries.relation[place])
-        given = KNOWN[:, 0 if is_tail else 2] == queries.other[place]
+        given = KNOWN[:, 0 if is_tail else 2] == queries.given[place]
         answers = given & (KNOWN[:, 1] == relation) & trained[0]
         assert queries.answers[0, place] == answers.sum()
         if answers.any():
@@ -143,14 +141,14 @@ def test_map_by_query_is_what_a_general_minimizer_finds(name: str) -> None:
         np.testing.assert_allclose(result.vectors[0, place], best.x, atol=2e-3)
 
 
-def test_a_crowd_keeps_the_triples_that_add_most_loss(monkeypatch: pytest.MonkeyPatch) -> None:
-    alpha = torch.eye(4)
-    crowd = Crowd(Product(), alpha, torch.zeros(4), torch.ones(2, 4))
-    at = torch.tensor([[5.0, 0.0, 0.0, -5.0]]).double()
-    monkeypatch.setattr("isi.initializers.newton.CROWD", 1)
-    near = crowd.near(torch.tensor([1]), at)
-    assert near.alpha.tolist() == [[1, 0, 0, 0]]
-    assert near.negative.shape == (1, 1)
+def test_a_vector_does_not_depend_on_others_that_share_the_crowd() -> None:
+    of = by_query("distmult")
+    options = {"prior": "mean", "strength": 0.5, "ratio": 2, "known_negatives": 0.4}
+    options |= {"word_weight": 0.0, "relation_weight": 0.0}
+    together = initialize("map", of, **options).vectors[0, 1]
+    names = ("novel", "other", "relation", "novel_is_tail", "observed")
+    alone = replace(of, **{name: getattr(of, name)[:, 1:2] for name in names})
+    torch.testing.assert_close(initialize("map", alone, **options).vectors[0, 0], together)
 
 
 @pytest.mark.parametrize("loss", LOSSES)

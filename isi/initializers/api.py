@@ -64,7 +64,7 @@ class InitContext:
     #: log odds of a triple, by its score
     scale: Scale = field(default=LOGISTIC, metadata={"shared": True})
     #: with ``Scale.by_query``: queries that the novel entities should not answer
-    queries: KnownQueries | None = field(default=None, metadata={"shared": True})
+    queries: KnownQueries | None = None
     #: a further key for each novel entity, which then draws from a stream of its own; None: all
     #: novel entities of a model draw from one; shape: (M, n)
     entity_keys: Tensor | None = None

@@ -19,9 +19,9 @@ from isi.initializers.baselines import (
     soft_relational_similarity,
 )
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import Problem, gram, newton
+from isi.initializers.newton import CURVED, Problem, gram, newton
 from isi.initializers.paper import hybrid_similarity, kind_mean, mean
-from isi.initializers.scale import KnownQueries
+from isi.initializers.scale import LOGISTIC, KnownQueries
 from isi.initializers.scores import score_of
 from isi.initializers.softmax import crowd, evidence_by_query
 from isi.models.stack import NotFinite, rows
@@ -31,8 +31,10 @@ from isi.models.stack import NotFinite, rows
 SHRINKAGE = 0.1
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
 #: Maximum number of elements in the vectors of the triples of all entities solved together.
-BUDGET = 2**23
-PASSES = 3  #: Number of times that likely wrong answers are chosen.
+BUDGET = 2**20
+#: The same where entities share a crowd, whose products of matrices want many rows.
+LARGE_BUDGET = 2**23
+PASSES = 2  #: Number of times that likely wrong answers are chosen.
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -68,9 +70,10 @@ def problems(
     """
     models, number, dimension = prior.shape
     places = torch.arange(models * number)
+    batch = max(1, BUDGET // (weighted.other.shape[-1] * dimension))
     yield from (
         problem_of(context, weighted, prior, strength * precision_of(context), part)
-        for part in torch.split(places, batch_of(weighted, dimension))
+        for part in torch.split(places, batch)
     )
 
 
@@ -103,11 +106,6 @@ def problem_of(
     )
 
 
-def batch_of(weighted: Evidence, dimension: int) -> int:
-    """Number of novel entities that are solved together."""
-    return max(1, BUDGET // (weighted.other.shape[-1] * dimension))
-
-
 def most_probable(
     context: InitContext,
     prior: InitResult,
@@ -137,17 +135,20 @@ def _by_query(
     vectors, precision = prior.double(), strength * precision_of(context)
     places = torch.arange(prior[..., 0].numel()).view(prior.shape[:2])
     crowds = [crowd(context, queries, model, weight) for model in range(len(prior))]
-    for step in range(PASSES):
+    for _ in range(PASSES):
         near = evidence_by_query(context, queries, vectors, weight)
         before, solved = vectors.flatten(0, 1), []
+        triples = near.other.shape[-1] + CURVED
+        batch = max(1, LARGE_BUDGET // (triples * prior.shape[-1]))
         for model, of_model in enumerate(places):
-            for place in torch.split(of_model, batch_of(near, prior.shape[-1])):
+            for place in torch.split(of_model, batch):
                 novel, start = place - of_model[0], before[place]
                 problem = problem_of(context, near, prior, precision, place)
                 problem = replace(problem, start=start, about=near.about(model, novel))
                 shared = crowds[model]
-                if shared is not None and step:  # the first pass shows where they crowd
-                    problem = replace(problem, crowd=shared.near(novel, start))
+                if shared is not None:
+                    crowd_of = replace(shared, weight=shared.weight[novel])
+                    problem = replace(problem, crowd=crowd_of)
                 solved.append(newton(problem))
         vectors = torch.cat(solved).view(vectors.shape)
     return vectors
@@ -313,6 +314,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """
     # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ:
     # the known centroid
+    context = replace(context, scale=LOGISTIC)  # 0 and 1 are scores, and no log odds
     prior = _mean_of_known(context)
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):

@@ -3,7 +3,7 @@ triples and have a normal prior.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -18,7 +18,6 @@ STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is 
 #: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
 #: one multiple of the unit matrix with their trace.
 CURVED = 2**10
-CROWD = 2**14  #: Maximum number of triples that vectors share.
 #: A step is the last if twice its predicted gain of log-probability is at most this.
 TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
@@ -32,40 +31,35 @@ TINY = 1e-12  #: Minimum squared length of a vector by which a curvature is divi
 
 @dataclass(frozen=True)
 class Crowd:
-    """K triples that B vectors v of one model share, with weights of their own."""
+    """K triples that B vectors v of one model share."""
 
     interaction: Interaction
     alpha: Tensor  #: known ends, mapped by the relation; shape: (K, d), float32
     offset: Tensor  #: of log odds; shape: (K,), float32
-    negative: Tensor  #: w⁻; shape: (B, K), float32
-
-    def near(self, places: Tensor, at: Tensor) -> "Crowd":
-        """The crowd of the vectors ``at``, (B', d), at some places, (B',): at most ``CROWD``
-        triples, those to which one of them adds the most loss.
-        """
-        part = replace(self, negative=self.negative[places])
-        if len(self.alpha) <= CROWD:
-            return part
-        added = (part.negative * torch.sigmoid(part.log_odds(at))).amax(0)
-        most = added.topk(CROWD, sorted=False).indices
-        return replace(
-            part, alpha=part.alpha[most], offset=part.offset[most], negative=part.negative[:, most]
-        )
+    number: Tensor  #: how often each triple counts; shape: (K,), float32
+    weight: Tensor  #: of each vector's triples, w⁻ = weight · number; shape: (B, 1), float32
 
     def log_odds(self, at: Tensor) -> Tensor:
         """o of each triple with vectors (B, d); shape (B, K)."""
         scores, _ = self.interaction.pairs(self.alpha[None], at.float()[None])
         return scores[0].mT + self.offset
 
-    def quadratic(self, at: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradient, (B, d), and Hessian, (B, d, d), by derivatives by each score, (B, K); of the
-        Hessian, the ``CURVED`` triples of most curvature.
+    def loss(self, odds: Tensor) -> Tensor:
+        """Σ w⁻ softplus(o), by log odds (B, K); shape (B,)."""
+        return (softplus(odds) @ self.number * self.weight[:, 0]).double()
+
+    def quadratic(self, at: Tensor, odds: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
+        odds, (B, K); of the Hessian, the ``CURVED`` triples of most curvature.
         """
+        likely = torch.sigmoid(odds)
+        first = self.weight * self.number * likely
         if isinstance(self.interaction, Product):
             gradient = first @ self.alpha
         else:
             _, backward = self.interaction.pairs(self.alpha[None], at.float()[None])
             gradient = backward(first.mT.contiguous()[None])[1][0]
+        second = first * (1 - likely)
         largest, place = second.topk(min(CURVED, second.shape[1]), sorted=False)
         score, backward = self.interaction.rows(self.alpha[place], at.float()[:, None])
         return gradient, gram(backward(torch.ones_like(score))[1], largest)
@@ -167,7 +161,7 @@ class Problem:
         if self.about is not None:
             loss = loss + self.about.loss(separate)
         if self.crowd is not None and odds.shared is not None:
-            loss = loss + (self.crowd.negative * softplus(odds.shared)).sum(-1).double()
+            loss = loss + self.crowd.loss(odds.shared)
         return loss + prior / 2
 
     def quadratic(self, odds: Odds, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
@@ -186,9 +180,7 @@ class Problem:
         if self.about is not None:
             hessian = hessian + self.about.between(separate, slopes)
         if self.crowd is not None and odds.shared is not None:
-            likely = torch.sigmoid(odds.shared)
-            first = self.crowd.negative * likely
-            more = self.crowd.quadratic(at, first, first * (1 - likely))
+            more = self.crowd.quadratic(at, odds.shared)
             gradient, hessian = gradient + more[0], hessian + more[1]
         return gradient.double(), hessian.double()
 

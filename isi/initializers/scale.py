@@ -10,7 +10,9 @@ softplus(log Z - f) is the loss of an answer with score f.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -25,8 +27,8 @@ from isi.random import stream
 
 #: Maximum number of known triples, evenly spaced by row, to which a scale is fitted.
 TRIPLES = 2**12
-#: Maximum number of queries with known answers, evenly spaced by relation and given end.
-QUERIES = 2**17
+#: Maximum number of queries with known answers.
+QUERIES = 2**16
 FEW = 2**8  #: Maximum number of queries for the mean of log Z.
 BUDGET = 2**24  #: Maximum number of scores in one table.
 
@@ -63,7 +65,7 @@ def fit_scale(theta: Embedding, triples: Tensor, loss: Loss) -> Scale:
     corruptions weigh the same.
     """
     if loss == "logistic" or len(triples) < 2:
-        return LOGISTIC
+        return Scale(loss)  # nothing to fit, or nothing to fit it to
     right, wrong = _known_and_corrupted(theta, triples)
     if loss == "softmax":
         head, relation, _ = triples[:: -(-len(triples) // FEW)].T[:, None]
@@ -78,50 +80,62 @@ def fit_scale(theta: Embedding, triples: Tensor, loss: Loss) -> Scale:
     return Scale(loss, curve.slope, curve.offset, _log_loss(*odds))
 
 
-@dataclass(frozen=True, eq=False)
-class KnownQueries:
-    """K queries with known answers, which a novel entity may answer wrongly.
-
-    They are sorted: first (?, relation, other), then (other, relation, ?).
-    """
+class QueryList(NamedTuple):
+    """K queries with known answers."""
 
     novel_is_tail: Tensor  #: whether the tail is asked for; shape: (K,), bool
     relation: Tensor  #: ids; shape: (K,)
-    other: Tensor  #: ids of the given ends; shape: (K,)
-    answers: Tensor  #: number of known answers; if K is a sample, scaled up; shape: (M, K), float64
+    given: Tensor  #: ids of the given ends; shape: (K,)
+    answers: Tensor  #: number of known answers; of a sample, scaled up; shape: (M, K), float64
     #: log Σ exp(score) over the known answers, which have nearly all of Z after training; shape:
     #: (M, K), float64
     log_z: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class KnownQueries:
+    """The queries of training triples, which a novel entity may answer wrongly.
+
+    They are listed on first use. Of more than ``QUERIES``, those at even distances stand for all.
+    """
+
+    theta: Embedding
+    triples: Tensor = field(metadata={"shared": True})  #: shape: (T, 3)
+    trained: Tensor  #: which of them are of training; shape: (M, T), bool
     #: whether training asked for tails alone, as with inverse relations
     tails_only: bool
 
+    @cached_property
+    def unique(self) -> QueryList:
+        """The K queries, sorted: first (?, relation, given), then (given, relation, ?)."""
+        (models, entities, _), relations = self.theta.entity.shape, self.theta.relation.shape[1]
+        head, relation, tail = (self.triples[:, slot] for slot in (HEAD, RELATION, TAIL))
+        keys = (relations + relation) * entities + head
+        if not self.tails_only:
+            keys = torch.cat([relation * entities + tail, keys])
+        ways = len(keys) // max(1, len(self.triples))
+        key, place = torch.unique(keys, return_inverse=True)
+        answers = torch.zeros(models, len(key), dtype=torch.float64)
+        answers.index_add_(1, place, self.trained.double().repeat(1, ways))
+        scores = self._scores().masked_fill(~self.trained, -torch.inf).repeat(1, ways)
+        index = place.expand(models, -1)
+        low = torch.full(answers.shape, -LARGEST, dtype=torch.float64)
+        highest = low.scatter_reduce(1, index, scores, "amax")
+        total = torch.zeros_like(answers)
+        total.scatter_add_(1, index, (scores - highest.gather(1, index)).exp())
+        step = -(-len(key) // QUERIES) or 1
+        number, log_z = answers[:, ::step], (highest + total.log())[:, ::step]
+        number = number * (answers.sum(1) / number.sum(1).clamp(min=1))[:, None]
+        slot, given = key[::step] // entities, key[::step] % entities
+        log_z = log_z.clamp(min=-LARGEST)
+        return QueryList(slot >= relations, slot % relations, given, number, log_z)
 
-def known_queries(
-    theta: Embedding, triples: Tensor, trained: Tensor, tails_only: bool
-) -> KnownQueries:
-    """The queries of ``trained``, (M, T), triples, (T, 3), or a sample of ``QUERIES`` of them."""
-    (models, entities, _), relations = theta.entity.shape, theta.relation.shape[1]
-    head, relation, tail = triples[:, HEAD], triples[:, RELATION], triples[:, TAIL]
-    keys = (relations + relation) * entities + head
-    if not tails_only:
-        keys = torch.cat([relation * entities + tail, keys])
-    ways = len(keys) // max(1, len(triples))
-    key, place = torch.unique(keys, return_inverse=True)
-    answers = torch.zeros(models, len(key), dtype=torch.float64)
-    answers.index_add_(1, place, trained.double().repeat(1, ways))
-    scores = theta.score(*triples.T[:, None].expand(-1, models, -1)).double()
-    scores = scores.masked_fill(~trained, -torch.inf).repeat(1, ways)
-    index, low = place.expand(models, -1), torch.full(answers.shape, -LARGEST, dtype=torch.float64)
-    highest = low.scatter_reduce(1, index, scores, "amax")
-    total = torch.zeros_like(answers)
-    total.scatter_add_(1, index, (scores - highest.gather(1, index)).exp())
-    step = -(-len(key) // QUERIES) or 1
-    number, log_z = answers[:, ::step], (highest + total.log())[:, ::step]
-    number = number * (answers.sum(1) / number.sum(1).clamp(min=1))[:, None]
-    slot, other = key[::step] // entities, key[::step] % entities
-    return KnownQueries(
-        slot >= relations, slot % relations, other, number, log_z.clamp(min=-LARGEST), tails_only
-    )
+    def _scores(self) -> Tensor:
+        """Scores of the triples, (M, T), float64, in parts within ``BUDGET``."""
+        models, _, dimension = self.theta.entity.shape
+        parts = torch.split(self.triples, max(1, BUDGET // (models * dimension)))
+        scores = [self.theta.score(*part.T[:, None].expand(-1, models, -1)) for part in parts]
+        return torch.cat([torch.zeros(models, 0), *scores], 1).double()
 
 
 def log_partition(
@@ -147,6 +161,8 @@ def parts_of_sides(is_tail: Tensor, width: int) -> Iterator[tuple[Tensor, bool]]
     """
     for side in (False, True):
         of_side = is_tail == side
+        if not of_side.any():
+            continue
         first = torch.argsort(~of_side, stable=True)[:, : int(of_side.sum(1).max())]
         for part in torch.split(first, max(1, BUDGET // width), 1):
             yield part, side

@@ -20,7 +20,6 @@ from isi.models.model import RelationMapModel
 from isi.models.stack import rows
 
 CANDIDATES = 64  #: Maximum number of candidates of a query about a novel entity: the most likely.
-BUDGET = 2**24  #: Maximum number of scores in one table.
 
 
 def facts(context: InitContext, queries: KnownQueries) -> Evidence:
@@ -53,26 +52,30 @@ def crowd(context: InitContext, queries: KnownQueries, model: int, weight: float
     A query counts as often as it has known answers, times ``weight``, β, and s, which is as in
     ``corrupted_known``.
     """
-    theta = context.theta0
+    theta, unique = context.theta0, queries.unique
     if not weight or not isinstance(theta.model, RelationMapModel):
         return None
-    given = theta.entity[model, queries.other], theta.relation[model, queries.relation]
-    is_tail = queries.novel_is_tail[:, None]
-    times = weight * _complete(context)[model, :, None] * queries.answers[model]
-    alpha = anchors(theta.model, is_tail, given[1], given[0])
-    return Crowd(theta.model.interaction, alpha, -queries.log_z[model].float(), times.float())
+    given, relation = theta.entity[model, unique.given], theta.relation[model, unique.relation]
+    return Crowd(
+        theta.model.interaction,
+        anchors(theta.model, unique.novel_is_tail[:, None], relation, given),
+        -unique.log_z[model].float(),
+        unique.answers[model].float(),
+        (weight * _complete(context)[model, :, None]).float(),
+    )
 
 
 def sampled_crowd(context: InitContext, queries: KnownQueries, weight: float) -> Evidence:
     """At most ``SAMPLE`` of the queries of ``crowd``, for a model without a map of relations."""
-    item, number = spread(queries.answers, SAMPLE)
+    unique = queries.unique
+    item, number = spread(unique.answers, SAMPLE)
     shape = (*context.novel.shape, item.shape[-1])
     times = weight * _complete(context)[..., None] * number[:, None]
-    offset = -queries.log_z.gather(1, item)
+    offset = -unique.log_z.gather(1, item)
     return Evidence(
-        queries.novel_is_tail[item][:, None].expand(shape),
-        queries.relation[item][:, None].expand(shape),
-        queries.other[item][:, None].expand(shape),
+        unique.novel_is_tail[item][:, None].expand(shape),
+        unique.relation[item][:, None].expand(shape),
+        unique.given[item][:, None].expand(shape),
         torch.zeros_like(times),
         times,
         offset[:, None].expand(shape),

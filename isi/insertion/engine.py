@@ -20,7 +20,7 @@ from torch import Tensor
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.initializers.api import InitContext, InitResult, Registered
-from isi.initializers.scale import LOGISTIC, KnownQueries, Scale, known_queries
+from isi.initializers.scale import LOGISTIC, KnownQueries, Scale
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.insertion.relations import fit_relations
 from isi.models.losses import Loss
@@ -131,6 +131,7 @@ def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarr
         novel.known_relations,
         torch.from_numpy(ready),
         torch.from_numpy(novel.known_triples),
+        scale=novel.scale,
     )
     is_known = triples[:, RELATION] < novel.known_relations
     has_row: np.ndarray = is_known | np.isin(triples[:, RELATION], ready[:, RELATION])
@@ -273,7 +274,7 @@ def queries_of(
     packed = isinstance(theta.model, InverseRelations)
     if packed:
         theta, triples, trained = unpack(theta), both_ways(triples), torch.cat([trained] * 2, -1)
-    return known_queries(theta, triples, trained, tails_only=packed)
+    return KnownQueries(theta, triples, trained, packed)
 
 
 def context_in_session(

@@ -41,8 +41,9 @@ def insert_rows(
     as ``isi.insert`` computes them from triples with known entities.
 
     A float32 table is not copied: ``np.load(file, mmap_mode="r")`` is read in a few passes from
-    start to end, and otherwise only at the rows that the initializer needs. Memory beyond the table
-    grows with E + K, not with E · d.
+    start to end, and otherwise only at the rows that the initializer needs. With ``softmax`` there
+    are more passes, one for some of the queries about new entities. Memory beyond the table grows
+    with E + K, not with E · d.
 
     Args:
         entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to
@@ -57,7 +58,7 @@ def insert_rows(
     """
     known = KnownEmbedding(entities, relations, model, model_options, triples=known_triples)
     request = InsertRequest(
-        triples=triples, new=new, initializer=initializer, options=options, seed=seed
+        triples=triples, new=new, initializer=initializer, options=options, seed=seed, loss=loss
     )
     checked = checked_request(known, request)
     novel = checked.novel

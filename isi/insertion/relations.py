@@ -11,6 +11,7 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.evidence import SAMPLE, spread
 from isi.initializers.newton import Problem, newton
+from isi.initializers.scale import LOGISTIC, Scale
 from isi.initializers.scores import AnyScore, LinearScore
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.stack import Embedding
@@ -28,6 +29,7 @@ def fit_relations(
     strength: float = 3.0,
     ratio: int = 1,
     known_negatives: float = 1.0,
+    scale: Scale = LOGISTIC,
 ) -> Tensor:
     """The most probable rows of the relations of one embedding after its first ``relations``;
     shape (q, w).
@@ -49,6 +51,7 @@ def fit_relations(
             strength,
             ratio,
             known_negatives,
+            scale,
         )
         return rows.view(-1, theta.relation.shape[2])
     if theta.relation.shape[2] > WIDEST:
@@ -65,7 +68,13 @@ def fit_relations(
         problem = _problem(
             theta, entities, relations, seen, known_triples, ratio, known_negatives * ratio
         )
-        problem = replace(problem, mean=mean[None], precision=precision[None])
+        problem = replace(
+            problem,
+            mean=mean[None],
+            precision=precision[None],
+            slope=scale.slope,
+            offset=scale.offset,
+        )
         if theta.model.linear:  # in the relation's row, too
             problem = replace(problem, score=LinearScore(problem.slopes(mean[None])))
         fitted.append(newton(problem)[0] if len(seen) else mean)

@@ -71,7 +71,7 @@ class Selection:
     most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
     scale: Scale  #: by which the candidates were measured
-    assumed: bool  #: whether that was decided on the hidden entities, too
+    loss_unknown: bool  #: whether the embedding's loss was to be decided, too
 
     @property
     def why(self) -> str:
@@ -97,7 +97,7 @@ class Selection:
                     f" {mean.about:.3f} against {best.about:.3f} with {best.initializer}), but"
                     f" the MRR of earlier triples falls by {mean.loss:.3f}"
                 )
-        if self.assumed and best.hidden_ends < NEAR_RANDOM * self.random_mrr:
+        if self.loss_unknown and best.hidden_ends < NEAR_RANDOM * self.random_mrr:
             sentences.append(
                 f"new entities will hardly ever be an answer (MRR {best.hidden_ends:.3f}): "
                 "say what the embedding was trained with (loss)"
@@ -257,7 +257,7 @@ def compare(
         most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
         scale=scale,
-        assumed=len(test.scales) > 1,
+        loss_unknown=len(test.scales) > 1,
     )
 
 

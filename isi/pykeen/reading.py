@@ -38,6 +38,14 @@ LOGISTIC = (
     losses.BCEWithLogitsLoss,
     losses.BCEAfterSigmoidLoss,
 )
+#: Losses of PyKEEN that leave slope and border open; ``InfoNCELoss`` has a temperature of its own.
+MARGIN = (
+    losses.MarginPairwiseLoss,
+    losses.DeltaPointwiseLoss,
+    losses.DoubleMarginLoss,
+    losses.InfoNCELoss,
+    losses.MSELoss,
+)
 SAMPLES = 8  #: Random triples on which scores are compared.
 
 
@@ -256,18 +264,17 @@ def loss_of(model: PykeenModel, read: Model) -> Loss | None:
     """The loss that a model was trained with, as ``read`` is to understand its scores; None for one
     that is not known here.
 
-    The score of a distance has no border before a margin is added, which is estimated: with
-    logistic loss, too, slope and border are fitted.
+    Of a model that is not linear, slope and border are fitted with logistic loss, too: the score of
+    a distance, for one, has no border before a margin is added, which is estimated.
     """
     loss = unwrapped(model).loss
-    if isinstance(loss, losses.CrossEntropyLoss):
-        return "softmax"
-    if isinstance(loss, losses.NSSALoss):
-        return "self-adversarial"
     if isinstance(loss, LOGISTIC):
         return "logistic" if read.linear else "margin"
-    is_known = isinstance(loss, losses.MarginPairwiseLoss | losses.MSELoss)
-    return "margin" if is_known else None
+    if isinstance(loss, losses.NSSALoss | losses.AdversarialBCEWithLogitsLoss):
+        return "self-adversarial"
+    if isinstance(loss, losses.CrossEntropyLoss) and not isinstance(loss, losses.InfoNCELoss):
+        return "softmax"
+    return "margin" if isinstance(loss, MARGIN) else None
 
 
 def closed_form(scored: InteractionModel, dimension: int) -> Model | None:
