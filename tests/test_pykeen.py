@@ -540,7 +540,11 @@ def test_hidden_relations_of_a_trained_model_rank_far_better_than_at_random() ->
 def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: Any) -> None:
     triples = [*NEW, ("e1", "near", "e2")]
     larger, more = isi.pykeen.insert(
-        model_of("rotate", {}, inverse), inverse, triples, new_relations=["near"]
+        model_of("rotate", {}, inverse),
+        inverse,
+        triples,
+        new_relations=["near"],
+        initializer="map",
     )
     larger.save_state(tmp_path / "model.pt")
     more.to_path_binary(tmp_path / "factory")
@@ -552,7 +556,7 @@ def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: 
     assert torch.equal(*(one.relation_representations[0]() for one in (trained, larger)))
     for loop in ("slcwa", "lcwa"):
         before = larger.relation_representations[0]().detach().clone()
-        isi.pykeen.train_on(larger, again, 1, training_loop=loop, batch_size=32)
+        isi.pykeen.train_on(larger, again, 5, training_loop=loop, batch_size=32)
         after = larger.relation_representations[0]().detach()
         assert (after != before).any(1).all()
         torch.testing.assert_close(after.abs(), torch.ones(after.shape))

@@ -109,10 +109,12 @@ class Workspace:
 
     def begin(self, limit: int | None = None) -> subprocess.Popen[str]:
         """Start a run in a new session; ``limit``: maximum size of its files in bytes."""
+        # with a limit, files of bytecode would be cut, too, and break later runs
+        bytecode = {} if limit is None else {"PYTHONDONTWRITEBYTECODE": "1"}
         return subprocess.Popen(
             [*REPRO, *self.targets],
             cwd=self.folder,
-            env=ENVIRONMENT,
+            env={**ENVIRONMENT, **bytecode},
             start_new_session=True,
             text=True,
             stdin=subprocess.DEVNULL,
