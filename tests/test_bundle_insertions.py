@@ -18,6 +18,7 @@ from isi.errors import InputError
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import WordSource, read
 from isi.live.groups import TOLERANCE
+from isi.live.journal import Effect
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     BETWEEN,
@@ -309,6 +310,21 @@ def test_spellings_of_a_name_in_one_observation_are_one_entity(
     assert home.ask("gas hob", "hasAffordance").answers[0].given
 
 
+def test_facts_between_known_entities_are_observed_and_removed(home: LiveEmbedding) -> None:
+    fact = ("kettle", "atLocation", "bedroom")
+    assert home.observe([fact, fact]) == Effect(facts=1)
+    assert [(each.entity, each.given) for each in home.ask(*fact[:2]).answers] == [
+        ("bedroom", True),
+        ("kitchen", False),
+    ]
+    assert home.observe([fact]) == Effect(known=1)
+    assert home.remove(facts=[fact]) == Effect(lost=[fact])
+    assert home.now.named_triples() == small().named_triples()
+    changes = len(home.history)
+    assert home.remove() == Effect()
+    assert len(home.history) == changes  # nothing to undo
+
+
 def test_entities_that_share_a_fact_are_inserted_together_as_by_the_library(
     home: LiveEmbedding, tmp_path: Path
 ) -> None:
@@ -549,7 +565,9 @@ def state(live: LiveEmbedding) -> tuple[list[str], list[Fact], int]:
 @pytest.mark.parametrize(
     "changes",
     [
+        lambda live: live.remove(facts=[("kettle", "atLocation", "bedroom")]),
         lambda live: live.move("kettle", "atLocation", "kitchen"),
+        lambda live: live.undo(),
         lambda live: (live.undo(), live.undo()),
         lambda live: live.remove("stove"),
         lambda live: live.remove(facts=[FACTS[0], ("kettle", "atLocation", "kitchen")]),
@@ -651,19 +669,34 @@ def test_a_folder_is_open_for_changes_in_one_process_and_stays_as_it_was_without
 @pytest.mark.parametrize(
     "change",
     [
+        lambda live: live.insert("hob", [("hob", "atLocation", "attic")]),
+        lambda live: live.insert("qzx"),
+        lambda live: live.insert("hob", [("kettle", "atLocation", "attic")]),
         lambda live: live.observe([HOB]),
+        lambda live: live.insert("hob", [HOB], kind="animal"),
+        lambda live: live.remove("kettle"),
+        lambda live: live.remove(facts=[("kettle", "atLocation", "bedroom")]),
         lambda live: live.remove(facts=[HOB]),
+        lambda live: live.insert("hob", [HOB], initializer="rs", options={"k": 0}),
         lambda live: live.insert("hob", [("hob", "atLocation", "stove")], initializer="mean"),
         lambda live: live.insert(["hob", "hob"], [HOB, ("hob", "atLocation")]),
+        lambda live: live.ask("stove"),
+        lambda live: live.ask("stove", "atLocation", "kitchen"),
+        lambda live: live.explain("kettle"),
+        lambda live: live.observe([("kettle", "atLocation", "bedroom")], time="noon"),
+        lambda live: live.insert("hob", [HOB], source="two\nlines"),
         lambda live: live.undo(source="a\tb"),
+        lambda live: live.remove(facts=[FACTS[0]], time=True),
         lambda live: live.move("kettle", "atLocation", "bedroom", time=float("inf")),
+        lambda live: live.insert(["hob", "Hob"], [HOB, ("Hob", "atLocation", "kitchen")]),
         lambda live: live.insert(
             ["gas hob", "gas_hob"], [("gas hob", "atLocation", "kitchen")], initializer="mean"
         ),
+        lambda live: live.insert("hob", [HOB], kind={"hbo": "object"}),
+        lambda live: live.insert(["hob"], [HOB], definition={"Hob": "a stove"}),
     ],
 )
 def test_a_mistake_changes_nothing(home: LiveEmbedding, change: Any) -> None:
-    """Further mistakes: ``BAD`` of test_live_command."""
     home.insert("stove", FACTS)
     before, history = home.now, home.history
     with pytest.raises(InputError):

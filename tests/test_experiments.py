@@ -65,7 +65,7 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
         assert seeds == [points.seeds for points in grid.stacks(height)]
 
 
-@pytest.mark.parametrize(("name", "steps"), [("xavier", 1), ("es_permuted", 2)])
+@pytest.mark.parametrize(("name", "steps"), [("xavier", 1), ("ers", 2), ("es_permuted", 2)])
 def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks(
     name: str, steps: int
 ) -> None:

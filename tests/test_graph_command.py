@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.__main__ import main
@@ -92,7 +92,6 @@ NAMES = (
 )
 
 
-@settings(max_examples=20)
 @given(st.dictionaries(st.tuples(NAMES, NAMES, NAMES), st.integers(1, 9), min_size=1), st.data())
 def test_a_graph_that_is_written_reads_as_itself(
     tmp_path_factory: pytest.TempPathFactory,

@@ -159,7 +159,8 @@ def rank(
     return 1 + len(above), above
 
 
-@pytest.mark.parametrize(("model", "original"), [("complex", None), ("transe_l1", OLD)])
+@pytest.mark.parametrize("original", [None, OLD])
+@pytest.mark.parametrize("model", ["complex", "transe_l1"])
 @given(seed=st.integers(0, 99), known=among_old, held_out=st.none() | among_old, linked=ends)
 def test_ranks_are_those_of_candidates_scored_one_by_one(
     model: str, original: Any, seed: int, known: list[Any], held_out: list[Any] | None, linked: int

@@ -311,7 +311,7 @@ class LiveMachine(RuleBasedStateMachine):
         return fresh
 
 
-LiveMachine.TestCase.settings = settings(max_examples=16, stateful_step_count=12, deadline=None)
+LiveMachine.TestCase.settings = settings(max_examples=25, stateful_step_count=12, deadline=None)
 TestLive = LiveMachine.TestCase
 
 
@@ -371,7 +371,8 @@ def test_choices_stand_in_the_journal_before_the_change_that_needs_them(tmp_path
     assert list(isi.open(tmp_path / "home").groups.selected.values()) == chosen()
 
 
-@pytest.mark.parametrize(("journal", "changed"), [(False, False), (True, True)])
+@pytest.mark.parametrize("journal", [False, True])
+@pytest.mark.parametrize("changed", [False, True])
 def test_choices_without_a_change_are_saved_once(
     tmp_path: Path, journal: bool, changed: bool
 ) -> None:

@@ -94,7 +94,7 @@ def test_all_that_are_registered_pass_the_checks(scoring: Model) -> None:
 
 
 @over_all
-@pytest.mark.parametrize("models", [[0, 2], [3, 2, 1, 0]])
+@pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
 @pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
 def test_epochs_are_bit_identical_whatever_the_stack(
     scoring: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
@@ -312,7 +312,7 @@ def all_listed(models: int, entities: int) -> TripleList:
 
 
 @over_all
-@pytest.mark.parametrize("entities", [11, 12, 30])
+@pytest.mark.parametrize("entities", [11, 12, 13, 30])
 def test_scores_and_gradients_are_bit_identical_whatever_the_stack(
     scoring: Model, entities: int
 ) -> None:

@@ -59,7 +59,8 @@ def fine(browser: Browser, path: Path, **settings: object) -> Iterator[Opened]:
         assert window.overflow == 0
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (768, "dark"), (1280, "light")])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 768, 1280])
 def test_all_of_it_fits_its_window_and_asks_for_nothing(
     chromium: Browser, report: Path, width: int, scheme: str
 ) -> None:

@@ -20,7 +20,7 @@ from isi.report.readings import CaseRuns, Fit, PaperResult, Weighted
 from isi.report.sections import readings as section
 from isi.tables import paths
 from tests.beyond_entries import READING_CASE
-from tests.reports import ROOT, small_params, svg_alone
+from tests.reports import ROOT, small_params
 
 NUMBER = len(readings())
 EVERY = np.arange(NUMBER)
@@ -157,8 +157,7 @@ def write_page(folder: Path, readings: Any) -> None:
         mined={},
         readings=readings,
     )
-    with svg_alone():
-        Page.of("readings").write(folder, results)
+    Page.of("readings").write(folder, results)
 
 
 @pytest.mark.parametrize(

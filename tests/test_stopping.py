@@ -47,6 +47,9 @@ stage.wait()
 WITH_CODE = ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+SIGNALS = pytest.mark.parametrize(
+    ("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
 
 
 def session(leader: int) -> set[int]:
@@ -107,7 +110,11 @@ def asleep(folder: Path) -> Callable[[], bool]:
 
 @pytest.mark.parametrize(
     ("signalled", "status", "whom"),
-    [(signal.SIGINT, 130, "all"), (signal.SIGTERM, 143, "the stage")],
+    [
+        (signal.SIGINT, 130, "all"),
+        (signal.SIGINT, 130, "the stage"),
+        (signal.SIGTERM, 143, "the stage"),
+    ],
 )
 def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
     tmp_path: Path, signalled: signal.Signals, status: int, whom: str
@@ -147,14 +154,15 @@ def test_no_process_of_a_stage_outlives_it_or_its_parent(tmp_path: Path, killed:
         assert wait_for(lambda: not session(parent.pid)), session(parent.pid)
 
 
+@SIGNALS
 def test_a_stage_that_is_stopped_while_it_writes_leaves_the_earlier_output_and_nothing_else(
-    tmp_path: Path,
+    tmp_path: Path, signalled: signal.Signals, status: int
 ) -> None:
     (tmp_path / "table").write_bytes(b"the last good one")
     with running([sys.executable, "-c", WRITE], tmp_path, (tmp_path / "begun").exists) as stage:
-        stage.send_signal(signal.SIGTERM)
+        stage.send_signal(signalled)
         _, err = stage.communicate(timeout=PATIENCE)
-    assert (stage.returncode, len(err.splitlines())) == (143, 1)
+    assert (stage.returncode, len(err.splitlines())) == (status, 1)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "table"]
     assert (tmp_path / "table").read_bytes() == b"the last good one"
 
@@ -205,15 +213,16 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
         assert wait_for(lambda: not session(dvc.pid)), session(dvc.pid)
 
 
+@SIGNALS
 def test_make_repro_that_is_stopped_ends_in_one_line_with_all_its_processes(
-    pipeline: Path,
+    pipeline: Path, signalled: signal.Signals, status: int
 ) -> None:
     with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
-        os.killpg(repro.pid, signal.SIGINT)
+        os.killpg(repro.pid, signalled)
         _, err = repro.communicate(timeout=PATIENCE)
-        assert err.startswith("repro: stopped by SIGINT")
-        assert err.count("\n") == 1
-        assert repro.returncode == 130
+        stopped = f"repro: stopped by {signalled.name}; no file is half-written"
+        assert err == f"{stopped}; the same command goes on from here\n"
+        assert repro.returncode == status
         assert wait_for(lambda: not session(repro.pid))
 
 

@@ -71,6 +71,7 @@ class Empty:
         program, *rest = command
         settings = {
             "PATH": os.environ["PATH"],
+            "PYTHONDONTWRITEBYTECODE": "1",
             "OMP_NUM_THREADS": "1",
         }
         done = subprocess.run(
@@ -232,6 +233,9 @@ def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) ->
         empty.run("isi", "ask", "toaster", "atLocation", "--embedding", larger, "--json")
     )["answers"]
     assert answers[0]["entity"] == "kitchen"
+    assert "toaster hasAffordance turn on" in empty.run(
+        "isi", "explain", "toaster", "--embedding", larger
+    )
     out = tmp_path / "triples.tsv"
     empty.run("isi", "export", "--format", "pykeen-tsv", "--embedding", larger, "--out", str(out))
     assert "toaster\tatLocation\tkitchen" in out.read_text(encoding="utf-8").splitlines()
