@@ -64,11 +64,7 @@ def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     perhaps by the true one.
     """
     relations, models = context.theta0.relation.shape[1], context.novel.shape
-    slots = torch.zeros(*models, 2 * relations, dtype=torch.float64)
-    slots.scatter_add_(
-        -1, context.novel_is_tail * relations + context.relation, context.observed.double()
-    )
-    number, slot = slots.sort(dim=-1, descending=True, stable=True)
+    number, slot = slots_of(context, context.observed.double())
     most = min(context.observed.shape[-1], 2 * relations)  # slots of an entity with triples
     number, slot = number[..., :most], slot[..., :most]
     ends, share = spread(context.known.double(), max(1, SAMPLE // most))
@@ -78,6 +74,19 @@ def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     other = ends[:, None, None].expand(shape)
     slot = slot[..., None].expand(shape).flatten(2)
     return _negative(slot >= relations, slot % relations, other.flatten(2), weight.flatten(2))
+
+
+def slots_of(context: InitContext, counted: Tensor) -> tuple[Tensor, Tensor]:
+    """Number of insert triples in each slot of a novel entity, and the slot, those with most first;
+    ``counted``: how often each insert triple counts, (M, n, I); shape (M, n, 2R) each.
+
+    Slot r: the novel entity is the head of relation r; slot R + r: its tail.
+    """
+    relations = context.theta0.relation.shape[1]
+    number = torch.zeros(*context.novel.shape, 2 * relations, dtype=torch.float64)
+    number.scatter_add_(-1, context.novel_is_tail * relations + context.relation, counted)
+    number, slot = number.sort(dim=-1, descending=True, stable=True)
+    return number, slot
 
 
 def corrupted_relations(context: InitContext, ratio: int) -> Evidence:
@@ -100,8 +109,7 @@ def corrupted_known(context: InitContext, weight: float) -> Evidence:
     entity that is the novel one.
 
     Each has the probability 1 / known entities. The expected numbers are multiplied by ``weight``
-    and by s = min(1, insert triples / mean training triples of an entity): a triple that was not
-    given is not false.
+    and by s (``complete``): a triple that was not given is not false.
     """
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     known, trained = context.known.sum(-1).double(), context.trained.sum(-1).double()
@@ -115,15 +123,21 @@ def corrupted_known(context: InitContext, weight: float) -> Evidence:
     )
     number *= (trained / in_sample.sum(-1).clamp(min=1))[:, None]
     item, number = spread(number, SAMPLE)
-    mean = 2 * trained / known
-    complete = (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
-    by_entity = complete * weight / known[:, None]
+    by_entity = complete(context) * weight / known[:, None]
     shape = (*context.novel.shape, item.shape[-1])
     slot = (key[item] // entities)[:, None].expand(shape)
     other = (key[item] % entities)[:, None].expand(shape)
     return _negative(
         slot >= relations, slot % relations, other, by_entity[..., None] * number[:, None]
     )
+
+
+def complete(context: InitContext) -> Tensor:
+    """s = min(1, insert triples / mean training triples of an entity): how much of a novel entity
+    is known; shape (M, n).
+    """
+    mean = 2 * context.trained.sum(-1).double() / context.known.sum(-1).double()
+    return (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
 
 
 def spread(weight: Tensor, most: int) -> tuple[Tensor, Tensor]:

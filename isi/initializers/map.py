@@ -69,12 +69,11 @@ def problems(
     ``prior``: its mean μ, (M, n, d).
     """
     models, number, dimension = prior.shape
+    precision = strength * precision_of(context)
     places = torch.arange(models * number)
     batch = max(1, BUDGET // (weighted.other.shape[-1] * dimension))
-    yield from (
-        problem_of(context, weighted, prior, strength * precision_of(context), part)
-        for part in torch.split(places, batch)
-    )
+    for part in torch.split(places, batch):
+        yield problem_of(context, weighted, prior, precision, part)
 
 
 def problem_of(

@@ -1,9 +1,9 @@
 """The evidence of MAP for an embedding that was trained with cross-entropy over entities.
 
-The loss of a novel vector v is that of training (docs/method.md). As the answer to the query of an
-insert triple, softplus(log Z - f). As a wrong answer to a known query, softplus(f - log Z) for each
-of its known answers. As the given end of a query (v, r, ?), log Σ exp(f) over candidates, less f of
-the known end. Here log Z is that of the known entities.
+The loss of a novel vector v is that of training (docs/initializers.md). As the answer to the query
+of an insert triple, softplus(log Z - f). As a wrong answer to a known query, softplus(f - log Z)
+for each known answer. As the given end of a query (v, r, ?), log Σ exp(f) over candidates, less
+f of the known end. Here log Z is that of the known entities.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from isi.initializers.api import InitContext
-from isi.initializers.evidence import SAMPLE, Evidence, joined, spread
+from isi.initializers.evidence import SAMPLE, Evidence, complete, joined, slots_of, spread
 from isi.initializers.newton import Crowd, QueryLoss
 from isi.initializers.scale import KnownQueries, log_partition, parts_of_sides
 from isi.initializers.scores import anchors
@@ -49,19 +49,19 @@ def crowd(context: InitContext, queries: KnownQueries, model: int, weight: float
     """The known queries of a model, to which its n novel entities are wrong answers; None if they
     are among the evidence.
 
-    A query counts as often as it has known answers, times ``weight``, β, and s, which is as in
-    ``corrupted_known``.
+    A query counts as often as it has known answers, times ``weight``, β, and s (``complete``).
     """
-    theta, unique = context.theta0, queries.unique
+    theta = context.theta0
     if not weight or not isinstance(theta.model, RelationMapModel):
         return None
+    unique = queries.unique
     given, relation = theta.entity[model, unique.given], theta.relation[model, unique.relation]
     return Crowd(
         theta.model.interaction,
         anchors(theta.model, unique.novel_is_tail[:, None], relation, given),
         -unique.log_z[model].float(),
         unique.answers[model].float(),
-        (weight * _complete(context)[model, :, None]).float(),
+        (weight * complete(context)[model, :, None]).float(),
     )
 
 
@@ -70,7 +70,7 @@ def sampled_crowd(context: InitContext, queries: KnownQueries, weight: float) ->
     unique = queries.unique
     item, number = spread(unique.answers, SAMPLE)
     shape = (*context.novel.shape, item.shape[-1])
-    times = weight * _complete(context)[..., None] * number[:, None]
+    times = weight * complete(context)[..., None] * number[:, None]
     offset = -unique.log_z.gather(1, item)
     return Evidence(
         unique.novel_is_tail[item][:, None].expand(shape),
@@ -80,12 +80,6 @@ def sampled_crowd(context: InitContext, queries: KnownQueries, weight: float) ->
         times,
         offset[:, None].expand(shape),
     )
-
-
-def _complete(context: InitContext) -> Tensor:
-    """s: how much of a novel entity is known; shape (M, n)."""
-    mean = 2 * context.trained.sum(-1).double() / context.known.sum(-1)
-    return (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +125,8 @@ def queries_about(
     the likely candidates of all, one query after the other; log Σ exp(score) of the others,
     (M, n, G).
     """
-    relations, shape = context.theta0.relation.shape[1], context.novel.shape
-    number = torch.zeros(*shape, 2 * relations, dtype=torch.float64)
-    slots = context.novel_is_tail * relations + context.relation
-    number.scatter_add_(-1, slots, _number_of_queries(context, queries))
-    number, slot = number.sort(dim=-1, descending=True, stable=True)
+    relations = context.theta0.relation.shape[1]
+    number, slot = slots_of(context, _number_of_queries(context, queries))
     most = max(1, int((number > 0).sum(-1).max()))
     number, slot = number[..., :most], slot[..., :most]
     place, rest = _likely_candidates(context, slot, at)

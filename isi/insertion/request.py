@@ -67,7 +67,7 @@ class InsertRequest:
     entity_keys: np.ndarray | None = None
     #: without a named initializer and ``options``, hide known entities, insert them from as many of
     #: their triples as the new ones have, and select the initializer with the highest MRR about
-    #: them among those that keep the MRR of earlier triples (``Inserted.selection``). If false, or
+    #: them, less a price on what earlier triples lose (``Inserted.selection``). If false, or
     #: with too few known triples: the preferred one for the given data.
     calibrate: bool = True
     #: largest loss of the MRR of earlier triples, if a tenth more entities (or all new ones) were

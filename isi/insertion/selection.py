@@ -1,12 +1,12 @@
-"""The default initializer: the best for hidden known entities that does not harm earlier triples.
+"""The default initializer: the best for hidden known entities, with a price on harm.
 
 Each candidate inserts the hidden entities of the hold-out test (``isi.insertion.hidden``); the
-selected one has the highest MRR about them among those that keep the MRR of earlier triples.
+selected one has the highest MRR about them, less ``PRICE`` times the harm beyond the tolerance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -220,14 +220,14 @@ def compare(
             compared.
         tolerance: largest loss of the MRR of earlier triples that is no harm.
         budget: seconds of one core, by an estimate of the work; limits the number of hidden
-            entities, and if these are few, that of candidates: defaults, the cheaper first, come
-            before other options.
+            entities, and if these are few, that of candidates (``ordered_settings``).
     """
-    settings = ordered_settings(initializers, test)
+    work = {each.name: work_of(each, test) for each in initializers}
+    settings = ordered_settings(initializers, test, work)
     first = settings[0][0]
     scales = test.scales if first.cost == "newton" else test.scales[:1]
     tried = [first] * (len(scales) - 1) + [each for each, _ in settings]
-    total = np.cumsum([work_of(each, test) for each in tried])
+    total = np.cumsum([work[each.name] for each in tried])
     # number of hidden entities that the budget allows, for each number of candidates
     possible = (budget * RATE - OVERHEAD * np.arange(1, len(tried) + 1)) / total
     affordable = int((possible >= min(LEAST_HIDDEN, test.theta0.entity.shape[1])).sum())
@@ -237,14 +237,15 @@ def compare(
     draws = test.hide(most_hidden)
     if draws is None:
         return None
-    scale = scales[0]
+    scale, measured = scales[0], list[Candidate | None]()
     if len(scales) > 1 and affordable >= len(scales):
         measures = {each: draws.with_scale(each).measure(*settings[0]) for each in scales}
         by_scale = {each: result for each, result in measures.items() if result is not None}
         scale = max(by_scale, key=lambda each: value(by_scale[each], tolerance), default=scale)
+        draws, measured = draws.with_scale(scale), [measures[scale]]
         affordable -= len(scales) - 1
-    draws = draws if scale is scales[0] else draws.with_scale(scale)
-    measured = [draws.measure(each, options) for each, options in settings[:affordable]]
+    others = settings[len(measured) : affordable]
+    measured += [draws.measure(each, options) for each, options in others]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
         return None
@@ -262,13 +263,13 @@ def compare(
 
 
 def ordered_settings(
-    initializers: Sequence[Registered], test: HoldOut
+    initializers: Sequence[Registered], test: HoldOut, work: Mapping[str, float]
 ) -> list[tuple[Registered, dict[str, object]]]:
     """Initializers with options, in the order in which a budget is spent: the first with its
     defaults, means by their work, the first with other options, all others.
     """
     first, *others = initializers
-    others.sort(key=lambda each: work_of(each, test))
+    others.sort(key=lambda each: work[each.name])
     cheap = [each for each in others if each.cost != "newton"]
     dear = [each for each in others if each.cost == "newton"]
     settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
@@ -320,9 +321,9 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
     if test.theta0.model.linear:
         step = min(triples, CURVED) * dimension + PASSES_OF_STEP * triples
     else:
-        by_score = PASSES_OF_SCORE * multiplications(test.theta0) / dimension
-        step = triples * (dimension + ELEMENTWISE + by_score)
-        ranking += 2 * QUERIES * entities * multiplications(test.theta0)
+        by_score = multiplications(test.theta0)
+        step = triples * (dimension + ELEMENTWISE + PASSES_OF_SCORE * by_score / dimension)
+        ranking += 2 * QUERIES * entities * by_score
     return ranking + STEPS * step * dimension
 
 
