@@ -507,7 +507,7 @@ def test_the_page_of_this_repository_is_small() -> None:
     assert path.stat().st_size <= 1_200_000
     assert (
         len(re.findall(r"<[a-z]", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)))
-        <= 16_000
+        <= 15_000
     )
 
 

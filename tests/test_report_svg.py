@@ -70,3 +70,12 @@ def test_noise_of_another_processor_changes_no_figure() -> None:
         axes.fill_between([1, 2, 3], np.array([39.21, 44.12, 58.33]) * (1 + noise), [41, 46, 62])
         drawings.append(figures.rendered(canvas, "svg"))
     assert drawings[0] == drawings[1]
+
+
+def test_groups_without_attributes_are_left_out_and_others_stay() -> None:
+    nested = '<svg><g><g class="a"><g><path/></g></g></g></svg>'
+    assert figures.without_bare_groups('<g><g id="x"><g><path /></g></g></g>') == (
+        '<g id="x"><path /></g>'
+    )
+    assert figures.without_bare_groups("<g></g>") == ""
+    assert '<g class="a"><path/></g>' in figures.without_bare_groups(nested)

@@ -386,6 +386,19 @@ def rounded(svg: str) -> str:
     return re.sub(r' (?:d|x|y|width|height|transform)="[^"]*"', shorter, svg)
 
 
+def without_bare_groups(svg: str) -> str:
+    """An SVG without the groups that have no attribute, which are most of its elements."""
+    shown = list[bool]()
+
+    def tag(match: re.Match[str]) -> str:
+        if match[0] != "</g>":
+            shown.append(match[0] != "<g>")
+            return match[0] if shown[-1] else ""
+        return match[0] if shown.pop() else ""
+
+    return re.sub(r"<g(?: [^>]*)?>|</g>", tag, svg)
+
+
 def inline(svg: str, name: str) -> Markup:
     """A matplotlib SVG as a small element of the page;
     the prefix ``name`` makes its ids and classes unique within the page.
@@ -397,7 +410,8 @@ def inline(svg: str, name: str) -> Markup:
 
     body = svg[svg.index("<defs>") :]
     body = re.sub(r"<style .*?</style>|font-family: [^;\"]*;? ?", "", body)
-    body = re.sub(r' id="[a-z\d]+_\d+"|(?<= )xlink:|\n *(?=<)', "", body)
+    body = re.sub(r' id="[a-z\d.]+_\d+"|(?<= )xlink:|\n *(?=<)', "", body)
+    body = without_bare_groups(body)
     body = re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", body)
     body = re.sub(r'style="([^"]*)"', class_of, body)
     box = re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)[0]
