@@ -1,16 +1,27 @@
 """``isi.fit_new`` trains new rows alone; nearest entities and distance in ``Inserted`` by hand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import softplus
 
 import isi
+from isi.errors import InputError
+from isi.initializers.scale import Scale
 from isi.insertion.arguments import stack_of_one
+from isi.insertion.engine import queries_of
+from isi.insertion.inverses import both_ways, pack, unpack
+from isi.insertion.new_rows import CrossEntropy, LogOdds, NewRows, held_out_facts
 from isi.insertion.result import Inserted
 from isi.models.bilinear import DistMult
+from isi.models.distance import TransE
+from isi.models.scoring import TripleList
+from isi.models.stack import Embedding
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer
 from tests.small_embedding import (
     BETWEEN,
     ENTITIES,
@@ -200,3 +211,129 @@ def test_a_constraint_of_a_users_own_holds_for_new_rows(initializer: str | None)
     rows = torch.from_numpy(fitted[ENTITIES:])
     assert torch.equal(model.constrain(rows), rows)
     assert fitted[:ENTITIES].tobytes() == done.entities[:ENTITIES].tobytes()
+
+
+# Other losses, and when to stop
+
+
+def new_rows(theta: Embedding, known: np.ndarray, scale: Scale) -> NewRows:
+    """The last row of an embedding as a new entity."""
+    number = theta.entity.shape[1] - 1
+    settings = {"batch_size": 4, "learning_rate": 0.1, "weight_decay": 0.0, "max_epochs": 1}
+    of_known = replace(theta, entity=theta.entity[:, :number])
+    triples = torch.from_numpy(known)
+    everything = torch.ones(1, len(known), dtype=torch.bool)
+    return NewRows(
+        theta,
+        number,
+        known,
+        scale,
+        Optimizer(**settings),
+        Negatives(mode="sampled", ratio=1, head_pool="all"),
+        0,
+        queries_of(of_known, triples, everything, scale),
+    )
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+def test_the_gradient_of_cross_entropy_is_that_of_its_sum(inverse: bool) -> None:
+    """Written out query by query, with all answers that known queries have."""
+    theta = random_embedding(1, 5, 2, 8)
+    if inverse:
+        wide = random_embedding(1, 5, 4, 8)
+        theta = pack(replace(theta, relation=wide.relation))
+    known = np.array([[0, 0, 1], [0, 0, 2], [3, 1, 2], [1, 1, 0], [2, 0, 3]])
+    facts = np.array([[4, 0, 1], [3, 1, 4]])
+    rows = new_rows(theta, known, Scale("softmax"))
+    assert rows.queries is not None
+    loss = CrossEntropy.of(rows, both_ways_if(inverse, facts), rows.queries)
+    every = np.arange(len(loss.triples))
+    gradient = loss.gradient(unpack(theta), every)
+
+    new = theta.entity[0, 4].clone().requires_grad_()
+    entity = torch.cat([theta.entity[0, :4], new[None]])[None]
+    whole = replace(theta, entity=entity)
+    share = 2 / (2 * 5 / 4)  # facts by mean triples of a known entity
+    total = torch.zeros(())
+    tails = {(0, 0): [1, 2], (3, 1): [2], (1, 1): [0], (2, 0): [3]}
+    heads = {(0, 1): [0], (0, 2): [0], (1, 2): [3], (1, 0): [1], (0, 3): [2]}
+    for head, relation, tail in facts.tolist():
+        ids = torch.tensor([[head]]), torch.tensor([[relation]]), torch.tensor([[tail]])
+        for scores, answer in (
+            (whole.score_tails(*ids[:2])[0, 0], tail),
+            (whole.score_heads(*ids[1:])[0, 0], head),
+        ):
+            total = total + scores.logsumexp(0) - scores[answer]
+    for (given, relation), answers in tails.items():
+        scores = whole.score_tails(torch.tensor([[given]]), torch.tensor([[relation]]))[0, 0]
+        log_z = scores[answers].detach().logsumexp(0)
+        total = total + share * len(answers) * softplus(scores[4] - log_z)
+    for (relation, given), answers in heads.items():
+        scores = whole.score_heads(torch.tensor([[relation]]), torch.tensor([[given]]))[0, 0]
+        log_z = scores[answers].detach().logsumexp(0)
+        total = total + share * len(answers) * softplus(scores[4] - log_z)
+    total.backward()  # type: ignore[no-untyped-call]
+    torch.testing.assert_close(gradient[0, 0], new.grad, rtol=1e-4, atol=1e-5)
+
+
+def both_ways_if(inverse: bool, triples: np.ndarray) -> np.ndarray:
+    return both_ways(torch.from_numpy(triples)).numpy() if inverse else triples
+
+
+def test_log_odds_have_the_gradient_of_slope_and_border() -> None:
+    theta = random_embedding(1, 4, 2, 6, model=TransE(margin=1.0))
+    model = LogOdds(theta.model, 2.5, -0.5)
+    triples = TripleList((1, 2, 4), *torch.tensor([[0, 0], [0, 3], [1, 0], [2, 1]]))
+    entity = theta.entity.clone().requires_grad_()
+    head, relation, tail = triples.head[None], triples.relation[None], triples.tail[None]
+    scores = Embedding(entity, theta.relation, theta.model).score(head, relation, tail)
+    (expected,) = torch.autograd.grad((2.5 * scores - 0.5).square().sum() / 2, entity)
+    odds, backward = model.scores(theta.entity, theta.relation, triples)
+    torch.testing.assert_close(odds, 2.5 * scores.detach()[0] - 0.5)
+    torch.testing.assert_close(backward(odds)[0], expected)
+
+
+@pytest.mark.parametrize("loss", ["softmax", "margin", "logistic"])
+def test_every_loss_pulls_new_entities_to_their_facts(loss: Any) -> None:
+    wide = random_embedding(1, ENTITIES, len(BETWEEN), 32)
+    tables = {"entities": wide.entity[0].numpy(), "relations": wide.relation[0].numpy()}
+    done = call(initializer="mean", **tables)
+    how: dict[str, Any] = {"known_triples": KNOWN_TRIPLES, "loss": loss, "epochs": 60}
+    fitted = fit(done, **how)
+    assert fitted[0][:ENTITIES].tobytes() == done.entities[:ENTITIES].tobytes()
+    assert margins(*fitted, done).mean() > margins(done.entities, done.relations, done).mean() + 0.5
+
+
+def test_a_start_that_cannot_be_bettered_stays() -> None:
+    """All facts rank first already, and nothing else is to be learned."""
+    entities = np.array([[9.0], [9.0], [9.0], [-9.0], [9.0]], np.float32)
+    alike = [0, 1, 2, 4]
+    triples = [(head, 0, tail) for head in alike for tail in alike]
+    given: dict[str, Any] = {
+        "triples": [triple for triple in triples if 4 in triple],
+        "known_triples": [triple for triple in triples if 4 not in triple],
+        "new": 1,
+        "model": "distmult",
+        "epochs": 5,
+    }
+    relations = np.ones((1, 1), np.float32)
+    fitted, _ = isi.fit_new(entities, relations, **given)
+    np.testing.assert_array_equal(fitted, entities)
+    moved, _ = isi.fit_new(entities, relations, early_stopping=False, **given)
+    assert moved[4] != entities[4]
+
+
+def test_one_fact_of_each_entity_with_three_is_held_out() -> None:
+    triples = np.array([(5, 0, 0), (1, 0, 5), (5, 1, 2), (6, 0, 0), (6, 0, 1), (5, 0, 6)])
+    for seed in range(5):
+        mask = held_out_facts(triples, 5, seed)
+        assert mask.sum() == 1
+        assert mask[:3].any()
+    assert len({int(held_out_facts(triples, 5, seed).argmax()) for seed in range(20)}) == 3
+
+
+def test_what_a_loss_needs_is_said() -> None:
+    done = call(initializer="mean")
+    for wrong in ({"loss": "softmax"}, {"loss": "hinge"}, {"loss": "softmax", "all_epochs": 2}):
+        with pytest.raises(InputError, match=r"argument '(loss|known_triples|all_epochs)'"):
+            fit(done, **({"known_triples": None} | wrong))

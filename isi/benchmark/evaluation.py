@@ -11,8 +11,6 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError, short
-from isi.evaluation.filtered import ahead, end_queries
-from isi.graph.graph import Graph
 from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.insertion.result import Inserted
 from isi.models.model import Model
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 #: Values of ``asked``: the answer is the known or the hidden end of a query triple, or an end of an
 #: earlier triple.
 ASKED = ("known", "hidden", "earlier")
-BUDGET = 2**24  #: Maximum number of scores in one table.
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,21 +133,6 @@ def _of_pykeen(model: Any, factory: Any) -> NamedEmbedding:
     embedding = pack(embedding) if model.use_inverse_triples else embedding
     names = (None, None) if factory is None else checked_labels(model, factory)
     return NamedEmbedding(embedding, *names)
-
-
-def end_ranks(theta: Embedding, graph: Graph, ids: Tensor) -> Tensor:
-    """Ranks of the heads, then of the tails, of a graph's triples ``ids``, (Q,), among all entities
-    of one embedding; shape (2, Q), float64.
-
-    Filtered by the graph's triples, and realistic: a tie counts ½.
-    """
-    number, ranks = theta.entity.shape[1], [torch.zeros(2, 0, dtype=torch.float64)]
-    for part in torch.split(ids, max(1, BUDGET // (2 * number))) if len(ids) else ():
-        queries = end_queries(graph, part[None])
-        scores = queries.scores(theta, theta.entity)
-        answer = scores.gather(-1, queries.answers[..., None])[..., 0]
-        ranks.append(1 + ahead(scores, answer, ~queries.right)[:, 0].double())
-    return torch.cat(ranks, 1)
 
 
 def ranks_frame(

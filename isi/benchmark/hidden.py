@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from isi.benchmark.evaluation import Evaluation, end_ranks, evaluation_of, ranks_frame, read
+from isi.benchmark.evaluation import Evaluation, evaluation_of, ranks_frame, read
 from isi.benchmark.graphs import graph_of, unweighted
 from isi.benchmark.split import SplitIds, split_ids
 from isi.config import Count, Fraction, Seed, check
 from isi.errors import extra
+from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
 from isi.insertion.arguments import Names, naming_argument, triples_of
 from isi.random import stream

@@ -15,6 +15,8 @@ from isi.evaluation.ranking import TIE
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.models.stack import Embedding, rows
 
+BUDGET = 2**24  #: Maximum number of scores in one table.
+
 
 @dataclass(frozen=True)
 class EndQueries:
@@ -69,6 +71,21 @@ def ahead(scores: Tensor, answer: Tensor, wrong: Tensor) -> Tensor:
     """
     above, not_below = compare_with(scores, answer)
     return ((above & wrong).count_nonzero(dim=-1) + (not_below & wrong).count_nonzero(dim=-1)) / 2
+
+
+def end_ranks(theta: Embedding, graph: Graph, ids: Tensor) -> Tensor:
+    """Ranks of the heads, then of the tails, of a graph's triples ``ids``, (Q,), among all entities
+    of one embedding; shape (2, Q), float64.
+
+    Filtered by the graph's triples, and realistic: a tie counts ½.
+    """
+    number, ranks = theta.entity.shape[1], [torch.zeros(2, 0, dtype=torch.float64)]
+    for part in torch.split(ids, max(1, BUDGET // (2 * number))) if len(ids) else ():
+        queries = end_queries(graph, part[None])
+        scores = queries.scores(theta, theta.entity)
+        answer = scores.gather(-1, queries.answers[..., None])[..., 0]
+        ranks.append(1 + ahead(scores, answer, ~queries.right)[:, 0].double())
+    return torch.cat(ranks, 1)
 
 
 def random_ranks(wrong: Tensor, queries: EndQueries) -> Tensor:

@@ -133,11 +133,18 @@ def corrupted_known(context: InitContext, weight: float) -> Evidence:
 
 
 def complete(context: InitContext) -> Tensor:
+    """s of the novel entities of a context (``share_known``); shape (M, n)."""
+    numbers = context.trained.sum(-1), context.known.sum(-1)
+    return share_known(context.observed.sum(-1), *numbers)
+
+
+def share_known(insert_triples: Tensor, trained: Tensor, known: Tensor) -> Tensor:
     """s = min(1, insert triples / mean training triples of an entity): how much of a novel entity
-    is known; shape (M, n).
+    is known, by numbers of insert triples, (M, n), training triples, (M,), and known entities,
+    (M,); shape (M, n), float64.
     """
-    mean = 2 * context.trained.sum(-1).double() / context.known.sum(-1).double()
-    return (context.observed.sum(-1) / mean[:, None]).nan_to_num(0).clamp(max=1)
+    mean = 2 * trained.double() / known.double()
+    return (insert_triples / mean[:, None]).nan_to_num(0).clamp(max=1)
 
 
 def spread(weight: Tensor, most: int) -> tuple[Tensor, Tensor]:

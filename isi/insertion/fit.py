@@ -10,13 +10,16 @@ import torch
 
 from isi.config import Seed, check
 from isi.errors import InputError, short
+from isi.initializers.scale import fit_scale
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, TripleForms, stack_of_one, table
-from isi.insertion.engine import trained_session
+from isi.insertion.engine import queries_of, trained_session
+from isi.insertion.new_rows import NewRows, best_epochs
+from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import NotFinite, without_denormals
-from isi.training.batches import Negatives, is_dense, training_data
-from isi.training.trainer import Optimizer, train
+from isi.models.stack import Embedding, NotFinite, without_denormals
+from isi.training.batches import Negatives, is_dense
+from isi.training.trainer import Optimizer
 
 
 @without_denormals()
@@ -37,13 +40,18 @@ def fit_new(
     weight_decay: float = 0.001,
     batch_size: int = 2048,
     ratio: int = 9,
+    loss: Loss = "logistic",
+    early_stopping: bool = True,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Train the rows of new entities while all other rows are frozen;
     then, optionally, train all rows.
 
-    Loss, negatives and optimizer are the pipeline's: logistic loss, corrupted heads, tails and
-    relations, Adagrad.
+    By default, the loss is the pipeline's: logistic loss, with corrupted heads, tails and
+    relations. With ``softmax`` it is cross-entropy over all entities; with ``margin`` or
+    ``self-adversarial``, logistic loss of scores whose slope and border are fitted to the known
+    triples. Known triples, if given, hold new entities where they would be wrong answers: without
+    them, nothing keeps new rows from outranking earlier answers. The optimizer is Adagrad.
 
     Args:
         entities: vectors of known, then of new entities, as ``insert`` returns them; shape
@@ -54,13 +62,16 @@ def fit_new(
         model: see ``insert``; also ``model_options`` and ``relation_names``. ``entity_names``: all
             E + n names.
         known_triples: triples of known entities, which are trained on too; required if
-            ``all_epochs`` > 0.
-        epochs: number of epochs that change new rows only; ``all_epochs``: number of later epochs
-            on both tables.
+            ``all_epochs`` > 0, and with any ``loss`` but the logistic one.
+        epochs: largest number of epochs that change new rows only; ``all_epochs``: number of later
+            epochs on both tables, not with ``softmax``.
         learning_rate: step size of Adagrad; ``weight_decay`` · parameters is added to each
             gradient.
         batch_size: triples per update; ``ratio``: number of corrupted heads, of tails and of
-            relations per triple.
+            relations per triple, except with ``softmax``.
+        loss: the loss that the embedding was trained with (see ``insert``).
+        early_stopping: choose the number of epochs, perhaps 0, by the ranks of held-out facts, one
+            of each new entity that has at least three with known entities; then train on all.
         seed: root seed of batches and negatives.
 
     Returns:
@@ -79,6 +90,7 @@ def fit_new(
     """
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")
+    check(loss, Loss, "", "argument 'loss'")  # type: ignore[arg-type]
     rows = table(entities, "entities")
     if not arguments.is_whole(new) or not 0 < new < len(rows):
         raise InputError(
@@ -98,33 +110,53 @@ def fit_new(
             all_epochs > 0 and not len(given.known_triples),
             "expected 'known_triples' too: without them the known rows would be forgotten",
         ),
+        (
+            "all_epochs",
+            all_epochs > 0 and loss == "softmax",
+            "expected 0 with the loss 'softmax': all rows are trained with other losses alone",
+        ),
+        (
+            "known_triples",
+            loss != "logistic" and not len(given.known_triples),
+            f"expected known triples, which say what scores mean after training with {loss!r}",
+        ),
     ):
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
     theta = stack_of_one(rows, given.relations, given.model)
-    session = trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {
         "batch_size": batch_size,
         "learning_rate": learning_rate,
         "weight_decay": weight_decay,
-        "new_rows_first": epochs,
         "max_epochs": epochs + all_epochs,
     }
-    sampling = {
-        "mode": "expected" if is_dense(session.graph) else "sampled",
-        "ratio": ratio,
-        "head_pool": "unseen",
-    }
-    optimizer = check(settings, Optimizer, "", "fit_new")
-    negatives = check(sampling, Negatives, "", "fit_new")
-    novel = torch.arange(known, len(rows))[None]
-    keys = torch.tensor([[len(rows), len(rows) - known]])
-    data = training_data(session, "fine-tuning", keys, negatives.head_pool, novel)
+    dense = is_dense(trained_session(given.known_triples, theta).graph)
+    mode = "expected" if dense else "sampled"
+    sampling = {"mode": mode, "ratio": ratio, "head_pool": "unseen"}
+    of_known = Embedding(theta.entity[:, :known], theta.relation, theta.model)
+    triples_known = torch.from_numpy(given.known_triples)
+    scale = fit_scale(of_known, triples_known, loss)
+    trained = torch.ones(1, len(triples_known), dtype=torch.bool)
+    new_rows = NewRows(
+        theta,
+        known,
+        given.known_triples,
+        scale,
+        check(settings, Optimizer, "", "fit_new"),
+        check(sampling, Negatives, "", "fit_new"),
+        seed,
+        queries_of(of_known, triples_known, trained, scale),
+    )
     try:
-        trained = train(theta, data, negatives, optimizer, seed)
+        if early_stopping and epochs:
+            epochs = best_epochs(new_rows, given.triples, epochs)
+        if all_epochs:
+            fitted = new_rows.fit_all(given.triples, epochs, all_epochs)
+        else:
+            fitted = new_rows.fit(given.triples, epochs)
     except NotFinite as error:
         raise InputError("fit_new", "", error.message) from error
-    vectors = trained.entity[0].numpy().astype(rows.dtype)
+    vectors = fitted.entity[0].numpy().astype(rows.dtype)
     if not all_epochs:
         return np.concatenate([rows[:known], vectors[known:]]), given.relations.copy()
-    return vectors, trained.relation[0].numpy().astype(given.relations.dtype)
+    return vectors, fitted.relation[0].numpy().astype(given.relations.dtype)

@@ -15,9 +15,10 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion import fit
 from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
-from isi.insertion.inverses import both_ways
+from isi.insertion.inverses import pack
+from isi.models.losses import Loss
 from isi.pykeen.insertion import checked_labels, labelled, of_result
-from isi.pykeen.reading import PykeenModel, copied, read_model, stored, tables_of
+from isi.pykeen.reading import PykeenModel, copied, loss_of, read_model, stored, tables_of
 
 
 def fit_new(
@@ -32,6 +33,8 @@ def fit_new(
     batch_size: int = 2048,
     ratio: int = 9,
     margin: float | None = None,
+    loss: Loss | None = None,
+    early_stopping: bool = True,
     seed: int = 0,
 ) -> PykeenModel:
     """Train the vectors of new entities in a copy of an enlarged model, by ``isi.fit_new``.
@@ -44,7 +47,9 @@ def fit_new(
             entities in them are new that have no other triple in the factory.
         new: labels or ids of the entities to train, or the number of the last ones. They are
             trained on their triples in ``factory`` and ``triples``.
-        margin: see ``insert``; the other arguments are those of ``isi.fit_new``.
+        margin: see ``insert``; the other arguments are those of ``isi.fit_new``, whose known
+            triples are all others in ``factory``.
+        loss: None: that of the model, or logistic loss if it has none of ``isi.models.losses``.
 
     Returns:
         a copy of the model.
@@ -69,24 +74,28 @@ def fit_new(
         )
     known = factory.mapped_triples.numpy()
     ids = _new_ids(names, new, added, known)
-    about = np.concatenate([known, added])
-    about = about[np.isin(about[:, [HEAD, TAIL]], ids).any(1)]
     order = np.concatenate([np.setdiff1d(np.arange(names.number), ids), ids])  # new ones last
-    about[:, [HEAD, TAIL]] = np.argsort(order)[about[:, [HEAD, TAIL]]]
-    if model.use_inverse_triples:
-        about = both_ways(torch.from_numpy(about)).numpy()
+    every = np.unique(np.concatenate([known, added]), axis=0)
+    about = np.isin(every[:, [HEAD, TAIL]], ids).any(1)
+    every[:, [HEAD, TAIL]] = np.argsort(order)[every[:, [HEAD, TAIL]]]
     embedding = read_model(model, factory.mapped_triples, margin)
+    if loss is None:
+        loss = loss_of(model, embedding.model) or "logistic"
+    embedding = pack(embedding) if model.use_inverse_triples else embedding
     vectors, _ = fit.fit_new(
         embedding.entity[0].numpy()[order],
         embedding.relation[0].numpy(),
-        about,
+        every[about],
         new=len(ids),
         model=embedding.model,
+        known_triples=every[~about],
         epochs=epochs,
         learning_rate=learning_rate,
         weight_decay=weight_decay,
         batch_size=batch_size,
         ratio=ratio,
+        loss=loss,
+        early_stopping=early_stopping,
         seed=seed,
     )
     trained = copied(model)
