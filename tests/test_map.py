@@ -341,6 +341,12 @@ def test_entities_are_solved_alike_in_batches_of_any_size(
     torch.testing.assert_close(insert("map", of, **MEAN).vectors, expected)
 
 
+def test_an_optimum_does_not_depend_on_where_it_is_sought(of: InitContext) -> None:
+    expected = insert("map", of, **MEAN).vectors
+    elsewhere = replace(of, start=torch.randn(expected.shape))
+    torch.testing.assert_close(insert("map", elsewhere, **MEAN).vectors, expected)
+
+
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(
     name: str, options: dict[str, Option]

@@ -68,6 +68,8 @@ class InitContext:
     #: a further key for each novel entity, which then draws from a stream of its own; None: all
     #: novel entities of a model draw from one; shape: (M, n)
     entity_keys: Tensor | None = None
+    #: vectors of the round before, near which an optimum lies; shape: (M, n, d); None: first round
+    start: Tensor | None = None
 
     @property
     def worded(self) -> Tensor:

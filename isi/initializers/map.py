@@ -34,7 +34,8 @@ VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from w
 BUDGET = 2**20
 #: The same where entities share a crowd, whose products of matrices want many rows.
 LARGE_BUDGET = 2**23
-PASSES = 2  #: Number of times that likely wrong answers are chosen.
+#: Tolerance where each query has a log Z (nats): the next step would gain about its square.
+NEAR = 1e-3
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -101,6 +102,7 @@ def problem_of(
         score_of(theta0.model, *ends),
         slope=context.scale.slope,
         offset=of(offset) if isinstance(offset, Tensor) else offset,
+        start=None if context.start is None else of(context.start.double()),
         constrain=None if theta0.model.is_free else theta0.model.constrain,
     )
 
@@ -128,29 +130,26 @@ def most_probable(
 def _by_query(
     context: InitContext, queries: KnownQueries, prior: Tensor, strength: float, weight: float
 ) -> Tensor:
-    """MAP where each query has a log Z, (M, n, d), by ``PASSES``: each considers the answers to
-    queries about the novel entities that are likely with the vectors of the pass before.
+    """MAP where each query has a log Z, (M, n, d). Of the answers to queries about the novel
+    entities, those are listed that are likely where Newton's method starts.
     """
-    vectors, precision = prior.double(), strength * precision_of(context)
+    start = prior if context.start is None else context.start
+    near = evidence_by_query(context, queries, start.double(), weight)
+    precision = strength * precision_of(context)
     places = torch.arange(prior[..., 0].numel()).view(prior.shape[:2])
-    crowds = [crowd(context, queries, model, weight) for model in range(len(prior))]
-    for _ in range(PASSES):
-        near = evidence_by_query(context, queries, vectors, weight)
-        before, solved = vectors.flatten(0, 1), []
-        triples = near.other.shape[-1] + CURVED
-        batch = max(1, LARGE_BUDGET // (triples * prior.shape[-1]))
-        for model, of_model in enumerate(places):
-            for place in torch.split(of_model, batch):
-                novel, start = place - of_model[0], before[place]
-                problem = problem_of(context, near, prior, precision, place)
-                problem = replace(problem, start=start, about=near.about(model, novel))
-                shared = crowds[model]
-                if shared is not None:
-                    crowd_of = replace(shared, weight=shared.weight[novel])
-                    problem = replace(problem, crowd=crowd_of)
-                solved.append(newton(problem))
-        vectors = torch.cat(solved).view(vectors.shape)
-    return vectors
+    triples = near.other.shape[-1] + CURVED
+    batch = max(1, LARGE_BUDGET // (triples * prior.shape[-1]))
+    solved = []
+    for model, of_model in enumerate(places):
+        shared = crowd(context, queries, model, weight)
+        for place in torch.split(of_model, batch):
+            novel = place - of_model[0]
+            problem = problem_of(context, near, prior, precision, place)
+            problem = replace(problem, about=near.about(model, novel), tolerance=NEAR)
+            if shared is not None:
+                problem = replace(problem, crowd=replace(shared, weight=shared.weight[novel]))
+            solved.append(newton(problem))
+    return torch.cat(solved).view(prior.shape)
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
@@ -163,6 +162,7 @@ Prior = Literal["soft_hybrid", "soft_rs", "er_avg", "kind_mean", "mean"]
 #: the best guess first: prior, strength, known_negatives, ratio.
 _COMPARED: list[tuple[Prior, float, float, int]] = [
     ("soft_rs", 0.3, 1.0, 1),
+    ("er_avg", 1.0, 2.0, 1),
     ("soft_hybrid", 1.0, 3.0, 3),
     ("er_avg", 5.0, 5.0, 1),
     ("mean", 0.2, 1.0, 1),

@@ -18,8 +18,7 @@ STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is 
 #: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
 #: one multiple of the unit matrix with their trace.
 CURVED = 2**10
-#: A step is the last if twice its predicted gain of log-probability is at most this.
-TOLERANCE = 1e-6
+TOLERANCE = 1e-6  #: Nats; see ``Problem.tolerance``.
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
 CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
@@ -134,6 +133,8 @@ class Problem:
     about: QueryLoss | None = None
     crowd: Crowd | None = None
     start: Tensor | None = None  #: where Newton's method starts, (B, d); None: at μ
+    #: a step is the last if twice its predicted gain of log-probability is at most this
+    tolerance: float = TOLERANCE
     #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
     constrain: Callable[[Tensor], Tensor] | None = None
 
@@ -200,7 +201,7 @@ def newton(problem: Problem) -> Tensor:
         share, decrease = step_size(problem, at, odds, step)
         there = problem.allowed(at + share[:, None] * step)
         at = torch.where(active[:, None], there, at)
-        active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
+        active &= (gain > problem.tolerance) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
         odds, slopes = problem.log_odds(at), problem.slopes(at)

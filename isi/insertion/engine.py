@@ -106,7 +106,8 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     result = None
     for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
         usable = _fit_new_relations(novel, has_vector)
-        result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable])
+        again = bool(has_vector[ids].all())
+        result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable], again)
         if result is not None and novel.has_rows:
             novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
@@ -139,14 +140,16 @@ def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarr
 
 
 def _in_batches(
-    novel: NovelEntities, method: Method, ids: Tensor, triples: np.ndarray
+    novel: NovelEntities, method: Method, ids: Tensor, triples: np.ndarray, again: bool
 ) -> InitResult | None:
-    """Insert the novel entities ``ids``, (m,), from their ``triples``, (T, 3), batch by batch."""
+    """Insert the novel entities ``ids``, (m,), from their ``triples``, (T, 3), batch by batch;
+    ``again``: they have vectors of an earlier round.
+    """
     _, relations, width = novel.theta.relation.shape
     _, entities, dimension = novel.theta.entity.shape
     most = max(1, BUDGET // max(entities, relations * dimension))
     parts = batches(ids, triples, most, max(relations, width, dimension))
-    results = [method.initialize(context_for(novel, part, triples)) for part in parts]
+    results = [method.initialize(context_for(novel, part, triples, again)) for part in parts]
     if len(results) < 2:
         return results[0] if results else None
     order = torch.argsort(torch.cat(parts))
@@ -217,9 +220,12 @@ def layers(triples: np.ndarray, known: int, number: int) -> np.ndarray:
     return np.where(layer < number, layer, 0)
 
 
-def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitContext:
+def context_for(
+    novel: NovelEntities, ids: Tensor, triples: np.ndarray, again: bool = False
+) -> InitContext:
     """What an initializer sees of the novel entities ``ids``, (m,), ascending, and their
-    ``triples``, (T, 3). Other novel entities may have vectors; they are no candidates.
+    ``triples``, (T, 3). Other novel entities may have vectors; they are no candidates. These have
+    vectors themselves if they are inserted ``again``.
 
     Without known triples, all known entities are eligible.
     """
@@ -260,6 +266,7 @@ def context_for(novel: NovelEntities, ids: Tensor, triples: np.ndarray) -> InitC
         by_kind=novel.kinds is not None,
         scale=novel.scale,
         queries=novel.queries,
+        start=novel.theta.entity[:, ids] if again else None,
     )
 
 

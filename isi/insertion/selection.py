@@ -17,10 +17,12 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
 from isi.initializers.newton import CURVED
+from isi.initializers.scale import QUERIES as KNOWN_QUERIES
 from isi.initializers.scale import Scale
+from isi.initializers.softmax import CANDIDATES
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
-from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HoldOut
+from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HiddenDraws, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.model import Model
 from isi.models.stack import Embedding
@@ -47,6 +49,8 @@ ELEMENTWISE = 300
 PASSES_OF_SCORE = 6
 SCORED = 8  #: Number of triples of which the work of a score is measured.
 PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
+READS = 4  #: The same of known queries with cross-entropy, and of likely answers.
+STARTED = 0.7  #: Work of an optimum that is sought near another one, by that of the first one.
 #: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
 PRICE = 20.0
 #: Soft RS is named in a warning where it answers so much better than the selected candidate, and
@@ -224,12 +228,13 @@ def compare(
     """
     work = {each.name: work_of(each, test) for each in initializers}
     settings = ordered_settings(initializers, test, work)
-    first = settings[0][0]
+    first, starts = settings[0][0], test.theta0.model.linear
     scales = test.scales if first.cost == "newton" else test.scales[:1]
-    tried = [first] * (len(scales) - 1) + [each for each, _ in settings]
-    total = np.cumsum([work[each.name] for each in tried])
+    each = [work[first.name]] * len(scales)
+    for other, _ in settings[1:]:
+        each.append(work[other.name] * (STARTED if starts and other.cost == "newton" else 1))
     # number of hidden entities that the budget allows, for each number of candidates
-    possible = (budget * RATE - OVERHEAD * np.arange(1, len(tried) + 1)) / total
+    possible = (budget * RATE - OVERHEAD * np.arange(1, len(each) + 1)) / np.cumsum(each)
     affordable = int((possible >= min(LEAST_HIDDEN, test.theta0.entity.shape[1])).sum())
     if not affordable:
         return None
@@ -237,15 +242,10 @@ def compare(
     draws = test.hide(most_hidden)
     if draws is None:
         return None
-    scale, measured = scales[0], list[Candidate | None]()
-    if len(scales) > 1 and affordable >= len(scales):
-        measures = {each: draws.with_scale(each).measure(*settings[0]) for each in scales}
-        by_scale = {each: result for each, result in measures.items() if result is not None}
-        scale = max(by_scale, key=lambda each: value(by_scale[each], tolerance), default=scale)
-        draws, measured = draws.with_scale(scale), [measures[scale]]
-        affordable -= len(scales) - 1
-    others = settings[len(measured) : affordable]
-    measured += [draws.measure(each, options) for each, options in others]
+    scales = scales[: 1 if affordable < len(scales) else None]
+    draws, candidate = measured_with(draws, scales, settings[0], tolerance)
+    others = settings[1 : affordable - len(scales) + 1]
+    measured = [candidate, *(draws.measure(*setting) for setting in others)]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
         return None
@@ -257,9 +257,32 @@ def compare(
         queries=int(draws.about.counted.sum()),
         most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
-        scale=scale,
+        scale=draws.context.scale,
         loss_unknown=len(test.scales) > 1,
     )
+
+
+def measured_with(
+    draws: HiddenDraws,
+    scales: Sequence[Scale],
+    setting: tuple[Registered, Mapping[str, object]],
+    tolerance: float,
+) -> tuple[HiddenDraws, Candidate | None]:
+    """The draws with the scale by which an initializer with options is best, and its measures;
+    with a linear score, optima are then sought near its vectors.
+    """
+    initializer, given = setting
+    best: tuple[HiddenDraws, Candidate | None] = draws.with_scale(scales[0]), None
+    for scale in scales:
+        of_scale = draws.with_scale(scale)
+        inserted = of_scale.insert(initializer, given)
+        if inserted is None:
+            continue
+        candidate = of_scale.measured(initializer.name, *inserted)
+        if best[1] is None or value(candidate, tolerance) > value(best[1], tolerance):
+            is_linear = draws.context.theta0.model.linear
+            best = of_scale.starting_at(inserted[1]) if is_linear else of_scale, candidate
+    return best
 
 
 def ordered_settings(
@@ -312,11 +335,12 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
         return ranking + entities**2 * (1 if test.words is None else test.words.shape[1])
     if initializer.cost == "entities":
         return ranking + 4 * entities * dimension
-    numbers_of_triples = (
-        test.numbers.mean() * entities,
-        test.numbers.mean() * test.theta0.relation.shape[1],
-        2 * len(test.triples),
-    )
+    mean, known = float(test.numbers.mean()), len(test.triples)
+    if test.scales[0].by_query:
+        likely = mean * CANDIDATES
+        step = 2 * CURVED * dimension + READS * (likely + min(known, KNOWN_QUERIES))
+        return ranking + STEPS * step * dimension
+    numbers_of_triples = mean * entities, mean * test.theta0.relation.shape[1], 2 * known
     triples = sum(min(SAMPLE, number) for number in numbers_of_triples)
     if test.theta0.model.linear:
         step = min(triples, CURVED) * dimension + PASSES_OF_STEP * triples
