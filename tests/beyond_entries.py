@@ -15,7 +15,9 @@ TRAINING = {
     "dimension": 4,
     "batch_size": 64,
     "learning_rate": 0.05,
+    "loop": "slcwa",
     "negatives": 2,
+    "inverse_triples": False,
     "valid": 0.1,
     "max_epochs": 4,
     "frequency": 2,
@@ -34,6 +36,7 @@ HIDDEN: dict[str, Any] = {
     "initializers": ["mean"],
     "training": TRAINING,
     "epochs": 3,
+    "train_all_rows": True,
 }
 SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
 WORDS = {"source": "shipped", "text": "phrase", "sha256": None}

@@ -108,7 +108,9 @@ ROWS: dict[Table, dict[str, Any]] = {
     HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"],
                       "initializer": ["es", "es", None], "told": [1, None, None], "seed": [0, 0, 1],
                       "asked": ["known", "hidden", "earlier"], "entities": 5, "queries": [4, 4, 9],
-                      "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},
+                      "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0],
+                      "trained_with": ["softmax", "logistic", None],
+                      "estimated_loss": [None, None, 0.01]},
     RANKS: {**INSERTED_MODELS, "triple": 7, "hidden": ["head", "relation", "tail"],
             "relation": "in", "split": ["train", "valid", "test"], "novel": [0, 1, 1],
             "count": [1, 2**40, 3], **{f"closeness_{which}_{truth}": [0.5, 1.0, 1 / 3]

@@ -17,6 +17,14 @@ from isi.tables import paths
 from tests.beyond_entries import HIDDEN, ROOT, TRAINING, copy_pipelines, list_entries
 from tests.small_graphs import random_graph
 
+#: Cross-entropy over all entities, with inverse triples.
+CROSS_ENTROPY = TRAINING | {
+    "model_options": {"entity_initializer": "xavier_uniform"},
+    "loss": "crossentropy",
+    "loop": "lcwa",
+    "negatives": None,
+    "inverse_triples": True,
+}
 ENTITIES, RELATIONS = 30, 3
 GRAPH = random_graph(ENTITIES, RELATIONS, 200)
 
@@ -41,6 +49,8 @@ def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
         ({"fewest": 1}, "fewest: "),
         ({"initializers": ["best"]}, "initializers: expected names among "),
         ({"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
+        ({"training": TRAINING | {"loop": "lcwa"}}, "training: expected negatives with the loop"),
+        ({"training": TRAINING | {"negatives": None}}, "training: expected negatives with the"),
     ],
 )
 def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -> None:
@@ -52,13 +62,19 @@ def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -
 # With PyKEEN
 
 
-def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple() -> None:
+@pytest.mark.parametrize(
+    ("training", "trained_with"), [(TRAINING, "logistic"), (CROSS_ENTROPY, "softmax")]
+)
+def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
+    training: dict[str, Any], trained_with: str
+) -> None:
     pytest.importorskip("pykeen")
     from isi.extras.hidden_in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
-    answers, seconds = hidden_in(points, words, settings_of(), "hidden.ring", 0)
+    settings = settings_of(training=training)
+    answers, seconds = hidden_in(points, words, settings, "hidden.ring", 0)
     methods = ["insert", "mean", "own", "insert_new_rows", "own_new_rows", "own_all_rows"]
     before = answers[answers["method"] == "nothing"]
     assert list(before["asked"]) == ["earlier"]
@@ -69,8 +85,23 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
         assert list(inserted) == [name for name in expected for _ in range(3)]
     assert answers.loc[answers["method"] == "insert", "initializer"].notna().all()
     assert answers["mrr"].between(0, 1).all()
+    default = answers["method"] == "insert"
+    assert set(answers.loc[default, "trained_with"]) == {trained_with}
+    estimated = answers["estimated_loss"].notna()
+    assert (estimated == (default & (answers["asked"] == "earlier"))).all()
     assert (seconds["seconds"] > 0).all()
     assert len(answers[answers["method"] == "own"].drop(columns="told").drop_duplicates()) == 3
+
+
+def test_a_large_graph_can_leave_out_the_training_of_all_rows() -> None:
+    pytest.importorskip("pykeen")
+    from isi.extras.hidden_in_pykeen import hidden_in
+
+    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
+    settings = settings_of(train_all_rows=False, max_insert_triples=[None])
+    answers, seconds = hidden_in(points, None, settings, "hidden.ring", 0)
+    for table in (answers, seconds):
+        assert not {"own_all_rows", "retrained"} & set(table["method"])
 
 
 def test_the_stage_writes_the_same_with_any_number_of_workers(
@@ -101,7 +132,14 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"model": "complexx"}, {"loss": "softplush"}, {"loss_options": {"bias": 1.0}}]
+    "wrong",
+    [
+        {"model": "complexx"},
+        {"model_options": {"bias": 1.0}},
+        {"model_options": {"entity_initializer": "xavier_unifrom"}},
+        {"loss": "softplush"},
+        {"loss_options": {"bias": 1.0}},
+    ],
 )
 def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
     pytest.importorskip("pykeen")

@@ -2,6 +2,7 @@
 
 import ast
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,18 @@ import pytest
 import torch
 import yaml
 
+from isi.config import check
 from isi.errors import InputError
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
+from isi.extras.hidden_entities import Hidden
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.graph.words import read_vectors
 from isi.params import load
 from isi.sources.triples import shipped_names
 from isi.tables import paths
+from tests.beyond_entries import HIDDEN
 from tests.small_graphs import points_of, random_embedding, random_graph
 from tools import headline, repro, wordnet, workspace
 from tools.choose_initializers import about, hide, settings_of
@@ -344,32 +348,89 @@ def test_options_in_params_are_compared_first_and_once() -> None:
     assert [options["fraction"] for _, options in settings[1:]] == [0.25, 0.1, 0.5, 1.0]
 
 
-def test_the_comparison_of_hidden_entities_by_hand() -> None:
-    """Differences of known ends .1, .2 and .3:
-    mean .2, half width 4.303 · .1 / √3 = .248, so not significant.
+def hidden_results() -> pd.DataFrame:
+    """Three seeds. Known ends, default - retrained: .1, .2 and .3. Earlier triples lose .1 with one
+    fact, and .05 with all; estimated are .02 and .04. The mean initializer is .03 above.
     """
-    pytest.importorskip("pykeen")
-    from tools.hidden import by_seed, interval, loss, summary
-
-    rows = [("nothing", None, seed, "earlier", 0.5) for seed in range(3)]
+    rows = [("nothing", None, seed, "earlier", 0.5, None) for seed in range(3)]
     for seed, (default, again) in enumerate(((0.4, 0.3), (0.6, 0.4), (0.8, 0.5))):
-        for told in (1, None):
+        for told, after, estimate in ((1, 0.4, 0.02), (None, 0.45, 0.04)):
             rows += [
-                ("insert", told, seed, "known", default),
-                ("insert", told, seed, "earlier", 0.4 + 0.05 * (not told)),
+                ("insert", told, seed, "known", default, None),
+                ("insert", told, seed, "hidden", 0.2, None),
+                ("insert", told, seed, "earlier", after, estimate),
+                ("mean", told, seed, "known", default + 0.03, None),
+                ("mean", told, seed, "hidden", 0.1, None),
+                ("mean", told, seed, "earlier", 0.5, None),
             ]
         rows += [
-            ("retrained", None, seed, "known", again),
-            ("retrained", None, seed, "earlier", 0.5),
+            ("retrained", None, seed, "known", again, None),
+            ("retrained", None, seed, "hidden", 0.3, None),
+            ("retrained", None, seed, "earlier", 0.5, None),
         ]
-    results = pd.DataFrame(rows, columns=["method", "told", "seed", "asked", "mrr"]).astype(
-        {"told": "Int64"}
-    )
+    columns = ["method", "told", "seed", "asked", "mrr", "estimated_loss"]
+    return pd.DataFrame(rows, columns=columns).astype({"told": "Int64"})
+
+
+def test_the_comparison_of_hidden_entities_by_hand() -> None:
+    """Mean .2, half width 4.303 · .1 / √3 = .248, so not significant."""
+    pytest.importorskip("pykeen")
+    from tools.hidden import by_seed, compared, interval, loss, means_of, summary
+
+    results = hidden_results()
     mrr = by_seed(results)
     mean, half = interval(mrr.loc["insert"]["all", "known"] - mrr.loc["retrained"]["all", "known"])
     assert (mean, half) == pytest.approx((0.2, 0.2484), abs=1e-4)
     assert loss(mrr, "insert", "1").tolist() == pytest.approx([0.1] * 3)
-    text = summary({"one": mrr, "another": mrr})
+    settings = check(HIDDEN | {"max_insert_triples": [1, None]}, Hidden, "hidden.ring")
+    means = means_of(mrr, results, settings)
+    table = compared(mrr, means)
+    assert table["loss: estimated"].tolist() == ["0.020", "0.040"]
+    assert table["best named"].tolist() == ["0.630 (mean)"] * 2
+    assert table["misses"].tolist() == [
+        "loss +0.070; estimate -0.080; known ends -0.030",
+        "loss +0.030; known ends -0.030",
+    ]
+    text = summary({"one": mrr, "another": mrr}, {"one": means, "another": means})
     assert "in 0 of 2 studies" in text
-    assert "0.050" in text
-    assert "0.100 (one, facts: 1)" in text
+    assert "in 4 of 4 rows, at most by 0.070 (one, facts: 1)" in text
+    assert "in 2 of 4 rows, at most by 0.080 (one, facts: 1)" in text
+    assert text.endswith("after training from scratch in 0 of 2 rows.")
+
+
+def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:
+    pytest.importorskip("pykeen")
+    from tools.hidden import by_seed, compared, means_of, summary
+
+    results = hidden_results()
+    results = results[(results["seed"] == 0) & (results["method"] != "retrained")]
+    mrr = by_seed(results)
+    settings = check(HIDDEN | {"max_insert_triples": [None]}, Hidden, "hidden.ring")
+    means = means_of(mrr, results, settings)
+    (row,) = compared(mrr, means).to_dict("records")
+    assert (row["known ends: default"], row["retrained"]) == ("0.400", "")
+    assert "in 0 of 0 studies" in summary({"one": mrr}, {"one": means})
+
+
+@pytest.mark.parametrize(
+    ("changed", "missed"),
+    [
+        ({}, {}),
+        ({"loss": 0.025, "estimated": 0.02}, {"loss": 0.005}),
+        ({"facts": "3", "loss": 0.025, "estimated": 0.02}, {}),
+        ({"loss": 0.012, "estimated": 0.02}, {"estimate": 0.008}),
+        ({"loss": 0.02, "estimated": 0.01}, {"estimate": -0.01}),
+        ({"loss": -0.01, "estimated": 0.006}, {"estimate": 0.016}),
+        ({"loss": 0.005, "estimated": 0.0}, {}),
+        ({"loss": 0.01, "estimated": float("nan")}, {}),
+        ({"best": 0.53}, {"known ends": -0.03}),
+        ({"retrained": 0.501}, {"retraining": -0.001}),
+        ({"retrained": float("nan")}, {}),
+    ],
+)
+def test_misses_of_the_default_by_hand(changed: dict[str, Any], missed: dict[str, float]) -> None:
+    pytest.importorskip("pykeen")
+    from tools.hidden import Means, misses
+
+    met = Means("all", 0.5, 0.51, "map", 0.5, 0.01, 0.012)
+    assert misses(replace(met, **changed)) == pytest.approx(missed)

@@ -1,13 +1,15 @@
 """Write docs/benchmarks/hidden*.* from the results of the stage `insert_hidden`.
 
 ``hidden.csv`` compares the default of ``isi.pykeen.insert`` with the best initializer and with
-training from scratch, ``hidden_summary.md`` sums it up, and ``hidden_methods.csv`` has every
-method.
+training from scratch, and says which bars it misses; ``hidden_summary.md`` counts these misses, and
+``hidden_methods.csv`` has every method.
 """
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 from pykeen.models import model_resolver
 from scipy.stats import t
@@ -21,6 +23,34 @@ ALL = "all"
 #: Values of ``asked`` (known or hidden answers), and the first words of the titles of their
 #: columns.
 QUERIES = {"known": "known ends", "hidden": "hidden ones"}
+#: Names of losses in the tables, by PyKEEN's names.
+LOSSES = {
+    "softplus": "logistic",
+    "crossentropy": "cross-entropy",
+    "marginranking": "margin",
+    "nssa": "self-adversarial",
+}
+#: Bars of the default, in MRR. Largest loss of earlier triples with all facts, and with fewer.
+MOST_LOST, MOST_LOST_OF_FEW = 0.02, 0.03
+#: How far known ends may be below the best initializer.
+BELOW_BEST = 0.02
+#: Largest ratio of the estimated and the real loss, either way, unless both are small.
+RATIO, SMALL = 1.5, 0.005
+#: A sentence of the summary for each bar.
+SENTENCES = {
+    "loss": (
+        f"The loss of earlier triples exceeds its bar ({MOST_LOST:g} with all facts, else "
+        f"{MOST_LOST_OF_FEW:g})"
+    ),
+    "estimate": (
+        f"The estimated loss is off by more than a factor of {RATIO:g} (where one of both exceeds "
+        f"{SMALL:g})"
+    ),
+    "known ends": (
+        f"The MRR of known ends is more than {BELOW_BEST:g} below the best named initializer's"
+    ),
+    "retraining": "The MRR of known ends is below that after training from scratch",
+}
 
 
 def label(method: str, settings: Hidden) -> str:
@@ -37,9 +67,14 @@ def label(method: str, settings: Hidden) -> str:
     }.get(method, f"{insert}: {method}")
 
 
+def numbered(facts: float) -> str:
+    """A maximum number of insert triples as text; NaN: all."""
+    return ALL if pd.isna(facts) else f"{facts:.0f}"
+
+
 def by_seed(results: pd.DataFrame) -> pd.DataFrame:
     """MRR by seed: rows (method, seed), columns (maximum number of insert triples, ``asked``)."""
-    numbers = results["told"].map(lambda number: ALL if pd.isna(number) else f"{number:.0f}")
+    numbers = results["told"].map(numbered)
     rows = results.assign(told=numbers).astype({"method": str, "asked": str})
     table: pd.DataFrame = rows.pivot(
         index=["method", "seed"], columns=["told", "asked"], values="mrr"
@@ -48,12 +83,19 @@ def by_seed(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def interval(values: pd.Series) -> tuple[float, float]:
-    """Mean over seeds, and the half width of its 95 % interval (Student's t)."""
+    """Mean over seeds, and the half width of its 95 % interval (Student's t);
+    NaN with a single seed.
+    """
     return values.mean(), t.ppf(0.975, len(values) - 1) * values.sem()
 
 
 def with_interval(values: pd.Series) -> str:
-    return "{:.3f} ± {:.3f}".format(*interval(values))
+    mean, half = interval(values)
+    return f"{mean:.3f}" if np.isnan(half) else f"{mean:.3f} ± {half:.3f}"
+
+
+def number_or_blank(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.3f}"
 
 
 def loss(mrr: pd.DataFrame, method: str, number: str) -> pd.Series:
@@ -61,57 +103,129 @@ def loss(mrr: pd.DataFrame, method: str, number: str) -> pd.Series:
     return mrr.loc["nothing"][ALL, "earlier"] - mrr.loc[method][number, "earlier"]
 
 
+def estimated(results: pd.DataFrame, number: str) -> float:
+    """Mean over seeds of the loss that the selection of the default expects; NaN if none."""
+    numbers = results["told"].map(numbered)
+    return float(results.loc[numbers == number, "estimated_loss"].mean())
+
+
 def model_of(settings: Hidden) -> str:
-    return model_resolver.lookup(settings.training.model).__name__
+    """The model and the loss that it was trained with."""
+    training = settings.training
+    model = model_resolver.lookup(training.model).__name__
+    return f"{model}, {LOSSES.get(training.loss, training.loss)}"
 
 
-def compared(mrr: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
+@dataclass(frozen=True)
+class Means:
+    """Means over seeds for a number of facts; NaN: not measured."""
+
+    facts: str
+    known_ends: float  #: MRR with the default
+    best: float  #: the highest MRR of known ends with a named initializer
+    best_named: str  #: that initializer
+    retrained: float  #: MRR of known ends after training from scratch
+    loss: float  #: of the default
+    estimated: float  #: the loss that the selection of the default expects
+
+
+def means_of(mrr: pd.DataFrame, results: pd.DataFrame, settings: Hidden) -> list[Means]:
+    """For each number of facts."""
+    means = []
+    for number in (str(number or ALL) for number in settings.max_insert_triples):
+        ends = mrr[number, "known"].groupby("method").mean()
+        best = str(ends[settings.initializers].idxmax())
+        means.append(
+            Means(
+                number,
+                known_ends=ends["insert"],
+                best=ends[best],
+                best_named=best,
+                retrained=ends.get("retrained", np.nan),
+                loss=loss(mrr, "insert", number).mean(),
+                estimated=estimated(results, number),
+            )
+        )
+    return means
+
+
+def differences(means: Means) -> dict[str, float]:
+    """By bar: the loss above its bar; the estimated minus the real loss; the MRR of known ends
+    minus that of the best initializer, and minus that after training from scratch.
+    """
+    most = MOST_LOST if means.facts == ALL else MOST_LOST_OF_FEW
+    by_bar = {
+        "loss": means.loss - most,
+        "estimate": means.estimated - means.loss,
+        "known ends": means.known_ends - means.best,
+        "retraining": means.known_ends - means.retrained,
+    }
+    return {bar: difference for bar, difference in by_bar.items() if not np.isnan(difference)}
+
+
+def misses(means: Means) -> dict[str, float]:
+    """The ``differences`` of the bars that the default misses."""
+    low, high = sorted([means.estimated, means.loss])
+    is_missed = {
+        "loss": means.loss > (MOST_LOST if means.facts == ALL else MOST_LOST_OF_FEW),
+        "estimate": high > SMALL and high > RATIO * low,
+        "known ends": means.best - means.known_ends > BELOW_BEST,
+        "retraining": means.known_ends < means.retrained,
+    }
+    return {bar: value for bar, value in differences(means).items() if is_missed[bar]}
+
+
+def compared(mrr: pd.DataFrame, means: list[Means]) -> pd.DataFrame:
     """A row for each number of insert triples:
     the default, the best initializer and training from scratch.
     """
     rows = []
-    for number in (str(number or ALL) for number in settings.max_insert_triples):
-        ends = mrr[number, "known"].groupby("method").mean()
-        best, with_all = str(ends[settings.initializers].idxmax()), number == ALL
+    for row in means:
+        number, with_all = row.facts, row.facts == ALL and "retrained" in mrr.index
+        again = loss(mrr, "retrained", number).mean() if with_all else np.nan
         rows.append(
             {
                 "facts": number,
                 "known ends: default": with_interval(mrr.loc["insert"][number, "known"]),
-                "best named": f"{ends[best]:.3f} ({best})",
-                "retrained": f"{ends['retrained']:.3f}" if with_all else "",
+                "best named": f"{row.best:.3f} ({row.best_named})",
+                "retrained": number_or_blank(row.retrained),
                 "hidden ones: default": with_interval(mrr.loc["insert"][number, "hidden"]),
                 "earlier": f"{mrr.loc['nothing'][ALL, 'earlier'].mean():.3f}",
                 "loss: default": with_interval(loss(mrr, "insert", number)),
-                "best named's": f"{loss(mrr, best, number).mean():.3f}",
-                "retraining's": f"{loss(mrr, 'retrained', number).mean():.3f}" if with_all else "",
+                "loss: estimated": number_or_blank(row.estimated),
+                "best named's": f"{loss(mrr, row.best_named, number).mean():.3f}",
+                "retraining's": number_or_blank(again),
+                "misses": "; ".join(f"{bar} {by:+.3f}" for bar, by in misses(row).items()),
             }
         )
     return pd.DataFrame(rows)
 
 
-def summary(studies: Mapping[str, pd.DataFrame]) -> str:
-    """Sentences on the default; ``by_seed`` of each study by name."""
-    better, worse, losses = 0, 0, {}
-    for name, mrr in studies.items():
+def summary(studies: Mapping[str, pd.DataFrame], means: Mapping[str, list[Means]]) -> str:
+    """Sentences on the default; ``by_seed`` and ``means_of`` of each study by name."""
+    better = worse = several = 0
+    for mrr in studies.values():
+        if "retrained" not in mrr.index:
+            continue
         mean, half = interval(mrr.loc["insert"][ALL, "known"] - mrr.loc["retrained"][ALL, "known"])
+        several += not np.isnan(half)
         better, worse = better + (mean > half), worse + (mean < -half)
-        numbers = mrr.columns.get_level_values("told").unique()
-        losses |= {(name, number): loss(mrr, "insert", number).mean() for number in numbers}
-    of_all, of_few = (
-        max(
-            (lost, name, number)
-            for (name, number), lost in losses.items()
-            if (number == ALL) == with_all
-        )
-        for with_all in (True, False)
-    )
-    return (
+    sentences = [
         "With all facts, the MRR of known ends is significantly higher with the default than "
-        f"after training from scratch in {better} of {len(studies)} studies, and significantly "
-        f"lower in {worse} (paired 95 % intervals over seeds). The default's largest loss of "
-        f"earlier triples is {of_all[0]:.3f} ({of_all[1]}). With fewer facts, "
-        f"the largest loss is {of_few[0]:.3f} ({of_few[1]}, facts: {of_few[2]})."
-    )
+        f"after training from scratch in {better} of {several} studies, and significantly "
+        f"lower in {worse} (paired 95 % intervals over seeds)."
+    ]
+    for bar, words in SENTENCES.items():
+        number, missed = 0, []
+        for name, rows in means.items():
+            for row in rows:
+                number += bar in differences(row)
+                if bar in misses(row):
+                    missed.append((abs(misses(row)[bar]), f"{name}, facts: {row.facts}"))
+        largest = max(missed, default=None)
+        end = "" if largest is None else f", at most by {largest[0]:.3f} ({largest[1]})"
+        sentences.append(f"{words} in {len(missed)} of {number} rows{end}.")
+    return " ".join(sentences)
 
 
 def every_method(
@@ -130,9 +244,7 @@ def every_method(
         "earlier": mean[ALL, "earlier"],
     }
     took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
-    table = pd.DataFrame(columns, mean.index).map(
-        lambda value: "" if pd.isna(value) else f"{value:.3f}"
-    )
+    table = pd.DataFrame(columns, mean.index).map(number_or_blank)
     table.insert(0, "method", [label(method, settings) for method in mean.index])
     return table.assign(
         s=took.map(
@@ -148,7 +260,7 @@ def headed(table: pd.DataFrame, settings: Hidden, **first: str) -> pd.DataFrame:
 
 
 def main() -> None:
-    comparison, methods, studies = [], [], {}
+    comparison, methods, studies, means = [], [], {}, {}
     entries = load_beyond(load()).hidden
     for study in entries:
         if not HIDDEN_ENTITIES.path(study=study).exists():
@@ -158,12 +270,17 @@ def main() -> None:
         seconds = pd.DataFrame(json.loads(seconds_path(study).read_text(encoding="utf-8")))
         hidden, mrr = results.drop_duplicates("seed")["entities"], by_seed(results)
         times = f"{len(hidden)} × {round(hidden.mean())}"
-        studies[f"{model_of(settings)}, {settings.title}"] = mrr
-        comparison.append(headed(compared(mrr, settings), settings, hidden=times))
+        name = f"{model_of(settings)}, {settings.title}"
+        studies[name], means[name] = mrr, means_of(mrr, results, settings)
+        read_as = results.loc[results["method"] == "insert", "trained_with"].unique()
+        columns = {"loss read as": ", ".join(read_as), "hidden": times}
+        comparison.append(headed(compared(mrr, means[name]), settings, **columns))
         methods.append(headed(every_method(mrr, results, seconds, settings), settings))
     if studies:
         write_table("hidden", pd.concat(comparison))
-        (BENCHMARKS / "hidden_summary.md").write_text(f"{summary(studies)}\n", encoding="utf-8")
+        (BENCHMARKS / "hidden_summary.md").write_text(
+            f"{summary(studies, means)}\n", encoding="utf-8"
+        )
         write_table("hidden_methods", pd.concat(methods))
 
 

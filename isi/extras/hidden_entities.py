@@ -10,16 +10,19 @@ from isi.config import Count, Fraction, Name, Positive, Section, check
 from isi.errors import at
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS
+from isi.models.losses import LOSSES
 from isi.params import check_names
 from isi.tables import paths
-from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, one_of
+from isi.tables.rules import FROM_0, FROM_1, NAME, REAL, SHARE, one_of
 from isi.tables.table import Table
 
 #: ``method``: key of ``methods`` in ``hidden_in``, or nothing (before any insertion).
 #: ``initializer``: that of ``isi.pykeen.insert``; null for methods without it. ``told``: maximum
 #: number of insert triples per entity (null: all). ``asked``: the answer is the ``known`` or the
 #: ``hidden`` end of a triple of a hidden entity, or (``earlier``) either end of a validation triple
-#: of known entities. All entities are candidates. ``entities``: number of hidden.
+#: of known entities. All entities are candidates. ``entities``: number of hidden. ``trained_with``:
+#: the loss of training by which ``isi.pykeen.insert`` understood the scores. ``estimated_loss``:
+#: the loss of MRR of earlier triples that the selection of the default expects; null elsewhere.
 HIDDEN_ENTITIES = Table(
     "data/beyond/hidden/{study}.parquet",
     {
@@ -32,6 +35,8 @@ HIDDEN_ENTITIES = Table(
         "queries": FROM_1,
         "mrr": SHARE,
         "hits_at_10": SHARE,
+        "trained_with": one_of(*LOSSES).optional,
+        "estimated_loss": REAL.optional,
     },
     key=["method", "initializer", "told", "seed", "asked"],
 )
@@ -47,13 +52,23 @@ def seconds_path(study: str) -> Path:
 class HiddenTraining(Section):
     """``training`` in an entry of ``hidden``: the settings of PyKEEN's training."""
 
+    rules = (
+        (
+            lambda training: (training.negatives is None) == (training.loop == "lcwa"),
+            "expected negatives with the loop slcwa, and null with lcwa",
+        ),
+    )
     model: Name  #: PyKEEN's name of a model, in lower case
+    model_options: dict[str, Any] = Field(default_factory=dict)
     loss: Name  #: PyKEEN's name of a loss
     loss_options: dict[str, float] = Field(default_factory=dict)
     dimension: Count
     batch_size: Count
     learning_rate: Positive
-    negatives: Count  #: negative triples per positive triple
+    #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers
+    loop: Literal["slcwa", "lcwa"]
+    negatives: Count | None  #: negative triples per positive triple; None with lcwa
+    inverse_triples: bool  #: whether heads are predicted by the inverse of a relation
     valid: Fraction  #: share of the known triples, the validation set of early stopping
     max_epochs: Count
     frequency: Count  #: epochs between two evaluations
@@ -81,6 +96,9 @@ class Hidden(Section):
     initializers: list[Name]  #: compared with the default initializer of ``isi.pykeen.insert``
     training: HiddenTraining
     epochs: Count  #: of training after insertion
+    #: whether methods that train all rows are compared: retraining, and PyKEEN's training of all
+    #: rows after insertion
+    train_all_rows: bool
 
 
 def study_of(studies: Mapping[str, dict[str, Any]], study: str) -> Hidden:

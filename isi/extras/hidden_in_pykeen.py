@@ -6,7 +6,8 @@ import gc
 import logging
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -20,7 +21,7 @@ from pykeen.evaluation import RankBasedEvaluator
 from pykeen.losses import loss_resolver
 from pykeen.models import ERModel, model_resolver
 from pykeen.stoppers import EarlyStopper
-from pykeen.training import SLCWATrainingLoop
+from pykeen.training import training_loop_resolver
 from pykeen.triples import TriplesFactory
 from torch.optim import Adam
 
@@ -53,13 +54,14 @@ def hidden_in(
     with at(paths.BEYOND_PARAMS):
         check_names([training.model], model_resolver.lookup_dict, f"{key}.training.model")
         check_names([training.loss], loss_resolver.lookup_dict, f"{key}.training.loss")
-    try:
+    with refused_at(f"{key}.training.loss_options"):
         loss_resolver.make(training.loss, training.loss_options)
-    except TypeError as error:
-        raise InputError(paths.BEYOND_PARAMS, f"{key}.training.loss_options", str(error)) from error
     split = hidden(graph, settings, key, root, seed)
-    known, names = split.known, split.entities
+    names, inverse = split.entities, training.inverse_triples
+    known = factory_of(split.ids.triples, names[: split.ids.known], split.relations, inverse)
     train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
+    with refused_at(f"{key}.training.model_options"):
+        untrained(train, training, seed)
     words = None if words is None else words[split.ids.order]
     start = time.process_time()
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
@@ -73,9 +75,10 @@ def hidden_in(
         "own": {"pykeen_rows": True},
         "insert_new_rows": {"then": "new_rows"},
         "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
-        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"},
-        "retrained": {"then": "retrain"},
     }
+    if settings.train_all_rows:
+        methods["own_all_rows"] = {"pykeen_rows": True, "then": "all_rows"}
+        methods["retrained"] = {"then": "retrain"}
     for number, (name, options) in product(settings.max_insert_triples, methods.items()):
         if name == "retrained" and number is not None:
             continue
@@ -83,10 +86,32 @@ def hidden_in(
         model, result = case.enlarged(split.ids.insert_triples(number), **options)
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
+        row["trained_with"] = result and result.method.trained_with
+        estimate = estimated_loss(result) if name == "insert" else None
         measured = split.evaluate(model, earlier=pairs).measures()
-        answers += [row | measures for measures in measured.to_dict("records")]
+        for measures in measured.to_dict("records"):
+            is_estimated = measures["asked"] == "earlier"
+            answers.append(row | measures | {"estimated_loss": estimate if is_estimated else None})
     table = pd.DataFrame(answers).assign(seed=seed, entities=len(split.hidden))
     return table, pd.DataFrame(seconds)
+
+
+def estimated_loss(result: Inserted | None) -> float | None:
+    """The loss of MRR of earlier triples that the selection of an initializer expects;
+    None if it was not selected on hidden entities.
+    """
+    if result is None or result.selection is None:
+        return None
+    return result.selection.expected["loss"]
+
+
+@contextmanager
+def refused_at(key: str) -> Iterator[None]:
+    """InputError at a key of ``beyond/params.yaml`` for options that PyKEEN refuses."""
+    try:
+        yield
+    except (KeyError, TypeError) as error:
+        raise InputError(paths.BEYOND_PARAMS, key, str(error)) from error
 
 
 def hidden(graph: Graph, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
@@ -126,7 +151,8 @@ class Case:
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
-        larger = factory_of(triples, self.names, list(self.train.relation_to_id))
+        relations, inverse = list(self.train.relation_to_id), training.inverse_triples
+        larger = factory_of(triples, self.names, relations, inverse)
         if then == "retrain":
             return trained(larger, self.valid, training, self.seed), None
         result = compute_rows(
@@ -160,15 +186,17 @@ class Case:
 
 
 def factory_of(
-    triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]
+    triples: np.ndarray, entities: Sequence[str], relations: Sequence[str], inverse: bool
 ) -> TriplesFactory:
-    """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3);
+    """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3), which adds ``inverse`` ones on demand;
     labels are listed in the order of ids.
     """
     entity_ids, relation_ids = (
         {name: row for row, name in enumerate(names)} for names in (entities, relations)
     )
-    return TriplesFactory(torch.from_numpy(triples), entity_ids, relation_ids)
+    return TriplesFactory(
+        torch.from_numpy(triples), entity_ids, relation_ids, create_inverse_triples=inverse
+    )
 
 
 def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
@@ -177,6 +205,7 @@ def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> M
         Model,
         model_resolver.make(
             settings.model,
+            settings.model_options,
             triples_factory=factory,
             embedding_dim=settings.dimension,
             loss=settings.loss,
@@ -212,14 +241,18 @@ def trained(
 def fit(
     model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any
 ) -> None:
-    """Train with PyKEEN's negative sampling and Adam;
+    """Train with PyKEEN's loop of the settings and Adam;
     ``warm`` lets PyKEEN continue a trained model.
     """
-    SLCWATrainingLoop(
+    sampling: dict[str, Any] = {}
+    if settings.negatives is not None:
+        sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": settings.negatives}
+    training_loop_resolver.make(
+        settings.loop,
+        sampling,
         model=model,
         triples_factory=factory,
         optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
-        negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
     ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)
 
 
