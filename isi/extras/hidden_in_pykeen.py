@@ -174,6 +174,8 @@ class Case:
                 insert_triples,
                 new=len(result.new),
                 model=result.model,
+                known_triples=self.train.mapped_triples,
+                loss=result.method.trained_with,
                 epochs=self.settings.epochs,
                 seed=self.seed,
             )
