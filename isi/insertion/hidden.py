@@ -26,6 +26,7 @@ from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
+from isi.initializers.evidence import complete
 from isi.initializers.scale import Scale, fit_scale
 from isi.insertion.engine import context_in_session, queries_of, trained_session
 from isi.models.losses import Loss
@@ -43,9 +44,10 @@ MOST_SCORES = 2**23  #: Maximum number of scores in one table.
 #: Rank of the second-best wrong answer, which is the proxy for an answer that is true but was not
 #: trained on.
 PROXY_RANK = 2
-#: Real losses of earlier triples, by the mean that this test measures. It measures too much, since
-#: half of its answers are proxies, which lose their ranks sooner (docs/insert_reference.md).
-CORRECTION = 0.75
+#: The loss that this test measures is too large by about a third where all facts of an entity are
+#: known, and right where few are (docs/insert_reference.md). So it is multiplied by 1 - ``EXCESS``
+#: · s, with the share s of an entity that is known.
+EXCESS = 0.25
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Candidate:
     h_old: float  #: of earlier triples, among the other known entities
     h_cur: float  #: of the same, when a tenth more entities (or all new ones) have been inserted
     #: estimated loss of MRR of earlier triples: the mean of those of training and of proxies for
-    #: held-out ones (``PROXY_RANK``), times ``CORRECTION``
+    #: held-out ones (``PROXY_RANK``), corrected (``EXCESS``)
     loss: float
 
     @property
@@ -150,6 +152,7 @@ class HiddenDraws:
         is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)
         before, after = self._ranks_of_earlier(vectors)
         counted = self.earlier.counted
+        loss = (1 / before - 1 / after).double()[..., counted].mean().item()
         return Candidate(
             initializer,
             options,
@@ -158,7 +161,7 @@ class HiddenDraws:
             hidden_ends=_mrr(ranks[asked & is_hidden]),
             h_old=_mrr(before[0][:, counted]),
             h_cur=_mrr(after[0][:, counted]),
-            loss=CORRECTION * (1 / before - 1 / after).double()[..., counted].mean().item(),
+            loss=loss * (1 - EXCESS * complete(self.context).mean().item()),
         )
 
     def _ranks_about(self, vectors: Tensor) -> Tensor:
