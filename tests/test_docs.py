@@ -66,6 +66,11 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
+@each_page
+def test_pages_install_from_the_folder_since_no_index_has_the_package(page: Path) -> None:
+    assert not re.search(r"pip install ['\"]?isi-kge", page.read_text(encoding="utf-8"))
+
+
 @pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
 def test_code_runs_as_it_stands(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     left: dict[str, Any] = {}

@@ -70,6 +70,15 @@ def test_pages_of_the_site_load_nothing_from_elsewhere(built: Path) -> None:
         ), style.name
 
 
+def test_the_report_is_in_the_site_as_it_is_with_what_it_links_to(built: Path) -> None:
+    for page in ("index.html", "beyond/index.html", "readings/index.html"):
+        copied = built / "reports" / page
+        assert copied.read_bytes() == (site.REPORTS / page).read_bytes()
+        links = re.findall(r'href="((?:figures|tables|\.\.)[^"#]*)"', copied.read_text("utf-8"))
+        assert links
+        assert [link for link in links if not (copied.parent / link).exists()] == []
+
+
 def test_the_site_has_the_signatures_and_the_index_of_its_search(built: Path) -> None:
     shown = re.sub(r"<[^>]+>", "", (built / "api.html").read_text(encoding="utf-8"))
     assert "tolerance" in shown
@@ -85,6 +94,8 @@ def test_the_site_has_the_signatures_and_the_index_of_its_search(built: Path) ->
         ("[a](../SECURITY.md)", "[a](files/SECURITY.md)"),
         ("[a](../README.md)", "[a](README.md)"),
         ("[a](../reports/tables)", "a"),
+        ("[a](../reports/index.html#explorer)", "[a](reports/index.html#explorer)"),
+        ("![a](../reports/figures/answer.svg)", "![a](reports/figures/answer.svg)"),
         ("[a](../nowhere.py)", "[a](../nowhere.py)"),
         ("[a](https://example.org/b.py)", "[a](https://example.org/b.py)"),
         ("a<!-- value: b | c -->1<!-- end -->", "a1"),
@@ -103,6 +114,12 @@ def test_links_of_files_outside_of_docs_lead_to_the_same_pages() -> None:
     assert site.rewritten("[a](home.csv)", docs.ROOT / "examples/README.md") == "[a](home.csv.md)"
     for path in (DOCS / "method.md", docs.ROOT / "params.yaml", docs.ROOT / "SECURITY.md"):
         assert site.path_of(site.name_of(path) or "") == path
+
+
+def test_a_file_without_a_last_line_break_stays_in_its_block(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text("a,b\n1,2", encoding="utf-8")
+    assert site.as_page(table).endswith("\n```csv\na,b\n1,2\n```\n")
 
 
 def test_a_script_becomes_prose_and_code(tmp_path: Path) -> None:

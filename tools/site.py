@@ -1,9 +1,9 @@
 """The hook of mkdocs.yml: in the site, a link from a page to a file outside of docs/
-leads to a page that shows it.
+leads to a page that shows it, and the report is copied as it is.
 
 Pages keep relative links that work on a forge. Here, Markdown outside of docs/ becomes a page, and
 so does the text of a script or of settings. Comments, which mark places for ``tools/docs.py``, are
-left out.
+left out. The report keeps its own links, so the site has all of its files in the same places.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,9 +22,10 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+REPORTS = ROOT / "reports"  #: The report, with its tables and figures.
 FILES = "files"  #: Folder of the site with the pages of files outside of docs/.
 #: Suffixes of files that are shown.
-LANGUAGES = {".py": "python", ".yaml": "yaml", ".csv": "csv", ".html": "html"}
+LANGUAGES = {".py": "python", ".yaml": "yaml", ".csv": "csv"}
 PARTS = re.compile(
     r"^```.*?^```$|<!--.*?-->|(!?)\[([^\]]*)\]\(([^)#\s:]+)(#[^)\s]+)?\)", re.DOTALL | re.MULTILINE
 )
@@ -49,7 +51,10 @@ def name_of(path: Path) -> str | None:
         return path.relative_to(DOCS).as_posix()
     if path == ROOT / "README.md":
         return "README.md"
-    name = f"{FILES}/{path.relative_to(ROOT).as_posix()}"
+    place = path.relative_to(ROOT).as_posix()
+    if path.is_relative_to(REPORTS) and path.suffix != ".md":
+        return place
+    name = f"{FILES}/{place}"
     return name if path.suffix == ".md" else f"{name}.md" if path.suffix in LANGUAGES else None
 
 
@@ -90,7 +95,7 @@ def as_page(path: Path) -> str:
         f"# {path.name}\n"
     )
     if language != "python" or not CELL.search(text):
-        return f"{title}\n```{language}\n{text}```\n"
+        return f"{title}\n```{language}\n{text.rstrip()}\n```\n"
     first, *cells = CELL.split(text)
     made = [title, ast.get_docstring(ast.parse(text)) or ""]
     for name, body in [
@@ -121,16 +126,24 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             linked(origin.read_text(encoding="utf-8"), origin) if origin.suffix == ".md" else []
         ):
             name = name_of(path)
-            if name is not None and files.get_file_from_path(name) is None:
-                files.append(
-                    File.generated(
-                        config, name, content=as_page(path), inclusion=InclusionLevel.NOT_IN_NAV
-                    )
+            if name is None or files.get_file_from_path(name) is not None:
+                continue
+            if name.endswith(".md"):
+                file = File.generated(
+                    config, name, content=as_page(path), inclusion=InclusionLevel.NOT_IN_NAV
                 )
                 waiting.append(path)
+            else:
+                file = File.generated(config, name, abs_src_path=str(path))
+            files.append(file)
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """The Markdown of a page with links as the site needs them."""
     return rewritten(markdown, path_of(page.file.src_uri))
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Copy the report into the built site, with all that it links to."""
+    shutil.copytree(REPORTS, Path(config.site_dir) / REPORTS.name, dirs_exist_ok=True)
