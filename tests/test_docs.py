@@ -21,6 +21,19 @@ from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+#: What is no prose: code, generated tables, rows, headings, lists of options; and a section whose
+#: numbers are the bars of its table.
+NO_PROSE = re.compile(
+    r"^```.*?^```$|<!-- table: .*?<!-- end -->|^## How good it is$.*?(?=^## )"
+    r"|^(?:\||#+ |- Options:)[^\n]*$",
+    re.DOTALL | re.MULTILINE,
+)
+#: What is no number to read: comments, code, targets of links.
+UNREAD = re.compile(r"<!--.*?-->|`[^`]*`|\]\([^)]*\)", re.DOTALL)
+PARAGRAPH = re.compile(r"\n\s*\n|^\s*(?:[-*]|\d+\.) ", re.MULTILINE)
+SENTENCE = re.compile(r"(?<=[.!?])[)*\"']*\s+(?=[A-Z_*`\[(“\"])")
+IN_WORDS = re.compile(r"(?<![\w.])\.?\d[\d,]*(?:\.\d+)?")
+MOST_NUMBERS = 4  #: that a sentence may have
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -69,6 +82,35 @@ def slug(heading: str) -> str:
 @each_page
 def test_pages_install_from_the_folder_since_no_index_has_the_package(page: Path) -> None:
     assert not re.search(r"pip install ['\"]?isi-kge", page.read_text(encoding="utf-8"))
+
+
+def crowded(text: str) -> list[str]:
+    """The sentences of a page's prose with too many numbers."""
+    prose = UNREAD.sub(" _ ", NO_PROSE.sub("\n\n", text))
+    sentences = [
+        sentence
+        for paragraph in PARAGRAPH.split(prose)
+        for sentence in SENTENCE.split(" ".join(paragraph.split()))
+    ]
+    return [one for one in sentences if len(IN_WORDS.findall(one)) > MOST_NUMBERS]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [docs.ROOT / "README.md", *sorted((docs.ROOT / "docs").glob("*.md"))],
+    ids=lambda page: page.name,
+)
+def test_a_sentence_has_few_numbers(page: Path) -> None:
+    assert crowded(page.read_text(encoding="utf-8")) == []
+
+
+def test_numbers_of_prose_alone_are_counted() -> None:
+    many = "It has 1, 2,000, .3, 4.5 and 6."
+    assert crowded(f"Short. {many} Short.") == [many]
+    assert crowded("It has 1, 2, 3 and 4. Then 5. `isi` has 6.") == []
+    assert crowded("It has 1, 2, 3, 4 and <!-- value: a::1 -->5<!-- end -->.") != []
+    assert crowded("<!-- value: a::1::2 -->3<!-- end -->, 4 and `5, 6` in [7](8.md).") == []
+    assert crowded(f"# {many}\n\n| {many} |\n\n```\n{many}\n```\n") == []
 
 
 @pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
