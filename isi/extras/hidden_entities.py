@@ -66,9 +66,9 @@ class HiddenTraining(Section):
     batch_size: Count
     learning_rate: Positive
     #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers
-    loop: Literal["slcwa", "lcwa"]
+    loop: Literal["slcwa", "lcwa"] = "slcwa"
     negatives: Count | None  #: negative triples per positive triple; None with lcwa
-    inverse_triples: bool  #: whether heads are predicted by the inverse of a relation
+    inverse_triples: bool = False  #: whether heads are predicted by the inverse of a relation
     valid: Fraction  #: share of the known triples, the validation set of early stopping
     max_epochs: Count
     frequency: Count  #: epochs between two evaluations
@@ -98,7 +98,7 @@ class Hidden(Section):
     epochs: Count  #: of training after insertion
     #: whether methods that train all rows are compared: retraining, and PyKEEN's training of all
     #: rows after insertion
-    train_all_rows: bool
+    train_all_rows: bool = True
 
 
 def study_of(studies: Mapping[str, dict[str, Any]], study: str) -> Hidden:

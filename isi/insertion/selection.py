@@ -152,7 +152,9 @@ def select(
         serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED + MEANS
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
-    key = test.digest, tuple(id(each.function) for each in compared), tolerance, budget
+    # of the registered function: a form that unpacks an embedding is another one at each call
+    functions = tuple(id(INITIALIZERS.get(each.name, each.name).function) for each in compared)
+    key = test.digest, functions, tolerance, budget
     if key not in _REMEMBERED:
         _REMEMBERED[key] = compared, compare(compared, test, tolerance, budget)
     compared, selection = _REMEMBERED[key]
