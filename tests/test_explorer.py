@@ -7,9 +7,9 @@ from __future__ import annotations
 import base64
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from numpy.random import Generator
 
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.experiment.train import train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
-from isi.initializers.api import INITIALIZERS, InitResult
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult
 from isi.insertion.engine import context_in_session
 from isi.models.stack import Embedding
 from isi.params import Params
@@ -44,6 +45,8 @@ RUN = Path(os.environ.get("ISI_RUN", ROOT))
 #: Of a run's known entities, each so-manyth is compared, and of small graphs all; 1: each one, in
 #: about 80 seconds.
 EVERY = int(os.environ.get("ISI_EVERY", 12))
+#: Initializers that draw.
+DRAWN = ("xavier", "iu")
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup",
          "cup board", "mug", "pan", "pot", "sofa", "shelf"]  # fmt: skip
 CASES = """cases => cases.map(({entity, given, name, dial}) => {
@@ -147,9 +150,11 @@ def inserted(
     entity: int,
     given: list[int],
     name: str,
-    k: int | None = None,
+    dial: int,
 ) -> InitResult:
-    """An initializer's result, from the facts ``given``."""
+    """An initializer's result, from the facts ``given``;
+    ``dial``: k, or the number of the page's draw.
+    """
     points, (before, _) = explored.points, alone(explored.points, entity)
     without = explored.theta0.entity.clone()
     without[0, entity] = 0
@@ -165,8 +170,41 @@ def inserted(
         params.seed,
         points.keys(),
     )
-    options = dict(params.initializers[name]) | ({} if k is None else {"k": k})
-    return INITIALIZERS.get(name, name).initialize(context, options)
+    options = dict(params.initializers[name])
+    if "k" in options:
+        options["k"] = dial
+    parts = {field.name: getattr(context, field.name) for field in fields(context)}
+    drawn = DrawnByPage(**parts, entity=points.graph.entities[entity], number=dial)
+    return INITIALIZERS.get(name, name).initialize(drawn, options)
+
+
+@dataclass(frozen=True)
+class DrawnByPage(InitContext):
+    """A context whose random numbers are those of the page."""
+
+    entity: str = ""
+    number: int = 1
+
+    def draw(
+        self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]
+    ) -> torch.Tensor:
+        assert distribution is Generator.random
+        size = self.theta0.entity.shape[-1]
+        return torch.tensor([[uniform(purpose, self.entity, self.number, size)]]).float()
+
+
+def uniform(initializer: str, entity: str, draw: int, size: int) -> list[float]:
+    """The page's random numbers: mulberry32 from FNV-1a of a text."""
+    bits = 0x811C9DC5
+    for byte in f"{initializer} {draw} {entity}".encode():
+        bits = (bits ^ byte) * 0x01000193 % 2**32
+    numbers = []
+    for _ in range(size):
+        bits = (bits + 0x6D2B79F5) % 2**32
+        mixed = (bits ^ bits >> 15) * (bits | 1) % 2**32
+        mixed ^= (mixed + (mixed ^ mixed >> 7) * (mixed | 61)) % 2**32
+        numbers.append((mixed ^ mixed >> 14) / 2**32)
+    return numbers
 
 
 def mrr_star(
@@ -221,7 +259,7 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         for number, name in enumerate(COMPUTED):
             usual = params.initializers[name].get("k", 1)
             for given, dial in ((facts, usual), (some, usual), (some, int(rng.integers(1, 6)))):
-                if dial == usual or "k" in params.initializers[name]:
+                if dial == usual or name in DRAWN or "k" in params.initializers[name]:
                     cases.append({"entity": entity, "given": given, "name": name, "dial": dial})
             if not number:
                 cases.append({"entity": entity, "given": some, "name": None, "dial": 0})
@@ -237,8 +275,7 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         entity, given, name = case["entity"], case["given"], case["name"]
         embedding = joint
         if name:
-            k = case["dial"] if "k" in params.initializers[name] else None
-            result = inserted(explored, params, entity, given, name, k)
+            result = inserted(explored, params, entity, given, name, case["dial"])
             assert np.allclose(answer["vector"], result.vectors[0, 0], rtol=0, atol=1e-4), case
             assert (answer["weights"] is None) == (result.weights is None)
             if result.weights is not None:
@@ -250,6 +287,34 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         assert answer["mrrStar"] == pytest.approx(
             mrr_star(explored, embedding, entity, given), abs=1e-4
         ), case
+
+
+def test_a_random_initializer_starts_at_its_median_draw(
+    found: tuple[Opened, Explored, Params],
+) -> None:
+    """The median by Python: of an even number of draws the lower one."""
+    opened_page, explored, params = found
+    starts = """([id, name]) => {
+      const {world, subjectOf, insertion} = explorer, subject = subjectOf(world, id);
+      const {dial, mrrStar} = insertion(world, subject, subject.given, {name, dial: 0});
+      return [subject.given.map((place) => subject.facts[place].triple), dial, mrrStar];
+    }"""
+    entities = explored.points.novel[0, 0].tolist()
+    for entity in entities[:3]:
+        for name in DRAWN:
+            given, dial, value = opened_page.page.evaluate(starts, [entity, name])
+            values = []
+            for draw in range(1, 51):
+                table = explored.theta0.entity.clone()
+                result = inserted(explored, params, entity, given, name, draw)
+                table[0, entity] = result.vectors[0, 0]
+                embedding = replace(explored.theta0, entity=table)
+                values.append(mrr_star(explored, embedding, entity, given))
+            if None in values:
+                assert dial == 1
+                continue
+            assert value == pytest.approx(sorted(values)[24], abs=1e-4)
+            assert values[dial - 1] == pytest.approx(value, abs=1e-4)
 
 
 def test_what_is_given_at_first_is_what_the_run_gives(

@@ -1,6 +1,7 @@
 /* What the vectors answer: a summary, indicators, and answers with rank and mark, side by side with the joint model. */
 import { at, fixed, html } from "./elements.js";
-import { insertion, queriesOf, relationalRanks } from "./insertion.js";
+import { insertion, mrrStarsOfDraws, queriesOf, relationalRanks } from "./insertion.js";
+import { RANDOM } from "./initializers.js";
 import { length } from "./linear_algebra.js";
 
 /** @import { World } from "./data.js" */
@@ -38,13 +39,18 @@ export function asked(world, { relation, isTail }, own, other) {
 }
 
 /** @param {World} world @param {State} state @param {Insertion[]} columns @param {string[]} names */
-function drawSummary(world, { subject, given }, columns, names) {
+function drawSummary(world, { subject, given, choices }, columns, names) {
   const lengths = subject.before.known.map((id) => length(world.theta0.entity[id]));
   const usual = lengths.reduce((sum, one) => sum + one, 0) / lengths.length, left = subject.facts.length - given.length;
+  /** @param {number} number */
+  const meanOfDraws = (number) => {
+    const { name } = choices[number], values = RANDOM.includes(name) ? mrrStarsOfDraws(world, subject, given, name) : [];
+    return values.length ? `; mean of ${values.length} draws ${fixed((100 * values.reduce((a, b) => a + b)) / values.length, 1)}` : "";
+  };
   at("name", HTMLElement).textContent = `MRR* of this insertion`;
   at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
     html("dt", {}, names[number]), html("dd", {}, html("strong", {}, mrrStar === null ? "–" : fixed(100 * mrrStar, 1)),
-      number < 2 ? ` length ${fixed(own, 1)}` : " trained with all its facts"))));
+      ` ${number < 2 ? `length ${fixed(own, 1)}${meanOfDraws(number)}` : "trained with all its facts"}`))));
   at("status", HTMLElement).textContent = left
     ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
       + `end hidden; 100 is perfect. Known vectors have a mean length of ${fixed(usual, 1)}; a long one scores high against everything.`

@@ -5,6 +5,7 @@ import { at, html } from "./elements.js";
 import { choiceOf, dialOf, factOf } from "./state.js";
 
 /** @import { Fact, World } from "./data.js" */
+/** @import { Insertion } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
 const OF_READER = "own"; // value of the option
@@ -56,8 +57,8 @@ export function makeControls(world, change, current) {
   all.addEventListener("click", () => change({ given: current().subject.facts.flatMap((fact, place) => (fact.split ? [] : [place])) }));
   none.addEventListener("click", () => change({ given: [] }));
 
-  /** @param {State} state */
-  return function show(state) {
+  /** @param {State} state @param {Insertion[]} shown */
+  return function show(state, shown) {
     const { subject, choices } = state, isOwn = subject.id < 0;
     entity.value = isOwn ? OF_READER : String(subject.id);
     at("own", HTMLElement).hidden = !isOwn;
@@ -69,8 +70,8 @@ export function makeControls(world, change, current) {
       if (!range) return;
       dial.min = String(range.least);
       dial.max = String(range.most);
-      dial.value = String(choices[number].dial);
-      label.textContent = `${range.label} = ${choices[number].dial}`;
+      dial.value = String(shown[number].dial);
+      label.textContent = `${range.label} = ${shown[number].dial}`;
     });
     at("about", HTMLElement).textContent = about(world, state);
     showFacts(world, state, change);

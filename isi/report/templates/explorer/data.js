@@ -11,7 +11,7 @@
  *   seed: number, model: string, scalars: number, dimension: number, names: string[], kinds: string[], kind: number[],
  *   relations: string[], known: number[], novel: number[], theta0: string, map: string, cosines: string,
  *   worded: number[], triples: number[][], given: Object<string, number[]>, joint: string, jointScale: number,
- *   jointMap: string, jointPlaces: number[][], uniform: Object<string, string>, plane: string, shown: number,
+ *   jointMap: string, jointPlaces: number[][], plane: string, shown: number,
  *   fitted: number, initializers: {name: string, label: string, options: Object<string, number>}[], start: number,
  * }} Payload */
 /** @typedef {ReturnType<typeof decode>} World */
@@ -47,7 +47,6 @@ export function decode(payload) {
     triples: payload.triples.map(([head, relation, tail, count, split]) => ({ head, relation, tail, count, split })),
     theta0: { entity, map: rows(numbers(payload.map, Float32Array), dimension) },
     joint: { entity: rows(joint, dimension), map: rows(numbers(payload.jointMap, Float32Array), dimension) },
-    uniform: Object.fromEntries(Object.entries(payload.uniform).map(([name, text]) => [name, numbers(text, Float32Array)])),
   };
 }
 

@@ -12,7 +12,7 @@ import { address, choiceOf, parse } from "./state.js";
 
 const world = decode(JSON.parse(at("data", HTMLElement).textContent ?? ""));
 const box = at("box", HTMLElement), start = subjectOf(world, world.start);
-const [first, second] = ["ers", "xavier"].map((name, number) =>
+const [first, second] = ["es", "xavier"].map((name, number) =>
   choiceOf(world, world.initializers.some((one) => one.name === name) ? name : world.initializers[number].name));
 /** @type {State} */
 let state = { subject: start, given: start.given, choices: [first, second] };
@@ -31,7 +31,7 @@ function shown(choice) {
 
 function draw() {
   const since = performance.now(), both = state.choices.map(shown);
-  show(state);
+  show(state, both);
   map.draw(state, both);
   drawAnswers(world, state, both, map.point);
   milliseconds = performance.now() - since;
