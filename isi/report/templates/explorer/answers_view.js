@@ -50,7 +50,7 @@ function drawSummary(world, { subject, given, choices }, columns, names) {
   at("name", HTMLElement).textContent = `MRR* of this insertion`;
   at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
     html("dt", {}, names[number]), html("dd", {}, html("strong", {}, mrrStar === null ? "–" : fixed(100 * mrrStar, 1)),
-      ` ${number < 2 ? `length ${fixed(own, 1)}${meanOfDraws(number)}` : "trained with all its facts"}`))));
+      ` ${number < 2 ? `length ${fixed(own, 1)}${meanOfDraws(number)}` : "trained with its training facts"}`))));
   at("status", HTMLElement).textContent = left
     ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
       + `end hidden; 100 is perfect. Known vectors have a mean length of ${fixed(usual, 1)}; a long one scores high against everything.`
