@@ -426,6 +426,20 @@ def test_answers_are_ranked_marked_and_never_the_entity_itself(
             assert ranks == sorted(set(ranks))
 
 
+def test_heads_of_answers_have_the_colours_of_the_vectors(chromium: Browser, report: Path) -> None:
+    colours = "all => [...new Set(all.map(one => getComputedStyle(one).color))]"
+    with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
+        by_order = []
+        for order in ("first", "second", "third"):
+            heads = found.page.locator(f"#explorer-answers .ex-{order} .ex-by")
+            (colour,) = heads.evaluate_all(colours)
+            by_order.append(colour)
+            if order != "third":
+                mark = found.page.locator(f".ex-legend .ex-{order}")
+                assert mark.evaluate_all(colours) == [colour]
+        assert len({*by_order}) == 3
+
+
 def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
     chromium: Browser, report: Path
 ) -> None:
