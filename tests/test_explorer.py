@@ -405,6 +405,45 @@ def test_a_reader_inserts_an_entity_of_their_own(chromium: Browser, report: Path
         assert found.errors == []
 
 
+def test_a_name_of_ones_own_shows_answers_and_claims_no_facts(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/+tea cup/es/xavier//") as found:
+        assert found.page.locator("#explorer-answers li").first.is_visible()
+        assert numbers(found) == []
+        words = found.page.locator("#explorer-status").inner_text()
+        assert "No fact of tea cup is known" in words
+        assert found.errors == []
+
+
+def test_facts_of_ones_own_stay_as_they_are_ticked_until_they_are_removed(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/+tea cup/es/xavier//") as found:
+        add, ticks = (
+            found.page.get_by_role("button", name="Add"),
+            found.page.locator("#explorer-facts input"),
+        )
+        for end in (1, 2):
+            found.page.get_by_label("Other entity").select_option(index=end)
+            add.click()
+        ticks.first.uncheck()
+        marks = found.page.locator(".ex-first .ex-mark").all_inner_texts()
+        assert sorted(marks) == ["given", "not given"]
+        found.page.get_by_label("Its name").fill("tea cups")
+        assert state(found)[1:3] == [2, [1]]
+        found.page.get_by_label("Other entity").select_option(index=3)
+        add.click()
+        assert state(found)[1:3] == [3, [1, 2]]
+        found.page.get_by_label("New entity").select_option("pan")
+        found.page.get_by_label("New entity").select_option("own")
+        assert state(found)[:3] == ["tea cups", 3, [1, 2]]
+        found.page.get_by_role("button", name="Remove").nth(1).click()
+        assert state(found)[1:3] == [2, [1]]
+        assert ticks.evaluate_all("all => all.map(one => one.checked)") == [False, True]
+        assert found.errors == []
+
+
 def test_answers_are_ranked_marked_and_never_the_entity_itself(
     chromium: Browser, report: Path
 ) -> None:

@@ -24,25 +24,30 @@ export function makeControls(world, change, current) {
   relation.append(...world.relations.map((text, id) => html("option", { value: id }, text)));
   side.append(html("option", { value: 0 }, "new entity →"), html("option", { value: 1 }, "→ new entity"));
 
-  /** @param {Fact[]} facts */
-  const own = (facts) => {
-    const subject = ownSubject(world, name.value.trim() || "something", facts);
-    change({ subject, given: subject.given });
-  };
-  /** @returns {Fact[]} */
-  const ownFacts = () => (current().subject.id < 0 ? current().subject.facts : []);
+  let facts = /** @type {Fact[]} */ ([]), given = /** @type {number[]} */ ([]); // of the reader's own entity
+  const insertOwn = () => change({ subject: ownSubject(world, name.value.trim() || "something", facts), given });
   entity.addEventListener("change", () => {
-    if (entity.value === OF_READER) return own(ownFacts());
+    if (entity.value === OF_READER) return insertOwn();
     const subject = subjectOf(world, Number(entity.value));
     change({ subject, given: subject.given });
   });
-  name.addEventListener("input", () => own(ownFacts()));
+  name.addEventListener("input", insertOwn);
   at("own-form", HTMLFormElement).addEventListener("submit", (event) => {
     event.preventDefault();
     const fact = factOf(Number(relation.value), side.value === "1", Number(other.value));
-    const same = ownFacts().some((one) => asked(world, one, "", String(one.other)) === asked(world, fact, "", String(fact.other)));
-    if (!same) own([...ownFacts(), fact]);
+    if (facts.some((one) => asked(world, one, "", String(one.other)) === asked(world, fact, "", String(fact.other)))) return;
+    given = [...given, facts.length];
+    facts = [...facts, fact];
+    insertOwn();
   });
+  /** @param {number} removed its place */
+  function remove(removed) {
+    facts = facts.filter((_, place) => place !== removed);
+    given = given.filter((place) => place !== removed).map((place) => place - Number(place > removed));
+    insertOwn();
+    const next = document.querySelector("#explorer-facts button");
+    (next instanceof HTMLElement ? next : other).focus();
+  }
   const columns = [0, 1].map((number) => {
     const by = at(`by-${number}`, HTMLSelectElement), dial = at(`dial-${number}`, HTMLInputElement);
     by.append(...world.initializers.map((one) => html("option", { value: one.name }, one.label)));
@@ -62,6 +67,7 @@ export function makeControls(world, change, current) {
     const { subject, choices } = state, isOwn = subject.id < 0;
     entity.value = isOwn ? OF_READER : String(subject.id);
     at("own", HTMLElement).hidden = !isOwn;
+    if (isOwn) [facts, given] = [subject.facts, state.given];
     if (isOwn && document.activeElement !== name) name.value = subject.name;
     columns.forEach(({ by, dial, label }, number) => {
       const range = dialOf(world, choices[number].name);
@@ -74,7 +80,7 @@ export function makeControls(world, change, current) {
       label.textContent = `${range.label} = ${shown[number].dial}`;
     });
     at("about", HTMLElement).textContent = about(world, state);
-    showFacts(world, state, change);
+    showFacts(world, state, change, remove);
   };
 }
 
@@ -90,9 +96,10 @@ function about(world, { subject }) {
     : `${subject.name} (${kind}): its vector is left out here, but its neighbours' vectors were trained with it.`;
 }
 
-/** The facts that may be given, as boxes; they stay in place while they are ticked. @param {World} world
- * @param {State} state @param {(change: Partial<State>) => void} change */
-function showFacts(world, { subject, given }, change) {
+/** The facts that may be given, as boxes; they stay in place while they are ticked; a reader's own may be removed.
+ * @param {World} world @param {State} state @param {(change: Partial<State>) => void} change
+ * @param {(place: number) => void} remove */
+function showFacts(world, { subject, given }, change, remove) {
   const box = at("facts", HTMLElement), key = JSON.stringify([subject.id, subject.name, subject.facts]);
   if (box.dataset.of !== key) {
     box.dataset.of = key;
@@ -103,10 +110,16 @@ function showFacts(world, { subject, given }, change) {
         const ticked = [...box.querySelectorAll("input")].filter((one) => one.checked).map((one) => Number(one.value));
         change({ given: ticked });
       });
-      return [html("label", {}, tick, asked(world, fact, subject.name, world.names[fact.other]))];
+      const words = asked(world, fact, subject.name, world.names[fact.other]), label = html("label", {}, tick, words);
+      if (subject.id >= 0) return [label];
+      const button = html("button", { type: "button", class: "ex-remove", "aria-label": `Remove: ${words}` }, "×");
+      button.addEventListener("click", () => remove(place));
+      return [html("span", {}, label, button)];
     }));
   }
   for (const tick of box.querySelectorAll("input")) tick.checked = given.includes(Number(tick.value));
   const held = subject.facts.filter(({ split }) => split).length;
+  at("facts-box", HTMLElement).hidden = !subject.facts.length;
+  at("usual", HTMLElement).hidden = subject.id < 0;
   at("held", HTMLElement).textContent = held ? `${held} more ${held === 1 ? "is" : "are"} held out and only asked for.` : "";
 }

@@ -62,7 +62,7 @@ function indicatorsOf(weights) {
   return listed.sort((a, b) => b.weight - a.weight || a.id - b.id);
 }
 
-/** The queries of an entity: those with true answers, then those that others of its kind have. @param {World} world
+/** The queries of an entity: those with true answers, then those that others of its kind have, most frequent first. @param {World} world
  * @param {Subject} subject @returns {Query[]} */
 export function queriesOf(world, subject) {
   const queries = world.relations.flatMap((_, relation) => [false, true].map((isTail) => ({
@@ -71,9 +71,11 @@ export function queriesOf(world, subject) {
       (fact.relation === relation && fact.isTail === isTail ? [[fact.other, place]] : []))),
   })));
   /** @param {Query} query */
-  const ofKind = ({ relation, isTail }) => subject.before.triples.some((triple) => triple.relation === relation
-    && world.kind[isTail ? triple.tail : triple.head] === subject.kind);
-  return [...queries.filter((query) => query.true.size), ...queries.filter((query) => !query.true.size && ofKind(query))];
+  const ofKind = ({ relation, isTail }) => subject.before.triples.filter((triple) => triple.relation === relation
+    && world.kind[isTail ? triple.tail : triple.head] === subject.kind).length;
+  const others = queries.filter((query) => !query.true.size).map((query) => ({ query, number: ofKind(query) }));
+  const frequent = others.filter(({ number }) => number).sort((a, b) => b.number - a.number);
+  return [...queries.filter((query) => query.true.size), ...frequent.map(({ query }) => query)];
 }
 
 /** Rank of each known entity by relations, best 1, or null without facts. @param {World} world
