@@ -1,5 +1,6 @@
 /* What the vectors answer: a summary, indicators, and answers with rank and mark, side by side with the joint model. */
 import { at, fixed, html } from "./elements.js";
+import { dialOf } from "./state.js";
 import { insertion, mrrStarsOfDraws, queriesOf, relationalRanks } from "./insertion.js";
 import { RANDOM } from "./initializers.js";
 import { length } from "./linear_algebra.js";
@@ -22,7 +23,8 @@ export function drawAnswers(world, state, shown, point) {
   const groups = queriesOf(world, subject).map((query) => ({ query, node: html("div", { class: "ex-query" },
     html("h5", {}, asked(world, query, subject.name, "?")),
     html("div", { class: "ex-columns" }, ...columns.map((one, number) => answerList(world, state, query, one, names[number], number)))) }));
-  const answered = groups.filter(({ query }) => query.true.size).length, open = Math.max(answered, LEAST_QUERIES);
+  const answered = groups.filter(({ query }) => query.true.size).length, least = answered && subject.id >= 0 ? 0 : LEAST_QUERIES;
+  const open = Math.max(answered, least);
   const nodes = groups.map(({ node }) => node), vain = nodes.slice(open);
   at("answers", HTMLElement).replaceChildren(...nodes.slice(0, open));
   at("marks", HTMLElement).hidden = subject.id < 0;
@@ -59,6 +61,24 @@ function drawSummary(world, { subject, given, choices }, columns, names) {
     ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
       + `end hidden; 100 is perfect. ${usualLength}; a long one scores high against everything.`
     : `${subject.facts.length ? `All known facts of ${subject.name} are given` : `No fact of ${subject.name} is known`}. ${usualLength}.`;
+}
+
+/** What changed since ``before``, and MRR* now, in words that are read out. @param {World} world @param {State} state
+ * @param {Insertion[]} shown @param {State} before */
+export function summaryOf(world, { subject, given, choices }, shown, before) {
+  const labelled = choices.map(({ name }, number) => {
+    const range = dialOf(world, name), label = world.initializers.find((one) => one.name === name)?.label ?? name;
+    return range ? `${label}, ${range.label} ${shown[number].dial}` : label;
+  });
+  const changes = choices.flatMap((choice, number) => (choice === before.choices[number] ? [] : [`now ${labelled[number]}`]));
+  const added = given.filter((place) => !before.given.includes(place)), removed = before.given.filter((place) => !given.includes(place));
+  if (subject !== before.subject) changes.push(`${subject.name}, ${given.length} facts given`);
+  else if (added.length || removed.length) {
+    const [place] = [...added, ...removed], fact = subject.facts[place], words = asked(world, fact, subject.name, world.names[fact.other]);
+    changes.push(added.length + removed.length > 1 ? `${given.length} facts given` : `${words}: ${added.length ? "given" : "not given"}`);
+  }
+  const values = shown.map(({ mrrStar }, number) => `${labelled[number]}: ${mrrStar === null ? "none" : fixed(100 * mrrStar, 1)}`);
+  return `${changes.join("; ")}. MRR*: ${values.join("; ")}.`;
 }
 
 /** @param {number} number */

@@ -55,7 +55,7 @@ export function makeControls(world, change, current) {
     const choose = (choice) => change({ choices: current().choices.map((old, place) => (place === number ? choice : old)) });
     by.addEventListener("change", () => choose(choiceOf(world, by.value)));
     dial.addEventListener("input", () => choose({ name: by.value, dial: Number(dial.value) }));
-    return { by, dial, label: at(`dial-label-${number}`, HTMLLabelElement) };
+    return { by, dial, label: at(`dial-label-${number}`, HTMLLabelElement), place: at(`dial-box-${number}`, HTMLElement) };
   });
   const usual = at("usual", HTMLButtonElement), all = at("all", HTMLButtonElement), none = at("none", HTMLButtonElement);
   usual.addEventListener("click", () => change({ given: current().subject.given }));
@@ -69,10 +69,10 @@ export function makeControls(world, change, current) {
     at("own", HTMLElement).hidden = !isOwn;
     if (isOwn) [facts, given] = [subject.facts, state.given];
     if (isOwn && document.activeElement !== name) name.value = subject.name;
-    columns.forEach(({ by, dial, label }, number) => {
+    columns.forEach(({ by, dial, label, place }, number) => {
       const range = dialOf(world, choices[number].name);
       by.value = choices[number].name;
-      dial.hidden = label.hidden = !range;
+      place.style.visibility = range ? "" : "hidden"; // its room stays: nothing else moves
       if (!range) return;
       dial.min = String(range.least);
       dial.max = String(range.most);
@@ -88,9 +88,10 @@ export function makeControls(world, change, current) {
 function about(world, { subject }) {
   const kind = world.kinds[subject.kind];
   if (subject.id < 0) {
-    const near = nearestByName(world, subject.name);
-    return near < 0 ? `No known phrase shares a word with it: it has no word vector here. Its kind: ${kind}.`
-      : `Its words are taken from the nearest known phrase, “${world.names[near]}”; its kind, too: ${kind}.`;
+    const { id: near, sure } = nearestByName(world, subject.name);
+    if (near < 0) return `No known phrase shares a word with it: it has no word vector here. Its kind is a guess: ${kind}.`;
+    return sure ? `Its words are taken from the nearest known phrase, “${world.names[near]}”; its kind, too: ${kind}.`
+      : `A guess: no known phrase ends in its last word. Its words are taken from “${world.names[near]}”; its kind: ${kind}.`;
   }
   return world.novel.includes(subject.id) ? `${subject.name} (${kind}): this Θ⁰ has never seen it.`
     : `${subject.name} (${kind}): its vector is left out here, but its neighbours' vectors were trained with it.`;
@@ -110,7 +111,7 @@ function showFacts(world, { subject, given }, change, remove) {
         const ticked = [...box.querySelectorAll("input")].filter((one) => one.checked).map((one) => Number(one.value));
         change({ given: ticked });
       });
-      const words = asked(world, fact, subject.name, world.names[fact.other]), label = html("label", {}, tick, words);
+      const words = asked(world, fact, subject.name, world.names[fact.other]), label = html("label", {}, tick, asked(world, fact, fact.isTail ? "…" : "", world.names[fact.other]).trim());
       if (subject.id >= 0) return [label];
       const button = html("button", { type: "button", class: "ex-remove", "aria-label": `Remove: ${words}` }, "×");
       button.addEventListener("click", () => remove(place));

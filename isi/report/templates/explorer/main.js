@@ -1,5 +1,5 @@
 /* The explorer: what is chosen is computed here, in the browser, and stands in the address. */
-import { drawAnswers } from "./answers_view.js";
+import { drawAnswers, summaryOf } from "./answers_view.js";
 import { makeControls } from "./controls.js";
 import { decode, subjectOf } from "./data.js";
 import { at } from "./elements.js";
@@ -39,9 +39,21 @@ function draw() {
 
 /** @param {Partial<State>} changed */
 function change(changed) {
+  const before = state;
   state = { ...state, ...changed };
   history.replaceState(null, "", address(world, state));
   draw();
+  announce(before);
+}
+
+let waiting = 0;
+
+/** Says what changed, and MRR*, once a control rests. @param {State} before */
+function announce(before) {
+  clearTimeout(waiting);
+  waiting = setTimeout(() => {
+    at("changed", HTMLElement).textContent = summaryOf(world, state, state.choices.map(shown), before);
+  }, 300);
 }
 
 const map = makeMap(world), show = makeControls(world, change, () => state);
