@@ -498,6 +498,81 @@ def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
         assert pointed.inner_text() != first
 
 
+def test_a_change_is_read_out(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
+        live = found.page.locator("#explorer-changed[role=status]")
+        assert live.inner_text() == ""
+        found.page.locator("#explorer-dial-0").focus()
+        found.page.keyboard.press("ArrowLeft")
+        live.get_by_text("now ES, k 2").wait_for()
+        for value in numbers(found)[:2]:
+            assert value in live.inner_text()
+        tick = found.page.locator("#explorer-facts input").first
+        before = tick.is_checked()
+        tick.click()
+        live.get_by_text(": not given." if before else ": given.").wait_for()
+        found.page.get_by_label("Second initializer").select_option("Mean")
+        live.get_by_text("now Mean").wait_for()
+        found.page.get_by_label("New entity").select_option("pot")
+        live.get_by_text("pot, ").wait_for()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mugs", "nearest known phrase, “mug”"),
+        ("frying-pan", "nearest known phrase, “pan”"),
+        ("wooden shelves", "nearest known phrase, “shelf”"),
+        ("top cup", "nearest known phrase, “cup”"),  # not table top: the last word counts first
+        ("table lamp", "A guess: no known phrase ends in its last word"),
+        ("scale", "no word vector"),
+    ],
+)
+def test_the_nearest_name_is_said_and_a_guess_is_called_one(
+    chromium: Browser, report: Path, name: str, words: str
+) -> None:
+    with opened(chromium, report, fragment=f"explorer/+{name}/es/xavier//") as found:
+        assert words in found.page.locator("#explorer-about").inner_text()
+        assert found.page.locator("#explorer-answers li").first.is_visible()
+        assert found.errors == []
+
+
+def test_facts_and_map_stay_beside_the_answers_on_a_desktop(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/pan/es/ers") as found:
+        found.page.locator("#explorer-answers .ex-query").last.scroll_into_view_if_needed()
+        answers = found.page.locator("#explorer-answers").bounding_box()
+        assert answers
+        for part in ("#explorer-facts", "#explorer-map", "#explorer-by-0"):
+            box = found.page.locator(part).bounding_box()
+            assert box
+            assert box["x"] + box["width"] <= answers["x"]
+            assert 0 <= box["y"] < box["y"] + box["height"] <= 900
+        names = found.page.locator("#explorer-indicators th button").all_inner_texts()
+        assert set(found.page.locator(".ex-labels text").all_text_contents()) == {*names}
+        place = found.page.locator("#explorer-facts").bounding_box()
+        found.page.get_by_label("First initializer").select_option("Mean")  # it has no dial
+        assert found.page.locator("#explorer-facts").bounding_box() == place
+
+
+def test_what_has_the_focus_is_not_under_the_facts_on_a_phone(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, width=390, fragment="explorer/pan/es/xavier") as found:
+        found.page.locator("#explorer-others summary").focus()
+        for _ in range(8):
+            found.page.keyboard.press("Shift+Tab")
+            covered = found.page.evaluate("""() => {
+              const box = document.activeElement.getBoundingClientRect();
+              const facts = document.querySelector(".ex-facts");
+              const inside = facts.contains(document.activeElement);
+              return !inside && box.top < facts.getBoundingClientRect().bottom
+                && box.bottom > facts.getBoundingClientRect().top;
+            }""")
+            assert not covered
+
+
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_nothing_sticks_out_and_nothing_is_requested(
     chromium: Browser, report: Path, width: int, scheme: str

@@ -50,7 +50,9 @@ function drawSummary(world, { subject, given, choices }, columns, names) {
   /** @param {number} number */
   const meanOfDraws = (number) => {
     const { name } = choices[number], values = RANDOM.includes(name) ? mrrStarsOfDraws(world, subject, given, name) : [];
-    return values.length ? `; mean of ${values.length} draws ${fixed((100 * values.reduce((a, b) => a + b)) / values.length, 1)}` : "";
+    if (!values.length) return "";
+    const mean = fixed((100 * values.reduce((a, b) => a + b)) / values.length, 1);
+    return choices[number].dial ? `; mean of ${values.length} draws ${mean}` : `; the median of ${values.length} draws, whose mean is ${mean}`;
   };
   at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
     html("dt", {}, names[number]), html("dd", {}, ...(mrrStar === null ? [] : [html("strong", {}, fixed(100 * mrrStar, 1))]),

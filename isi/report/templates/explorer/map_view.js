@@ -37,8 +37,7 @@ export function makeMap(world) {
 
   /** @param {PointerEvent} event */
   function nearest(event) {
-    const frame = drawing?.getBoundingClientRect() ?? new DOMRect();
-    const scale = WIDTH / frame.width, x = (event.clientX - frame.left) * scale, y = (event.clientY - frame.top) * scale;
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(drawing?.getScreenCTM()?.inverse());
     const away = listed.map((id) => Math.hypot(places[id][0] - x, places[id][1] - y)), least = Math.min(...away);
     point(least < REACH ? listed[away.indexOf(least)] : -1);
   }
@@ -100,7 +99,7 @@ export function makeMap(world) {
   /** Names of indicators, beside their points, else where there is room, with a line to the point.
    * @param {Insertion[]} shown @param {number[][]} ends */
   function drawLabels(shown, ends) {
-    const zoom = Math.max(1, (1.08 * WIDTH) / (drawing?.clientWidth || WIDTH)), line = 12.5 * zoom;
+    const zoom = Math.max(1, 1.08 / (drawing?.getScreenCTM()?.a || 1)), line = 12.5 * zoom;
     const taken = ends.map(([x, y]) => ({ left: x - 9, right: x + 9, top: y - 9, bottom: y + 9 }));
     const ids = [...new Set(shown.flatMap(lined))];
     for (const id of ids) taken.push(around(places[id], 4, 4));
