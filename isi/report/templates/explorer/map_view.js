@@ -124,7 +124,7 @@ export function makeMap(world) {
 const farness = ([right, down]) => Math.hypot(right, down) + Number(right < 0) * 1.1;
 
 /** Where a name may stand, in lines of text from its point, first right of it, away from the vector: nearest first. */
-const SPOTS = [0, 1, 2, 3, 4, 5, 6, 8, 10].flatMap((far) => (far ? [-1, -0.5, 0, 0.5, 1].flatMap((down) => [[far, far * down], [-far, far * down]])
+const SPOTS = [0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20].flatMap((far) => (far ? [-1, -0.5, 0, 0.5, 1].flatMap((down) => [[far, far * down], [-far, far * down]])
   .concat([[0, far], [0, -far]]) : [[0.01, 0], [-0.01, 0]])).sort((a, b) => farness(a) - farness(b));
 
 /** @typedef {{left: number, right: number, top: number, bottom: number}} Box */
