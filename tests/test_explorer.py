@@ -7,9 +7,9 @@ from __future__ import annotations
 import base64
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from numpy.random import Generator
 
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.experiment.train import train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
-from isi.initializers.api import INITIALIZERS, InitResult
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult
 from isi.insertion.engine import context_in_session
 from isi.models.stack import Embedding
 from isi.params import Params
@@ -44,6 +45,8 @@ RUN = Path(os.environ.get("ISI_RUN", ROOT))
 #: Of a run's known entities, each so-manyth is compared, and of small graphs all; 1: each one, in
 #: about 80 seconds.
 EVERY = int(os.environ.get("ISI_EVERY", 12))
+#: Initializers that draw.
+DRAWN = ("xavier", "iu")
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup",
          "cup board", "mug", "pan", "pot", "sofa", "shelf"]  # fmt: skip
 CASES = """cases => cases.map(({entity, given, name, dial}) => {
@@ -147,9 +150,11 @@ def inserted(
     entity: int,
     given: list[int],
     name: str,
-    k: int | None = None,
+    dial: int,
 ) -> InitResult:
-    """An initializer's result, from the facts ``given``."""
+    """An initializer's result, from the facts ``given``;
+    ``dial``: k, or the number of the page's draw.
+    """
     points, (before, _) = explored.points, alone(explored.points, entity)
     without = explored.theta0.entity.clone()
     without[0, entity] = 0
@@ -165,8 +170,41 @@ def inserted(
         params.seed,
         points.keys(),
     )
-    options = dict(params.initializers[name]) | ({} if k is None else {"k": k})
-    return INITIALIZERS.get(name, name).initialize(context, options)
+    options = dict(params.initializers[name])
+    if "k" in options:
+        options["k"] = dial
+    parts = {field.name: getattr(context, field.name) for field in fields(context)}
+    drawn = DrawnByPage(**parts, entity=points.graph.entities[entity], number=dial)
+    return INITIALIZERS.get(name, name).initialize(drawn, options)
+
+
+@dataclass(frozen=True)
+class DrawnByPage(InitContext):
+    """A context whose random numbers are those of the page."""
+
+    entity: str = ""
+    number: int = 1
+
+    def draw(
+        self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]
+    ) -> torch.Tensor:
+        assert distribution is Generator.random
+        size = self.theta0.entity.shape[-1]
+        return torch.tensor([[uniform(purpose, self.entity, self.number, size)]]).float()
+
+
+def uniform(initializer: str, entity: str, draw: int, size: int) -> list[float]:
+    """The page's random numbers: mulberry32 from FNV-1a of a text."""
+    bits = 0x811C9DC5
+    for byte in f"{initializer} {draw} {entity}".encode():
+        bits = (bits ^ byte) * 0x01000193 % 2**32
+    numbers = []
+    for _ in range(size):
+        bits = (bits + 0x6D2B79F5) % 2**32
+        mixed = (bits ^ bits >> 15) * (bits | 1) % 2**32
+        mixed ^= (mixed + (mixed ^ mixed >> 7) * (mixed | 61)) % 2**32
+        numbers.append((mixed ^ mixed >> 14) / 2**32)
+    return numbers
 
 
 def mrr_star(
@@ -221,7 +259,7 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         for number, name in enumerate(COMPUTED):
             usual = params.initializers[name].get("k", 1)
             for given, dial in ((facts, usual), (some, usual), (some, int(rng.integers(1, 6)))):
-                if dial == usual or "k" in params.initializers[name]:
+                if dial == usual or name in DRAWN or "k" in params.initializers[name]:
                     cases.append({"entity": entity, "given": given, "name": name, "dial": dial})
             if not number:
                 cases.append({"entity": entity, "given": some, "name": None, "dial": 0})
@@ -237,8 +275,7 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         entity, given, name = case["entity"], case["given"], case["name"]
         embedding = joint
         if name:
-            k = case["dial"] if "k" in params.initializers[name] else None
-            result = inserted(explored, params, entity, given, name, k)
+            result = inserted(explored, params, entity, given, name, case["dial"])
             assert np.allclose(answer["vector"], result.vectors[0, 0], rtol=0, atol=1e-4), case
             assert (answer["weights"] is None) == (result.weights is None)
             if result.weights is not None:
@@ -250,6 +287,34 @@ def test_vectors_indicators_scores_and_mrr_star_are_pythons(
         assert answer["mrrStar"] == pytest.approx(
             mrr_star(explored, embedding, entity, given), abs=1e-4
         ), case
+
+
+def test_a_random_initializer_starts_at_its_median_draw(
+    found: tuple[Opened, Explored, Params],
+) -> None:
+    """The median by Python: of an even number of draws the lower one."""
+    opened_page, explored, params = found
+    starts = """([id, name]) => {
+      const {world, subjectOf, insertion} = explorer, subject = subjectOf(world, id);
+      const {dial, mrrStar} = insertion(world, subject, subject.given, {name, dial: 0});
+      return [subject.given.map((place) => subject.facts[place].triple), dial, mrrStar];
+    }"""
+    entities = explored.points.novel[0, 0].tolist()
+    for entity in entities[:3]:
+        for name in DRAWN:
+            given, dial, value = opened_page.page.evaluate(starts, [entity, name])
+            values = []
+            for draw in range(1, 51):
+                table = explored.theta0.entity.clone()
+                result = inserted(explored, params, entity, given, name, draw)
+                table[0, entity] = result.vectors[0, 0]
+                embedding = replace(explored.theta0, entity=table)
+                values.append(mrr_star(explored, embedding, entity, given))
+            if None in values:
+                assert dial == 1
+                continue
+            assert value == pytest.approx(sorted(values)[24], abs=1e-4)
+            assert values[dial - 1] == pytest.approx(value, abs=1e-4)
 
 
 def test_what_is_given_at_first_is_what_the_run_gives(
@@ -340,6 +405,45 @@ def test_a_reader_inserts_an_entity_of_their_own(chromium: Browser, report: Path
         assert found.errors == []
 
 
+def test_a_name_of_ones_own_shows_answers_and_claims_no_facts(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/+tea cup/es/xavier//") as found:
+        assert found.page.locator("#explorer-answers li").first.is_visible()
+        assert numbers(found) == []
+        words = found.page.locator("#explorer-status").inner_text()
+        assert "No fact of tea cup is known" in words
+        assert found.errors == []
+
+
+def test_facts_of_ones_own_stay_as_they_are_ticked_until_they_are_removed(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/+tea cup/es/xavier//") as found:
+        add, ticks = (
+            found.page.get_by_role("button", name="Add"),
+            found.page.locator("#explorer-facts input"),
+        )
+        for end in (1, 2):
+            found.page.get_by_label("Other entity").select_option(index=end)
+            add.click()
+        ticks.first.uncheck()
+        marks = found.page.locator(".ex-first .ex-mark").all_inner_texts()
+        assert sorted(marks) == ["given", "not given"]
+        found.page.get_by_label("Its name").fill("tea cups")
+        assert state(found)[1:3] == [2, [1]]
+        found.page.get_by_label("Other entity").select_option(index=3)
+        add.click()
+        assert state(found)[1:3] == [3, [1, 2]]
+        found.page.get_by_label("New entity").select_option("pan")
+        found.page.get_by_label("New entity").select_option("own")
+        assert state(found)[:3] == ["tea cups", 3, [1, 2]]
+        found.page.get_by_role("button", name="Remove").nth(1).click()
+        assert state(found)[1:3] == [2, [1]]
+        assert ticks.evaluate_all("all => all.map(one => one.checked)") == [False, True]
+        assert found.errors == []
+
+
 def test_answers_are_ranked_marked_and_never_the_entity_itself(
     chromium: Browser, report: Path
 ) -> None:
@@ -361,6 +465,20 @@ def test_answers_are_ranked_marked_and_never_the_entity_itself(
             assert ranks == sorted(set(ranks))
 
 
+def test_heads_of_answers_have_the_colours_of_the_vectors(chromium: Browser, report: Path) -> None:
+    colours = "all => [...new Set(all.map(one => getComputedStyle(one).color))]"
+    with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
+        by_order = []
+        for order in ("first", "second", "third"):
+            heads = found.page.locator(f"#explorer-answers .ex-{order} .ex-by")
+            (colour,) = heads.evaluate_all(colours)
+            by_order.append(colour)
+            if order != "third":
+                mark = found.page.locator(f".ex-legend .ex-{order}")
+                assert mark.evaluate_all(colours) == [colour]
+        assert len({*by_order}) == 3
+
+
 def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
     chromium: Browser, report: Path
 ) -> None:
@@ -378,6 +496,81 @@ def test_an_indicator_is_marked_on_the_map_and_arrows_name_its_points(
         found.page.keyboard.press("ArrowRight")
         assert first
         assert pointed.inner_text() != first
+
+
+def test_a_change_is_read_out(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report, fragment="explorer/pan/es/xavier") as found:
+        live = found.page.locator("#explorer-changed[role=status]")
+        assert live.inner_text() == ""
+        found.page.locator("#explorer-dial-0").focus()
+        found.page.keyboard.press("ArrowLeft")
+        live.get_by_text("now ES, k 2").wait_for()
+        for value in numbers(found)[:2]:
+            assert value in live.inner_text()
+        tick = found.page.locator("#explorer-facts input").first
+        before = tick.is_checked()
+        tick.click()
+        live.get_by_text(": not given." if before else ": given.").wait_for()
+        found.page.get_by_label("Second initializer").select_option("Mean")
+        live.get_by_text("now Mean").wait_for()
+        found.page.get_by_label("New entity").select_option("pot")
+        live.get_by_text("pot, ").wait_for()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mugs", "nearest known phrase, “mug”"),
+        ("frying-pan", "nearest known phrase, “pan”"),
+        ("wooden shelves", "nearest known phrase, “shelf”"),
+        ("top cup", "nearest known phrase, “cup”"),  # not table top: the last word counts first
+        ("cup holder", "A guess: no known phrase ends in its last word"),
+        ("scale", "no word vector"),
+    ],
+)
+def test_the_nearest_name_is_said_and_a_guess_is_called_one(
+    chromium: Browser, report: Path, name: str, words: str
+) -> None:
+    with opened(chromium, report, fragment=f"explorer/+{name}/es/xavier//") as found:
+        assert words in found.page.locator("#explorer-about").inner_text()
+        assert found.page.locator("#explorer-answers li").first.is_visible()
+        assert found.errors == []
+
+
+def test_facts_and_map_stay_beside_the_answers_on_a_desktop(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, fragment="explorer/pan/es/ers") as found:
+        found.page.locator("#explorer-answers .ex-query").last.scroll_into_view_if_needed()
+        answers = found.page.locator("#explorer-answers").bounding_box()
+        assert answers
+        for part in ("#explorer-facts", "#explorer-map", "#explorer-by-0"):
+            box = found.page.locator(part).bounding_box()
+            assert box
+            assert box["x"] + box["width"] <= answers["x"]
+            assert 0 <= box["y"] < box["y"] + box["height"] <= 900
+        names = found.page.locator("#explorer-indicators th button").all_inner_texts()
+        assert set(found.page.locator(".ex-labels text").all_text_contents()) == {*names}
+        place = found.page.locator("#explorer-facts").bounding_box()
+        found.page.get_by_label("First initializer").select_option("Mean")  # it has no dial
+        assert found.page.locator("#explorer-facts").bounding_box() == place
+
+
+def test_what_has_the_focus_is_not_under_the_facts_on_a_phone(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, width=390, fragment="explorer/pan/es/xavier") as found:
+        found.page.locator("#explorer-others summary").focus()
+        for _ in range(8):
+            found.page.keyboard.press("Shift+Tab")
+            covered = found.page.evaluate("""() => {
+              const box = document.activeElement.getBoundingClientRect();
+              const facts = document.querySelector(".ex-facts");
+              const inside = facts.contains(document.activeElement);
+              return !inside && box.top < facts.getBoundingClientRect().bottom
+                && box.bottom > facts.getBoundingClientRect().top;
+            }""")
+            assert not covered
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])

@@ -101,6 +101,14 @@ def test_contents_and_links_open_the_folded_parts_they_lead_to(
         assert window.page.locator("#table-differences_isi table").is_visible()
 
 
+@pytest.mark.parametrize("fragment", ["%E0%A4%A", "explorer/+%E0%A4%A/ers/xavier//", "no/such"])
+def test_a_broken_address_shows_the_page(chromium: Browser, report: Path, fragment: str) -> None:
+    with fine(chromium, report, fragment=fragment) as window:
+        assert window.page.locator("#page").is_visible()
+        window.page.evaluate("location.hash = 'forgetting'")
+        window.page.locator("#forgetting > details[open]").wait_for()
+
+
 def test_tables_sort_by_click_and_by_keyboard_and_come_back(
     chromium: Browser, report: Path
 ) -> None:

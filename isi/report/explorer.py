@@ -19,7 +19,6 @@ from isi.initializers.similarity import cosines
 from isi.models.bilinear import BlockModel
 from isi.models.stack import Embedding
 from isi.params import Params
-from isi.random import stream
 from isi.report.words import TEMPLATES, label
 
 #: The initializers that the page computes: the functions in its table of them.
@@ -29,8 +28,8 @@ COMPUTED = re.findall(
     re.MULTILINE,
 )
 #: The modules of the page in the order of their imports.
-MODULES = ("linear_algebra", "model", "data", "similarity", "newton", "initializers", "ranking",
-           "state", "insertion", "elements", "map_view", "answers_view", "controls",
+MODULES = ("linear_algebra", "model", "data", "random", "similarity", "newton", "initializers",
+           "ranking", "state", "insertion", "elements", "map_view", "answers_view", "controls",
            "main")  # fmt: skip
 #: Coordinates of the joint model are rounded to this many steps from zero to the largest.
 STEPS = 2**15 - 1
@@ -82,7 +81,7 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "relations": graph.relations,
         "known": np.flatnonzero(known).tolist(),
         "novel": novel,
-        "start": next((e for e in novel if graph.entities[e] == "mug"), novel[0]),
+        "start": next((e for e in novel if graph.entities[e] == "bottle"), novel[0]),
         "theta0": packed(vectors[known]),
         "map": packed(model.maps(theta0.relation[0])),
         "cosines": packed(upper),
@@ -96,23 +95,10 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "fitted": round(100 * fitted),
         "plane": packed(np.vstack([centre, axes])),
         "shown": round(100 * shown),
-        **_initializers(points, params, vectors.shape[1]),
-    }
-
-
-def _initializers(points: GridPoints, params: Params, dimension: int) -> dict[str, Any]:
-    """The initializers that the page computes, and random numbers of those that draw."""
-    listed = {name: params.initializers[name] for name in COMPUTED if name in params.initializers}
-    draws = {
-        name: stream(params.seed, name, points.size, points.seeds[0])
-        for name in ("xavier", "iu")
-        if name in listed
-    }
-    return {
-        "uniform": {name: packed(draw.random(dimension)) for name, draw in draws.items()},
         "initializers": [
-            {"name": name, "label": label(name), "options": options}
-            for name, options in listed.items()
+            {"name": name, "label": label(name), "options": params.initializers[name]}
+            for name in COMPUTED
+            if name in params.initializers
         ],
     }
 

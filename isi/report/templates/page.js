@@ -9,8 +9,16 @@
     }
   }
 
+  function decoded(text) { // an address may be cut off within a letter
+    try {
+      return decodeURIComponent(text);
+    } catch {
+      return text;
+    }
+  }
+
   function openTarget() {
-    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    const target = document.getElementById(decoded(location.hash.slice(1)));
     if (!target) return;
     openAround(target);
     const own = target.querySelector(":scope > details");

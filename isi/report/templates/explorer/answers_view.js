@@ -1,13 +1,15 @@
 /* What the vectors answer: a summary, indicators, and answers with rank and mark, side by side with the joint model. */
 import { at, fixed, html } from "./elements.js";
-import { insertion, queriesOf, relationalRanks } from "./insertion.js";
+import { dialOf } from "./state.js";
+import { insertion, mrrStarsOfDraws, queriesOf, relationalRanks } from "./insertion.js";
+import { RANDOM } from "./initializers.js";
 import { length } from "./linear_algebra.js";
 
-/** @import { World } from "./data.js" */
+/** @import { Fact, World } from "./data.js" */
 /** @import { Insertion, Query } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
-const FIRST = 6, MOST_ROWS = 18, MOST_TRUE = 8;
+const FIRST = 6, MOST_ROWS = 18, MOST_TRUE = 8, LEAST_QUERIES = 4;
 
 /** @param {World} world @param {State} state @param {Insertion[]} shown @param {(id: number) => void} point */
 export function drawAnswers(world, state, shown, point) {
@@ -21,11 +23,15 @@ export function drawAnswers(world, state, shown, point) {
   const groups = queriesOf(world, subject).map((query) => ({ query, node: html("div", { class: "ex-query" },
     html("h5", {}, asked(world, query, subject.name, "?")),
     html("div", { class: "ex-columns" }, ...columns.map((one, number) => answerList(world, state, query, one, names[number], number)))) }));
-  const vain = groups.filter(({ query }) => !query.true.size).map(({ node }) => node);
-  at("answers", HTMLElement).replaceChildren(...groups.filter(({ query }) => query.true.size).map(({ node }) => node));
+  const answered = groups.filter(({ query }) => query.true.size).length, least = answered && subject.id >= 0 ? 0 : LEAST_QUERIES;
+  const open = Math.max(answered, least);
+  const nodes = groups.map(({ node }) => node), vain = nodes.slice(open);
+  at("answers", HTMLElement).replaceChildren(...nodes.slice(0, open));
+  at("marks", HTMLElement).hidden = subject.id < 0;
+  at("own-marks", HTMLElement).hidden = subject.id >= 0;
   if (vain.length) {
-    const folded = document.querySelector("#explorer-box .ex-vain");
-    const others = html("details", { class: "ex-vain" }, html("summary", {}, "Questions without a true answer"), ...vain);
+    const folded = document.querySelector("#explorer-box .ex-vain"), text = answered ? "Questions without a true answer" : "More questions";
+    const others = html("details", { class: "ex-vain" }, html("summary", {}, text), ...vain);
     others.open = folded instanceof HTMLDetailsElement && folded.open;
     at("others", HTMLElement).replaceChildren(others);
   } else at("others", HTMLElement).replaceChildren();
@@ -38,17 +44,43 @@ export function asked(world, { relation, isTail }, own, other) {
 }
 
 /** @param {World} world @param {State} state @param {Insertion[]} columns @param {string[]} names */
-function drawSummary(world, { subject, given }, columns, names) {
+function drawSummary(world, { subject, given, choices }, columns, names) {
   const lengths = subject.before.known.map((id) => length(world.theta0.entity[id]));
   const usual = lengths.reduce((sum, one) => sum + one, 0) / lengths.length, left = subject.facts.length - given.length;
-  at("name", HTMLElement).textContent = `MRR* of this insertion`;
+  /** @param {number} number */
+  const meanOfDraws = (number) => {
+    const { name } = choices[number], values = RANDOM.includes(name) ? mrrStarsOfDraws(world, subject, given, name) : [];
+    if (!values.length) return "";
+    const mean = fixed((100 * values.reduce((a, b) => a + b)) / values.length, 1);
+    return choices[number].dial ? `; mean of ${values.length} draws ${mean}` : `; the median of ${values.length} draws, whose mean is ${mean}`;
+  };
   at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
-    html("dt", {}, names[number]), html("dd", {}, html("strong", {}, mrrStar === null ? "–" : fixed(100 * mrrStar, 1)),
-      number < 2 ? ` length ${fixed(own, 1)}` : " trained with all its facts"))));
+    html("dt", {}, names[number]), html("dd", {}, ...(mrrStar === null ? [] : [html("strong", {}, fixed(100 * mrrStar, 1))]),
+      ` ${number < 2 ? `length ${fixed(own, 1)}${meanOfDraws(number)}` : "trained with its training facts"}`))));
+  const usualLength = `Known vectors have a mean length of ${fixed(usual, 1)}`;
+  at("name", HTMLElement).textContent = left ? "MRR* of this insertion" : "No MRR*: no true answer is left to rank";
   at("status", HTMLElement).textContent = left
     ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
-      + `end hidden; 100 is perfect. Known vectors have a mean length of ${fixed(usual, 1)}; a long one scores high against everything.`
-    : `All facts of ${subject.name} are given, so none is left to ask for. Known vectors have a mean length of ${fixed(usual, 1)}.`;
+      + `end hidden; 100 is perfect. ${usualLength}; a long one scores high against everything.`
+    : `${subject.facts.length ? `All known facts of ${subject.name} are given` : `No fact of ${subject.name} is known`}. ${usualLength}.`;
+}
+
+/** What changed since ``before``, and MRR* now, in words that are read out. @param {World} world @param {State} state
+ * @param {Insertion[]} shown @param {State} before */
+export function summaryOf(world, { subject, given, choices }, shown, before) {
+  const labelled = choices.map(({ name }, number) => {
+    const range = dialOf(world, name), label = world.initializers.find((one) => one.name === name)?.label ?? name;
+    return range ? `${label}, ${range.label} ${shown[number].dial}` : label;
+  });
+  const changes = choices.flatMap((choice, number) => (choice === before.choices[number] ? [] : [`now ${labelled[number]}`]));
+  const added = given.filter((place) => !before.given.includes(place)), removed = before.given.filter((place) => !given.includes(place));
+  if (subject !== before.subject) changes.push(`${subject.name}, ${given.length} facts given`);
+  else if (added.length || removed.length) {
+    const [place] = [...added, ...removed], fact = subject.facts[place], words = asked(world, fact, subject.name, world.names[fact.other]);
+    changes.push(added.length + removed.length > 1 ? `${given.length} facts given` : `${words}: ${added.length ? "given" : "not given"}`);
+  }
+  const values = shown.map(({ mrrStar }, number) => `${labelled[number]}: ${mrrStar === null ? "none" : fixed(100 * mrrStar, 1)}`);
+  return `${changes.join("; ")}. MRR*: ${values.join("; ")}.`;
 }
 
 /** @param {number} number */
@@ -95,13 +127,14 @@ function answerList(world, { subject, given }, query, one, label, number) {
   const shown = lines.slice(0, FIRST + MOST_TRUE), rest = lines.length - shown.length;
   return html("div", { class: style(number) }, html("p", { class: "ex-by" }, label), html("ol", {}, ...shown.map(({ id, rank, fact }) => {
     const words = fact === undefined ? [world.names[id]]
-      : [html("strong", {}, `✓ ${world.names[id]}`), " ", markOf(subject.facts[fact].split, given.includes(fact))];
+      : [html("strong", {}, `✓ ${world.names[id]}`), " ", markOf(subject.facts[fact], given.includes(fact))];
     return html("li", { value: rank, "data-entity": id }, ...words);
   })), ...(rest ? [html("p", {}, `and ${rest} more true ones below`)] : []));
 }
 
-/** @param {number} split @param {boolean} given */
-function markOf(split, given) {
+/** @param {Fact} fact @param {boolean} given */
+function markOf({ triple, split }, given) {
+  if (triple < 0 && !given) return html("span", { class: "ex-mark" }, "not given");
   if (given) return html("span", { class: "ex-mark ex-given" }, "given");
   return html("span", { class: split ? "ex-mark ex-held" : "ex-mark" }, split ? "held out" : "trained");
 }

@@ -11,7 +11,7 @@
  *   seed: number, model: string, scalars: number, dimension: number, names: string[], kinds: string[], kind: number[],
  *   relations: string[], known: number[], novel: number[], theta0: string, map: string, cosines: string,
  *   worded: number[], triples: number[][], given: Object<string, number[]>, joint: string, jointScale: number,
- *   jointMap: string, jointPlaces: number[][], uniform: Object<string, string>, plane: string, shown: number,
+ *   jointMap: string, jointPlaces: number[][], plane: string, shown: number,
  *   fitted: number, initializers: {name: string, label: string, options: Object<string, number>}[], start: number,
  * }} Payload */
 /** @typedef {ReturnType<typeof decode>} World */
@@ -47,7 +47,6 @@ export function decode(payload) {
     triples: payload.triples.map(([head, relation, tail, count, split]) => ({ head, relation, tail, count, split })),
     theta0: { entity, map: rows(numbers(payload.map, Float32Array), dimension) },
     joint: { entity: rows(joint, dimension), map: rows(numbers(payload.jointMap, Float32Array), dimension) },
-    uniform: Object.fromEntries(Object.entries(payload.uniform).map(([name, text]) => [name, numbers(text, Float32Array)])),
   };
 }
 
@@ -91,22 +90,38 @@ export function subjectOf(world, id) {
   };
 }
 
-/** The entity whose name shares most letters of whole words with ``name``, or -1. @param {World} world
- * @param {string} name */
-export function nearestByName(world, name) {
-  const words = new Set(name.toLowerCase().split(/\s+/));
-  const shared = world.names.map((known, id) => (world.worded[id] ? known.toLowerCase().split(/\s+/) : [])
-    .filter((word) => words.has(word)).join("").length);
-  const most = Math.max(...shared), alike = shared.flatMap((count, id) => (count === most ? [id] : []));
-  return most > 0 ? alike.reduce((a, b) => (world.names[b].length < world.names[a].length ? b : a)) : -1;
+/** Words of a name: lower-case, apart at hyphens, in the singular. @param {string} name */
+const wordsOf = (name) => name.toLowerCase().split(/[\s_-]+/).filter(Boolean).map(singular);
+
+/** The singular of a regular English plural, else the word. @param {string} word */
+function singular(word) {
+  if (word.length < 4 || /(ss|us|is)$/.test(word)) return word;
+  if (/(shel|kni|lea|hal)ves$/.test(word)) return word.replace(/ves$/, word.includes("kni") ? "fe" : "f");
+  if (/[^aeiou]ies$/.test(word)) return `${word.slice(0, -3)}y`;
+  if (/(ch|sh|ss|x|to)es$/.test(word)) return word.slice(0, -2);
+  return word.replace(/s$/, "");
 }
 
-/** A reader's own entity: words and kind of the entity with the nearest name, else no words and the most common kind.
+/** The entity with the nearest name, or -1: names with the same last word first, since it says what a thing is, then those
+ * that share most letters of whole words, then shorter ones; ``sure``: whether the last words are the same.
+ * @param {World} world @param {string} name */
+export function nearestByName(world, name) {
+  const words = wordsOf(name), last = words.at(-1);
+  const near = world.names.flatMap((known, id) => {
+    const theirs = world.worded[id] ? wordsOf(known) : [], shared = theirs.filter((word) => words.includes(word)).join("").length;
+    return shared ? [{ id, sure: theirs.at(-1) === last, shared, long: known.length }] : [];
+  });
+  near.sort((a, b) => Number(b.sure) - Number(a.sure) || b.shared - a.shared || a.long - b.long);
+  return near[0] ?? { id: -1, sure: false };
+}
+
+/** A reader's own entity: words of the entity with the nearest name, if there is one, and its kind; if that name is a
+ * guess, the most common kind.
  * @param {World} world @param {string} name @param {Fact[]} facts @returns {Subject} */
 export function ownSubject(world, name, facts) {
-  const near = nearestByName(world, name), number = world.kinds.map((_, kind) => world.kind.filter((k) => k === kind).length);
+  const { id: near, sure } = nearestByName(world, name), number = world.kinds.map((_, kind) => world.kind.filter((k) => k === kind).length);
   return {
-    id: -1, name, kind: near < 0 ? number.indexOf(Math.max(...number)) : world.kind[near],
+    id: -1, name, kind: !sure ? number.indexOf(Math.max(...number)) : world.kind[near],
     cosines: near < 0 ? null : world.cosines[near], facts, given: facts.map((_, place) => place),
     before: beforeOf(world, -1),
   };

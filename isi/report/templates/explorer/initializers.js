@@ -1,5 +1,6 @@
 /* The initializers: the first vector of an entity, from its facts, its words and Θ⁰. */
 import { mostProbable } from "./newton.js";
+import { uniform } from "./random.js";
 import { allKnown, meanOfFirst, relationalScore, softmax, topK } from "./similarity.js";
 
 /** @import { Fact, Subject, World } from "./data.js" */
@@ -8,18 +9,19 @@ import { allKnown, meanOfFirst, relationalScore, softmax, topK } from "./similar
  * @typedef {(world: World, subject: Subject, facts: Fact[], options: Object<string, number>, dial: number) => Result
  * } Initializer */
 
+/** Those that draw: their dial is the number of the draw. */
+export const RANDOM = ["xavier", "iu"];
+
 /** @type {Object<string, Initializer>} */
 const INITIALIZERS = {
   xavier: (world, subject, facts, options, draw) => {
     const bound = 6 / Math.sqrt(world.dimension);
-    return random(uniform(world, "xavier", draw).map((value) => value * 2 * bound - bound));
+    return random(uniform("xavier", subject.name, draw, world.dimension).map((value) => value * 2 * bound - bound));
   },
   iu: (world, subject, facts, options, draw) => {
-    const vectors = subject.before.known.map((id) => world.theta0.entity[id]);
-    return random(uniform(world, "iu", draw).map((value, axis) => {
-      const of = vectors.map((v) => v[axis]), low = Math.min(...of);
-      return value * (Math.max(...of) - low) + low;
-    }));
+    const { low, high } = ranges(world, subject);
+    return random(uniform("iu", subject.name, draw, world.dimension)
+      .map((value, axis) => value * (high[axis] - low[axis]) + low[axis]));
   },
   es: (world, subject, facts, options, k) => meanOfFirst(world, subject, facts, [
     { needs: "words", weigh: () => topK(cosines(subject), named(world, subject), k) },
@@ -68,17 +70,17 @@ const INITIALIZERS = {
 /** @param {Float64Array} vector @returns {Result} */
 const random = (vector) => ({ vector, weights: null, fallback: null });
 
-/** Numbers in [0, 1): the first draw is that of the runs, the others are the page's. @param {World} world
- * @param {string} name @param {number} draw */
-function uniform(world, name, draw) {
-  if (draw <= 1) return world.uniform[name];
-  let state = Math.imul(draw, 0x9e3779b1) ^ Math.imul(name.length, 0x85ebca6b);
-  return world.uniform[name].map(() => { // mulberry32
-    state = (state + 0x6d2b79f5) | 0;
-    let mixed = Math.imul(state ^ (state >>> 15), state | 1);
-    mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
-    return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
-  });
+/** Ranges of coordinates of known vectors, computed once for what is known. @type {WeakMap<Subject["before"], Ranges>} */
+const RANGES = new WeakMap();
+
+/** @typedef {{low: number[], high: number[]}} Ranges @param {World} world @param {Subject} subject @returns {Ranges} */
+function ranges(world, { before }) {
+  const there = RANGES.get(before);
+  if (there) return there;
+  const axes = Array.from({ length: world.dimension }, (_, axis) => before.known.map((id) => world.theta0.entity[id][axis]));
+  const made = { low: axes.map((values) => Math.min(...values)), high: axes.map((values) => Math.max(...values)) };
+  RANGES.set(before, made);
+  return made;
 }
 
 /** @param {Subject} subject */

@@ -1,5 +1,5 @@
 /* The explorer: what is chosen is computed here, in the browser, and stands in the address. */
-import { drawAnswers } from "./answers_view.js";
+import { drawAnswers, summaryOf } from "./answers_view.js";
 import { makeControls } from "./controls.js";
 import { decode, subjectOf } from "./data.js";
 import { at } from "./elements.js";
@@ -12,7 +12,7 @@ import { address, choiceOf, parse } from "./state.js";
 
 const world = decode(JSON.parse(at("data", HTMLElement).textContent ?? ""));
 const box = at("box", HTMLElement), start = subjectOf(world, world.start);
-const [first, second] = ["ers", "xavier"].map((name, number) =>
+const [first, second] = ["es", "xavier"].map((name, number) =>
   choiceOf(world, world.initializers.some((one) => one.name === name) ? name : world.initializers[number].name));
 /** @type {State} */
 let state = { subject: start, given: start.given, choices: [first, second] };
@@ -31,7 +31,7 @@ function shown(choice) {
 
 function draw() {
   const since = performance.now(), both = state.choices.map(shown);
-  show(state);
+  show(state, both);
   map.draw(state, both);
   drawAnswers(world, state, both, map.point);
   milliseconds = performance.now() - since;
@@ -39,9 +39,21 @@ function draw() {
 
 /** @param {Partial<State>} changed */
 function change(changed) {
+  const before = state;
   state = { ...state, ...changed };
   history.replaceState(null, "", address(world, state));
   draw();
+  announce(before);
+}
+
+let waiting = 0;
+
+/** Says what changed, and MRR*, once a control rests. @param {State} before */
+function announce(before) {
+  clearTimeout(waiting);
+  waiting = setTimeout(() => {
+    at("changed", HTMLElement).textContent = summaryOf(world, state, state.choices.map(shown), before);
+  }, 300);
 }
 
 const map = makeMap(world), show = makeControls(world, change, () => state);

@@ -6,7 +6,7 @@ import { placeOf } from "./insertion.js";
 /** @import { Insertion } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
-const [WIDTH, HEIGHT, MARGIN] = [640, 420, 24], REACH = 30, MOST_LINES = 40;
+const [WIDTH, HEIGHT, MARGIN] = [640, 460, 56], REACH = 30, MOST_LINES = 40;
 
 /** @param {World} world */
 export function makeMap(world) {
@@ -37,8 +37,7 @@ export function makeMap(world) {
 
   /** @param {PointerEvent} event */
   function nearest(event) {
-    const frame = drawing?.getBoundingClientRect() ?? new DOMRect();
-    const scale = WIDTH / frame.width, x = (event.clientX - frame.left) * scale, y = (event.clientY - frame.top) * scale;
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(drawing?.getScreenCTM()?.inverse());
     const away = listed.map((id) => Math.hypot(places[id][0] - x, places[id][1] - y)), least = Math.min(...away);
     point(least < REACH ? listed[away.indexOf(least)] : -1);
   }
@@ -57,23 +56,24 @@ export function makeMap(world) {
 
   /** @param {State} state @param {Insertion[]} shown */
   function draw({ subject }, shown) {
-    const jointPlace = subject.id < 0 ? [] : [world.jointPlaces[subject.id]];
-    const at = [...shown.map(({ vector }) => placeOf(world, vector)), ...jointPlace];
-    const raw = world.theta0.entity.map((v) => placeOf(world, v)), known_ = subject.before.known;
-    const onto = fitted([...known_.map((id) => raw[id]), ...at]);
+    const jointPlace = subject.id < 0 ? [] : [world.jointPlaces[subject.id]], raw = world.theta0.entity.map((v) => placeOf(world, v));
+    const at = [...shown.map(({ vector }) => placeOf(world, vector)), ...jointPlace], means = shown.flatMap(lined);
+    const onto = means.length ? fitted([...means.map((id) => raw[id]), ...shown.flatMap((one, number) => (one.weights ? [at[number]] : [])), ...jointPlace])
+      : fitted([...subject.before.known.map((id) => raw[id]), ...at]);
     places = raw.map(onto);
-    listed = known_;
+    listed = subject.before.known.filter((id) => places[id].join() === inside(places[id]).join());
+    const visible = new Set(listed);
     known.forEach((dot, id) => {
-      fill(dot, { cx: places[id][0], cy: places[id][1], visibility: known_.includes(id) ? "visible" : "hidden" }, []);
+      fill(dot, { cx: places[id][0], cy: places[id][1], visibility: visible.has(id) ? "visible" : "hidden" }, []);
     });
-    const ends = at.map(onto);
+    const ends = at.map((place) => inside(onto(place)));
     [...vectors, joint].forEach((mark, number) => {
       mark.setAttribute("visibility", ends[number] ? "visible" : "hidden");
       if (ends[number]) mark.style.transform = `translate(${ends[number][0]}px, ${ends[number][1]}px)`;
     });
     drawLines(shown, ends);
-    drawLabels(subject.name, shown, ends);
-    if (active >= 0) point(active);
+    drawLabels(shown, ends);
+    if (active >= 0) point(visible.has(active) ? active : -1);
   }
 
   /** @param {Insertion[]} shown @param {number[][]} ends */
@@ -96,28 +96,49 @@ export function makeMap(world) {
     }
   }
 
-  /** Names of the entity and of indicators, where nothing else is written. @param {string} text
+  /** Names of indicators, beside their points, else where there is room, with a line to the point.
    * @param {Insertion[]} shown @param {number[][]} ends */
-  function drawLabels(text, shown, ends) {
-    const zoom = (drawing?.clientWidth ?? WIDTH) < 480 ? 1.6 : 1, taken = /** @type {number[][]} */ ([]);
-    /** @param {string} words @param {number[]} place @param {number} apart @param {string} style */
-    const write = (words, [x, y], apart, style) => {
-      const width = 6.4 * zoom * words.length, line = 12 * zoom;
-      const spots = [[apart, line / 3], [-apart - width, line / 3], [-width / 2, -apart], [-width / 2, apart + line]];
-      const free = spots.map(([right, down]) => [x + right, y + down]).find(([left, base]) => left > 0 && left + width < WIDTH
-        && base > line && base < HEIGHT && taken.every(([start, row, long]) =>
-        left > start + long || start > left + width || Math.abs(base - row) > line));
-      if (!free) return [];
-      taken.push([...free, width]);
-      return [svg("text", { x: free[0], y: free[1], class: style }, words)];
-    };
-    const ids = new Set(shown.flatMap(({ indicators }) => (indicators.length > MOST_LINES ? [] : indicators.map(({ id }) => id))));
-    layer.labels.replaceChildren(
-      ...write(text, ends[0], 11, "ex-own"), ...[...ids].slice(0, 24).flatMap((id) => write(world.names[id], places[id], 6, "")),
-    );
+  function drawLabels(shown, ends) {
+    const zoom = Math.max(1, 1.08 / (drawing?.getScreenCTM()?.a || 1)), line = 12.5 * zoom;
+    const taken = ends.map(([x, y]) => ({ left: x - 9, right: x + 9, top: y - 9, bottom: y + 9 }));
+    const ids = [...new Set(shown.flatMap(lined))];
+    for (const id of ids) taken.push(around(places[id], 4, 4));
+    layer.labels.replaceChildren(...ids.sort((a, b) => places[a][1] - places[b][1]).flatMap((id) => {
+      const [x, y] = places[id], half = 3.1 * zoom * world.names[id].length;
+      const away = x < ends[0][0] ? -1 : 1; // from the vector: its lines are on the other side
+      for (const [right, down] of SPOTS.map(([far, low]) => [away * far, low])) {
+        const centre = [x + right * line + Math.sign(right) * (half + 6), y + down * line], box = around(centre, half, line / 2);
+        if (box.left < 0 || box.right > WIDTH || box.top < 0 || box.bottom > HEIGHT || taken.some((one) => overlap(one, box))) continue;
+        taken.push(box);
+        const text = svg("text", { x: centre[0], y: centre[1] + line * 0.3, "text-anchor": "middle", "font-size": 11 * zoom }, world.names[id]);
+        const nearby = Math.hypot(right, down) < 1.1, to = [Math.min(Math.max(x, box.left), box.right), Math.min(Math.max(y, box.top + 3), box.bottom - 3)];
+        return nearby ? [text] : [svg("path", { class: "ex-leader", d: `M${x} ${y}L${to.join(" ")}` }), text];
+      }
+      return [];
+    }));
   }
   return { draw, point };
 }
+
+/** How far a spot is; one towards the vector counts as a line farther. @param {number[]} spot */
+const farness = ([right, down]) => Math.hypot(right, down) + Number(right < 0) * 1.1;
+
+/** Where a name may stand, in lines of text from its point, first right of it, away from the vector: nearest first. */
+const SPOTS = [0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20].flatMap((far) => (far ? [-1, -0.5, 0, 0.5, 1].flatMap((down) => [[far, far * down], [-far, far * down]])
+  .concat([[0, far], [0, -far]]) : [[0.01, 0], [-0.01, 0]])).sort((a, b) => farness(a) - farness(b));
+
+/** @typedef {{left: number, right: number, top: number, bottom: number}} Box */
+/** @param {number[]} centre @param {number} half @param {number} tall @returns {Box} */
+const around = ([x, y], half, tall) => ({ left: x - half, right: x + half, top: y - tall, bottom: y + tall });
+
+/** @param {Box} a @param {Box} b */
+const overlap = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+
+/** Ids of the indicators that have lines. @param {Insertion} shown */
+const lined = ({ indicators }) => (indicators.length > MOST_LINES ? [] : indicators.map(({ id }) => id));
+
+/** The nearest place within the drawing. @param {number[]} place */
+const inside = ([x, y]) => [Math.min(Math.max(x, 10), WIDTH - 10), Math.min(Math.max(y, 10), HEIGHT - 10)];
 
 /** From places on the map to the drawing, as large as it can be. @param {number[][]} places */
 function fitted(places) {

@@ -1,8 +1,10 @@
 /* What is shown, as it stands in the address: #explorer/NAME/FIRST/SECOND/GIVEN/FACTS. */
 import { ownSubject, subjectOf } from "./data.js";
+import { RANDOM } from "./initializers.js";
+import { DRAWS } from "./random.js";
 
 /** @import { Fact, Subject, World } from "./data.js" */
-/** An initializer and its dial: k, or the number of a draw. @typedef {{name: string, dial: number}} Choice */
+/** An initializer and its dial: k, or the number of a draw (0: the median one). @typedef {{name: string, dial: number}} Choice */
 /** @typedef {{subject: Subject, given: number[], choices: Choice[]}} State */
 
 const OWN = "+"; // before the name of a reader's own entity
@@ -10,7 +12,7 @@ const OWN = "+"; // before the name of a reader's own entity
 /** @param {World} world @param {string} name @returns {{label: string, least: number, most: number, usual: number} | null} */
 export function dialOf(world, name) {
   const options = world.initializers.find((one) => one.name === name)?.options ?? {};
-  if (name in world.uniform) return { label: "draw", least: 1, most: 50, usual: 1 };
+  if (RANDOM.includes(name)) return { label: "draw", least: 1, most: DRAWS, usual: 0 };
   return "k" in options ? { label: "k", least: 1, most: options.candidates ?? 30, usual: options.k } : null;
 }
 
@@ -38,8 +40,9 @@ export function parse(world, text, state) {
   const choices = [first, second].map((part, number) => {
     const [by = "", dial] = (part ?? "").split("~"), range = dialOf(world, by);
     if (!world.initializers.some((one) => one.name === by)) return state.choices[number];
-    const wanted = Math.round(Number(dial ?? range?.usual));
-    return { name: by, dial: range ? Math.min(Math.max(wanted || range.usual, range.least), range.most) : 0 };
+    const wanted = Math.round(Number(dial ?? 0));
+    if (!range || !wanted) return choiceOf(world, by);
+    return { name: by, dial: Math.min(Math.max(wanted, range.least), range.most) };
   });
   return { subject, given: mayBeGiven ? places : subject.given, choices };
 }
