@@ -193,7 +193,7 @@ def test_extras_that_messages_and_pages_name_exist(built: Built) -> None:
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.glob("*.md"))
     listed = {
         extra
-        for text in re.findall(r"isi-kge\[([a-z,-]+)\]", code + pages)
+        for text in re.findall(r"""(?:isi-kge|["']\.)\[([a-z,-]+)\]""", code + pages)
         for extra in text.split(",")
     }
     extras = listed | set(re.findall(r"\bextra\(\"(.*?)\"\)", code))
