@@ -12,7 +12,7 @@ from torch.nn.functional import softplus
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.initializers.evidence import share_known
-from isi.initializers.scale import KnownQueries, Scale
+from isi.initializers.scale import KnownQueries, Scale, parts_of_sides
 from isi.insertion.engine import trained_session
 from isi.insertion.inverses import InverseRelations, both_ways, unpack
 from isi.models.model import Model
@@ -162,9 +162,11 @@ class CrossEntropy:
             with torch.enable_grad():
                 loss = self._of_facts(replace(theta, entity=torch.cat([known, new], 1)), facts)
             gradient += torch.autograd.grad(loss, new)[0]
-        with torch.enable_grad():
-            loss = self._of_known(theta, new) * (len(part) / len(self.triples))
-        gradient += torch.autograd.grad(loss, new)[0]
+        share = len(part) / len(self.triples)
+        for places, is_tail in parts_of_sides(self.queries.unique.novel_is_tail[None], len(new[0])):
+            with torch.enable_grad():
+                loss = share * self._of_known(theta, new, places[0], is_tail)
+            gradient += torch.autograd.grad(loss, new)[0]
         return gradient
 
     def _of_facts(self, theta: Embedding, facts: Tensor) -> Tensor:
@@ -175,17 +177,19 @@ class CrossEntropy:
             loss = loss + _cross_entropy(theta.score_heads(relation, tail), head)
         return loss
 
-    def _of_known(self, theta: Embedding, new: Tensor) -> Tensor:
-        """Σ s · softplus(f - log Z) over known answers and new entities in their place."""
-        unique, loss = self.queries.unique, 0 * new.sum()
-        given, relation = theta.entity[:, unique.given], theta.relation[:, unique.relation]
-        answers, log_z = unique.answers[0].float(), unique.log_z[0].float()
-        for is_tail, score in ((False, theta.model.score_heads), (True, theta.model.score_tails)):
-            side = (unique.novel_is_tail == is_tail).nonzero()[:, 0]
-            for part in torch.split(side, max(1, BUDGET // new.shape[1])):
-                odds = score(given[:, part], relation[:, part], new)[0] - log_z[part, None]
-                loss = loss + answers[part] @ softplus(odds) @ self.share
-        return loss
+    def _of_known(self, theta: Embedding, new: Tensor, part: Tensor, is_tail: bool) -> Tensor:
+        """Σ s · softplus(f - log Z) over the known answers of some queries, (P,), of one side, and
+        new entities in their place.
+        """
+        unique, model = self.queries.unique, theta.model
+        given, relation = (
+            theta.entity[:, unique.given[part]],
+            theta.relation[:, unique.relation[part]],
+        )
+        ends = given, relation, new
+        scores = model.score_tails(*ends) if is_tail else model.score_heads(*ends)
+        odds = scores[0] - unique.log_z[0, part, None].float()
+        return unique.answers[0, part].float() @ softplus(odds) @ self.share
 
 
 def _cross_entropy(scores: Tensor, answer: Tensor) -> Tensor:

@@ -270,11 +270,11 @@ def measured_with(
     setting: tuple[Registered, Mapping[str, object]],
     tolerance: float,
 ) -> tuple[HiddenDraws, Candidate | None]:
-    """The draws with the scale by which an initializer with options is best, and its measures;
-    with a linear score, optima are then sought near its vectors.
+    """The draws, which have the first scale, with that by which an initializer with options is
+    best, and its measures; with a linear score, optima are then sought near its vectors.
     """
     initializer, given = setting
-    best: tuple[HiddenDraws, Candidate | None] = draws.with_scale(scales[0]), None
+    best: tuple[HiddenDraws, Candidate | None] = draws, None
     for scale in scales:
         of_scale = draws.with_scale(scale)
         inserted = of_scale.insert(initializer, given)
