@@ -1,0 +1,279 @@
+"""Strategies: which facts are trained on when a snapshot arrives, which rows move, at what price.
+
+Each one is a function of the ``Arrival`` of a snapshot, whose new entities and relations have been
+inserted; it returns the embedding after the training.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.continual.training import (
+    Earlier,
+    Facts,
+    Moving,
+    OnEpoch,
+    Penalty,
+    Recipe,
+    Tables,
+    Task,
+    fit,
+    loss_of,
+    silent,
+)
+from isi.initializers.scale import KnownQueries
+from isi.insertion.inverses import both_ways
+from isi.models.stack import Embedding, uniform
+from isi.random import stream
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """How long embeddings are trained, and how those of the first snapshot begin."""
+
+    recipe: Recipe
+    base_epochs: int  #: of the first snapshot, and of training everything again
+    epochs: int  #: of each later snapshot
+    half_range: float  #: of the uniform distribution of first vectors
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """A snapshot that has arrived: its entities and relations are inserted, and not yet trained.
+
+    Triples are in the unpacked form of ``isi.insertion.inverses``.
+    """
+
+    theta: Embedding  #: with the rows of new entities and relations; (1, E, d)
+    new: Tensor  #: training triples of the snapshot, (N, 3)
+    old: Tensor  #: training triples of earlier snapshots, (K, 3)
+    first_new: Moving  #: ids of the first new entity and relation
+    schedule: Schedule
+    root: int
+    key: tuple[int, ...]  #: of random streams
+    on_epoch: OnEpoch = silent
+
+    @property
+    def before(self) -> Embedding:
+        """The embedding without the new rows."""
+        entity = self.theta.entity[:, : self.first_new.entity]
+        return replace(self.theta, entity=entity)
+
+    @cached_property
+    def earlier(self) -> Earlier:
+        """The part of the new entities in the facts of earlier snapshots."""
+        trained = torch.ones(1, len(self.old), dtype=torch.bool)
+        known = KnownQueries(self.before, self.old, trained, tails_only=True)
+        return Earlier(known.unique, float(len(self.old)))
+
+    def fit(
+        self,
+        facts: Facts,
+        *,
+        epochs: int | None = None,
+        new_rows: bool = False,
+        earlier: bool = False,
+        penalty: Penalty | None = None,
+    ) -> Embedding:
+        """Train on facts: all rows, or the ``new_rows`` alone, which stand out of the way of
+        ``earlier`` facts (with ``softmax``; the margin has no part for them).
+        """
+        has_new = self.first_new.entity < self.theta.entity.shape[1]
+        has_part = has_new and self.schedule.recipe.loss == "softmax"
+        task = Task(
+            facts,
+            self.first_new if new_rows else Moving(),
+            self.earlier if earlier and has_part else None,
+            penalty,
+        )
+        number = self.schedule.epochs if epochs is None else epochs
+        return fit(
+            self.theta, task, self.schedule.recipe, number, self.root, self.key, self.on_epoch
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether the snapshot has new entities or relations."""
+        entities, relations = self.theta.entity.shape[1], self.theta.relation.shape[1]
+        return self.first_new.entity < entities or self.first_new.relation < relations
+
+
+Strategy = Callable[..., Embedding]
+STRATEGIES: dict[str, Strategy] = {}  #: by name
+
+
+def strategy(name: str) -> Callable[[Strategy], Strategy]:
+    """Register a function of an ``Arrival`` (and of options) as a strategy."""
+
+    def register(function: Strategy) -> Strategy:
+        STRATEGIES[name] = function
+        return function
+
+    return register
+
+
+def equally(triples: Tensor) -> Facts:
+    """Facts that weigh the same."""
+    return Facts(triples, torch.ones(len(triples)))
+
+
+@strategy("insert")
+def insert_only(arrival: Arrival) -> Embedding:
+    """No training: the vectors of the initializer stay."""
+    return arrival.theta
+
+
+@strategy("new_rows")
+def new_rows(arrival: Arrival) -> Embedding:
+    """The rows of new entities and relations are trained on the new facts; the others are frozen.
+
+    Nothing keeps a new row from outranking earlier answers.
+    """
+    if not arrival.moves:
+        return arrival.theta
+    return arrival.fit(equally(_with_new_rows(arrival)), new_rows=True)
+
+
+@strategy("new_rows_and_earlier")
+def new_rows_and_earlier(arrival: Arrival) -> Embedding:
+    """As ``new_rows``, with the part of the new rows in earlier facts."""
+    if not arrival.moves:
+        return arrival.theta
+    return arrival.fit(equally(_with_new_rows(arrival)), new_rows=True, earlier=True)
+
+
+@strategy("finetune")
+def finetune(arrival: Arrival) -> Embedding:
+    """All rows are trained on the new facts."""
+    return arrival.fit(equally(arrival.new))
+
+
+@strategy("new_rows_then_all")
+def new_rows_then_all(arrival: Arrival) -> Embedding:
+    """Half of the epochs as ``new_rows_and_earlier``, the others as ``finetune`` (IncDE)."""
+    half = arrival.schedule.epochs // 2
+    theta = arrival.theta
+    if arrival.moves:
+        facts = equally(_with_new_rows(arrival))
+        theta = arrival.fit(facts, epochs=half, new_rows=True, earlier=True)
+    rest = arrival.schedule.epochs - half
+    later = replace(arrival, theta=theta, key=(*arrival.key, 1))
+    return later.fit(equally(arrival.new), epochs=rest)
+
+
+@strategy("replay")
+def replay(arrival: Arrival, number: int = 5000) -> Embedding:
+    """All rows are trained on the new facts and on so many earlier ones at random, which weigh as
+    much as all earlier ones, but at most ten times each.
+    """
+    rng = stream(arrival.root, "replay", *arrival.key)
+    drawn = rng.permutation(len(arrival.old))[:number]
+    weight = min(10.0, len(arrival.old) / max(1, len(drawn)))
+    triples = torch.cat([arrival.new, arrival.old[torch.from_numpy(drawn)]])
+    weights = torch.ones(len(triples))
+    weights[len(arrival.new) :] = weight
+    return arrival.fit(Facts(triples, weights))
+
+
+@strategy("full_replay")
+def full_replay(arrival: Arrival) -> Embedding:
+    """All rows are trained on the facts of all snapshots."""
+    return arrival.fit(equally(torch.cat([arrival.new, arrival.old])))
+
+
+@strategy("l2")
+def l2(arrival: Arrival, weight: float = 0.01) -> Embedding:
+    """As ``finetune``; earlier rows are drawn to where they were, by the square of the distance."""
+    before = arrival.theta
+    ones = _Tables(torch.ones_like(before.entity[0]), torch.ones_like(before.relation[0]))
+    return arrival.fit(equally(arrival.new), penalty=_drawn_back(arrival, ones, weight))
+
+
+@strategy("ewc")
+def ewc(arrival: Arrival, weight: float = 10.0) -> Embedding:
+    """As ``l2``, each coordinate by its importance for earlier facts: the mean square of their
+    gradients (Kirkpatrick et al. 2017).
+    """
+    return arrival.fit(
+        equally(arrival.new), penalty=_drawn_back(arrival, importance(arrival), weight)
+    )
+
+
+@strategy("retrain")
+def retrain(arrival: Arrival) -> Embedding:
+    """Everything again: all rows from random ones, on the facts of all snapshots."""
+    facts = equally(torch.cat([arrival.new, arrival.old]))
+    theta = started(arrival.theta, arrival.schedule, arrival.root, arrival.key)
+    again = replace(arrival, theta=theta)
+    return again.fit(facts, epochs=arrival.schedule.base_epochs)
+
+
+def started(
+    theta: Embedding, schedule: Schedule, root: int, key: tuple[int, ...] = ()
+) -> Embedding:
+    """Random vectors in the form of an embedding in the unpacked form."""
+    everyone = torch.ones(theta.entity.shape[:2], dtype=torch.bool)
+    return uniform(
+        everyone,
+        theta.relation.shape[1],
+        theta.model,
+        theta.entity.shape[2],
+        schedule.half_range,
+        root,
+        torch.tensor([key or (0,)]),
+    )
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """A number for each coordinate of the rows of entities and of relations."""
+
+    entity: Tensor
+    relation: Tensor
+
+
+def importance(arrival: Arrival) -> _Tables:
+    """Mean square of the gradients of batches of earlier facts, by coordinate."""
+    tables, facts = Tables.of(arrival.theta, Moving()), equally(arrival.old)
+    recipe = arrival.schedule.recipe.model_copy(update={"n3": 0.0})
+    rng = stream(arrival.root, "importance", *arrival.key)
+    squares = [torch.zeros_like(table) for table in tables.trained]
+    batches = torch.split(torch.arange(len(arrival.old)), recipe.batch_size)
+    for place in batches:
+        loss = loss_of(arrival.theta.model, tables, Task(facts), recipe, place, rng)
+        gradients = torch.autograd.grad(loss, tables.trained)
+        for square, gradient in zip(squares, gradients, strict=True):
+            square += gradient.to_dense().square() * (len(place) / len(arrival.old))
+    return _Tables(*squares)
+
+
+def _drawn_back(arrival: Arrival, importance: _Tables, weight: float) -> Penalty:
+    """weight · Σ importance · (distance from the earlier row)² over earlier rows."""
+    first = arrival.first_new
+    before = arrival.theta.entity[0, : first.entity], arrival.theta.relation[0, : first.relation]
+    important = importance.entity[: first.entity], importance.relation[: first.relation]
+
+    def penalty(entity: Tensor, relation: Tensor) -> Tensor:
+        moved = (entity[: first.entity] - before[0]).square() * important[0]
+        turned = (relation[: first.relation] - before[1]).square() * important[1]
+        return weight * (moved.sum() + turned.sum())
+
+    return penalty
+
+
+def _with_new_rows(arrival: Arrival) -> Tensor:
+    """The new facts that have a new entity or relation."""
+    head, relation, tail = arrival.new.T
+    ends = torch.maximum(head, tail) >= arrival.first_new.entity
+    return arrival.new[ends | (relation >= arrival.first_new.relation)]
+
+
+def unpacked(triples: np.ndarray) -> Tensor:
+    """Triples of ids, (N, 3), in both directions, (2N, 3)."""
+    return both_ways(torch.from_numpy(triples))
