@@ -67,7 +67,7 @@ def mean_after_last(r: np.ndarray, sizes: np.ndarray | None = None) -> float:
 
 def forward_transfer(inserted: np.ndarray) -> float:
     """LKGE's FWT (AAAI 2023): 1/(T-1) Σ_{i≥1} R[i, i] before training on snapshot i. So R is of the
-    phase ``inserted``.
+    phase ``inserted``; LKGE's protocol is ``lkge``.
 
     Example:
         >>> import numpy as np
@@ -80,6 +80,7 @@ def forward_transfer(inserted: np.ndarray) -> float:
 
 def backward_transfer(r: np.ndarray) -> float:
     """LKGE's BWT (AAAI 2023): 1/(T-1) Σ_{j<T-1} (R[T-1, j] - R[j, j]); below 0: forgetting.
+    LKGE's protocol is ``lkge``.
 
     Example:
         >>> import numpy as np
@@ -92,7 +93,8 @@ def backward_transfer(r: np.ndarray) -> float:
 
 def omega_new(hits: np.ndarray) -> float:
     """KGE-InfInit's Ω_new (arXiv 2511.11118, ``get_metrics.py``): 1/(T-1) Σ_{i≥1} R[i, i], with R
-    of hits@3: what is learned of new snapshots.
+    of hits@3: what is learned of new snapshots. Its loader is that of LKGE's code:
+    protocol ``lkge``.
 
     Example:
         >>> import numpy as np
@@ -106,6 +108,7 @@ def omega_new(hits: np.ndarray) -> float:
 def omega_base(hits: np.ndarray) -> float:
     """KGE-InfInit's Ω_base (arXiv 2511.11118, ``get_metrics.py``): 1/(T-1) Σ_{i≥1}
     min(1, R[i, 0] / R[0, 0]), with R of hits@3: what is still known of the first snapshot.
+    Its loader is that of LKGE's code: protocol ``lkge``.
 
     Example:
         >>> import numpy as np

@@ -144,8 +144,13 @@ class Timeline:
         """The timeline of snapshots, each of which is its triples of names for training, validation
         and test.
         """
-        parts = [split for snapshot in snapshots for split in snapshot]
-        return cls._of_names([np.array(part, object).reshape(-1, len(TRIPLE)) for part in parts])
+        parts = []
+        for train, valid, test in snapshots:
+            parts += [
+                np.array(part, object).reshape(len(part), len(TRIPLE))
+                for part in (train, valid, test)
+            ]
+        return cls._of_names(parts)
 
     @classmethod
     def _of_names(cls, parts: Sequence[np.ndarray]) -> Timeline:
