@@ -3,7 +3,8 @@
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models;
-``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion.
+``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion;
+``isi.continual`` has graphs that grow, and the field's measures of them.
 ``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
 in ``__init__.pyi``).
 """
@@ -37,7 +38,7 @@ _WHERE = {
     "train": ("isi.live.train", "train"),
 }
 #: Packages of public names, which are imported on first use, too.
-_PACKAGES = ("benchmark", "pykeen")
+_PACKAGES = ("benchmark", "continual", "pykeen")
 #: Names of version 0.2, and what they are called now.
 _RENAMED = {"of": "from_pykeen"}
 

@@ -1,4 +1,5 @@
 from isi import benchmark as benchmark
+from isi import continual as continual
 from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model

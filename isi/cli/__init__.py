@@ -59,6 +59,10 @@ COMMANDS = {
     ),
     "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
     "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
+    "continual": (
+        "continual:continual",
+        "Describe a graph that grows, and what published protocols count wrongly.",
+    ),
 }
 
 
