@@ -124,7 +124,7 @@ def fit(
         for place in _batches(len(task.facts.triples), recipe.batch_size, rng):
             optimizer.zero_grad()
             loss = loss_of(theta.model, tables, task, recipe, place, rng)
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
         check_finite(tuple(table[None] for table in tables.trained), f"vectors after epoch {epoch}")
         on_epoch(epoch)
