@@ -75,12 +75,34 @@ def test_all_of_it_fits_its_window_and_asks_for_nothing(
         assert window.page.locator("main details[open]").count() == 0
 
 
-def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, report: Path) -> None:
+def test_the_picture_and_the_answer_are_in_the_first_screen(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report) as window:
-        for selector in (".answer", "#answer .plot svg"):
-            box = window.page.locator(selector).bounding_box()
-            assert box
-            assert box["y"] + box["height"] <= 900
+        boxes = [window.page.locator(one).bounding_box() for one in (".picture", ".answer")]
+        assert boxes[0]
+        assert boxes[1]
+        assert boxes[0]["y"] + boxes[0]["height"] <= boxes[1]["y"] < 800
+
+
+@pytest.mark.parametrize("width", [390, 768, 1280, 1920])
+def test_texts_of_drawings_are_at_least_12_pixels_and_lie_within(
+    chromium: Browser, report: Path, width: int
+) -> None:
+    small = """all => all.filter(one => one.getClientRects().length).map(one => [one.textContent,
+      parseFloat(getComputedStyle(one).fontSize) * one.getScreenCTM().a])
+      .filter(([, size]) => size < 11.95)"""
+    outside = """all => all.filter(one => {
+      const box = one.getBoundingClientRect(), place = one.ownerSVGElement.parentElement;
+      const around = place.getBoundingClientRect();
+      return box.width && (box.left < around.left - 1 || box.right > around.right + 1);
+    }).map(one => one.textContent)"""
+    with fine(chromium, report, width=width) as window:
+        window.page.get_by_role("button", name="Open all parts").click()
+        texts = window.page.locator(".picture text, .chart text")
+        assert texts.count() > 20
+        assert texts.evaluate_all(small) == []
+        assert texts.evaluate_all(outside) == []
 
 
 def test_contents_and_links_open_the_folded_parts_they_lead_to(

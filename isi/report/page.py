@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from isi import config
-from isi.report import figures, glossary, stats
+from isi.report import figures, glossary, stats, words
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import Block, FilledSection, ReportSection
@@ -39,12 +39,13 @@ _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?n
 @dataclass(frozen=True)
 class Page:
     """A page of the report: its name in ``pages.yaml``, and its sections;
-    ``answer`` stands above the others.
+    ``picture`` and ``answer`` stand above the others.
     """
 
     name: str
     sections: Sequence[ReportSection]
     answer: ReportSection | None = None
+    picture: ReportSection | None = None
 
     @classmethod
     def of(cls, name: str) -> Self:
@@ -55,7 +56,10 @@ class Page:
             for group, places in about["sections"].items()
             for place in places
         ]
-        return cls(name, sections, ReportSection.of(about["answer"]) if "answer" in about else None)
+        first = {
+            kind: ReportSection.of(about[kind]) for kind in ("answer", "picture") if kind in about
+        }
+        return cls(name, sections, **first)
 
     def write(self, folder: Path, results: Results) -> None:
         """Write all files into ``folder``, each atomically;
@@ -63,6 +67,7 @@ class Page:
         """
         with mpl.rc_context(STYLE):
             answer = self.answer.filled(results) if self.answer else None
+            picture = self.picture.filled(results) if self.picture else None
             parts = [part for section in self.sections if (part := section.filled(results))]
         files, drawings = dict[str, bytes](), dict[str, Markup]()
         for block in _blocks(parts, answer):
@@ -82,7 +87,7 @@ class Page:
             files["metrics.json"] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
         if answer:
             files["tables/answer.md"] = markdown(answer).encode()
-        files["index.html"] = self.html(parts, answer, drawings, results).encode()
+        files["index.html"] = self.html(parts, answer, drawings, results, picture).encode()
         for place, data in files.items():
             atomically(folder / place, partial(_write, data))
         for kind in ("tables", "figures", "plots"):
@@ -96,6 +101,7 @@ class Page:
         answer: FilledSection | None,
         drawings: dict[str, Markup],
         results: Results,
+        picture: FilledSection | None = None,
     ) -> str:
         """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
         environment = Environment(
@@ -114,6 +120,8 @@ class Page:
         return environment.get_template("page.html").render(
             page=PAGES[self.name],
             answer=answer,
+            picture=picture,
+            question=words.question,
             places=places,
             figures=drawings,
             in_words=in_words,

@@ -10,7 +10,7 @@ link to a section that the page does not have is plain text), or starts with one
     @data NAME | TITLE                  links to a table's files, without the table
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
     @terms NAME | TITLE [| folded]      words and their meanings
-    @explorer NAME, @guide              parts of the page with templates of their own
+    @picture NAME, @explorer NAME, @guide    parts of the page with templates of their own
 """
 
 import re
@@ -177,7 +177,8 @@ def _named(part: str, content: Content) -> Block:
     elif kind in ("table", "data"):
         item = ReportTable.of(file, content.tables[name])
     else:
-        return Block(kind, "", title, folded, content.numbers.get(name))
+        text = " ".join(caption.split())
+        return Block(kind, text, title, folded, content.numbers.get(name))
     title += f" ({content.title})" if content.title else ""
     kind = "data" if content.only_files else kind
     return Block(kind, " ".join(caption.split()), title, folded, item)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patheffects import withStroke
 
+from isi.report import picture as pictures
 from isi.report.data import Results
 from isi.report.explorer import payload, plane, script
 from isi.report.figures import legend, panels
@@ -141,6 +142,15 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
         np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
     )
     return spread_out
+
+
+def picture(results: Results) -> Contents:
+    """One insertion that explains the method; nothing without what it needs."""
+    for experiment, single in results.analysis("explorer"):
+        drawn = single and pictures.picture(single, results.params.initializers)
+        if drawn:
+            yield Content({"experiment": experiment, "picture": drawn})
+            return
 
 
 def explorer(results: Results) -> Contents:
