@@ -197,15 +197,20 @@ def test_every_word_that_is_marked_is_explained_and_tips_stay_within_a_phone(
 
 
 def test_figures_are_dark_where_it_is_dark(chromium: Browser, report: Path) -> None:
-    """A filter turns black on white into light on dark."""
-    filters = {}
+    """Their colours are those of the page; on other pages a filter turns them."""
+    inks, filters = {}, {}
     for scheme in ("light", "dark"):
         with fine(chromium, report, scheme=scheme) as window:
-            drawings = window.page.locator(".plot svg")
+            of_page = window.page.evaluate("getComputedStyle(document.body).color")
+            inks[scheme] = of_page
+            fills = "all => [...new Set(all.map(one => getComputedStyle(one).fill))]"
+            assert of_page in window.page.locator(".chart text").evaluate_all(fills)
+            drawings = window.page.locator(".chart svg")
             filters[scheme] = set(
                 drawings.evaluate_all("all => all.map(one => getComputedStyle(one).filter)")
             )
-    assert filters == {"light": {"none"}, "dark": {"invert(0.91) hue-rotate(180deg)"}}
+    assert inks["light"] != inks["dark"]
+    assert filters == {"light": {"none"}, "dark": {"none"}}
 
 
 def test_print_opens_what_is_folded_and_closes_it_again(chromium: Browser, report: Path) -> None:
@@ -327,23 +332,24 @@ def test_a_sorted_table_shows_the_names_that_were_not_written_again(
         assert names.evaluate_all(hidden) == 0
 
 
-def test_the_toggle_of_figure_3a_shows_and_hides_lines(chromium: Browser, report: Path) -> None:
-    with fine(chromium, report, fragment="figure-figure3a_immediate") as window:
-        figure = window.page.locator("#figure-figure3a_immediate")
-        toggle, lines = figure.locator(".toggle input"), figure.locator("[id*='-optional']")
-        visible = "all => all.filter(one => getComputedStyle(one).display !== 'none').length"
-        number = lines.count()
-        assert number
-        assert not toggle.is_checked()
-        assert lines.evaluate_all(visible) == 0
-        labels = figure.locator("svg text")
-        assert not labels.get_by_text("Permuted ES").is_visible()
-        assert labels.get_by_text("ES", exact=True).is_visible()
-        toggle.check()
-        assert lines.evaluate_all(visible) == number
-        assert labels.get_by_text("Permuted ES").is_visible()
-        toggle.uncheck()
-        assert lines.evaluate_all(visible) == 0
+def test_one_layout_of_a_figure_is_shown_and_lines_have_their_values(
+    chromium: Browser, report: Path
+) -> None:
+    for width, kind in ((1280, "wide"), (390, "narrow")):
+        place = "figure-figure3a_immediate"
+        with fine(chromium, report, width=width, fragment=place) as window:
+            drawings = window.page.locator(f"#{place} svg")
+            shown = drawings.evaluate_all(
+                "all => all.filter(one => one.checkVisibility()).map(one => one.classList[0])"
+            )
+            assert shown == [kind]
+            titles = window.page.locator(f"#{place} svg.{kind} title").all_text_contents()
+            assert any(title.startswith("ERS – 1: ") for title in titles)
+            box = window.page.locator(f"#{place} svg.{kind}").bounding_box()
+            around = window.page.locator(f"#{place} .plot").bounding_box()
+            assert box
+            assert around
+            assert box["width"] >= around["width"] - 2  # the whole width
 
 
 def test_no_two_elements_have_the_same_id(chromium: Browser, report: Path) -> None:

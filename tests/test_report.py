@@ -9,7 +9,7 @@ import scipy.stats
 from matplotlib.colors import to_hex
 
 from isi.evaluation.query_sets import epochs_to_convergence
-from isi.report import figures, stats
+from isi.report import charts, figures, stats
 from isi.report.sections import choices, finetuning, insertions, paper, run
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import colour, label
@@ -210,7 +210,15 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
     assert table["paper"].dropna().to_dict() == {"ES": 8, "ERS": 9}
     assert table["this run"].dropna().to_dict() == {"ES": 4}
-    assert table.loc["ES", ["picked: MRR*", "picked: epochs", "best MRR*", "best at"]].tolist() == [
+    assert table.loc[
+        "ES",
+        [
+            "at the picked number: MRR*",
+            "at the picked number: epochs",
+            "best MRR*",
+            "best at",
+        ],
+    ].tolist() == [
         62,
         10,
         70,
@@ -455,13 +463,8 @@ def test_sessions_of_a_seed_are_averaged_before_the_interval() -> None:
 def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     models = [*INITIALIZERS, "gaussian", "gaussian_centred", "joint"]
     rows = runs([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
-    canvas = figures.by_size(rows, models, ("all", "novel"), ("mrr_star",), entities=50)
-    assert [axes.get_title() for axes in canvas.axes] == [
-        "(a) all queries: MRR*",
-        "(b) novel entities: MRR*",
-    ]
-    (above,) = canvas.axes[0].child_axes
-    assert above.get_xlabel() == "% of |E|"
+    canvas = figures.by_epoch(rows, models[:-1], ("all", "novel"))
+    assert [axes.get_title() for axes in canvas.axes] == ["(a) all queries", "(b) novel entities"]
     canvas.draw_without_rendering()
     places = {text.get_text(): text.get_window_extent() for text in canvas.legends[0].get_texts()}
     rows_of = sorted({round(place.y0) for place in places.values()}, reverse=True)
@@ -483,7 +486,7 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
 def test_names_lie_a_gap_apart_and_near_what_they_name(
     heights: list[float], placed: list[float]
 ) -> None:
-    assert insertions.spread(np.array(heights), 0.1) == pytest.approx(placed)
+    assert charts.spread(np.array(heights), 0.1) == pytest.approx(placed)
 
 
 def test_what_is_lost_after_the_best_epoch_has_its_interval() -> None:

@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from isi import config
-from isi.report import figures, glossary, stats, words
+from isi.report import charts, figures, glossary, stats, words
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import Block, FilledSection, ReportSection
@@ -76,11 +76,12 @@ class Page:
                 for form, text in item.files.items():
                     files[f"tables/{item.name}.{form}"] = text.encode()
             elif isinstance(item, Figure):
-                svg = rendered(item.canvas, "svg")
-                files[f"figures/{item.name}.svg"] = svg
+                svg = rendered(item.canvas, "svg").decode()
+                shown = charts.themed(svg) if item.chart else svg
+                files[f"figures/{item.name}.svg"] = shown.encode()
                 files[f"figures/{item.name}.png"] = rendered(item.canvas, "png")
                 if block.kind == "figure":
-                    drawings[item.name] = figures.inline(svg.decode(), f"f{len(drawings)}")
+                    drawings[item.name] = inline(item, svg, f"f{len(drawings)}")
         if self.name == "report":
             for name, frame in plots(results).items():
                 files[f"plots/{name}.csv"] = csv(frame).encode()
@@ -138,6 +139,17 @@ class Page:
             foot=foot(results),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
+
+
+def inline(figure: Figure, svg: str, name: str) -> Markup:
+    """A figure as elements of the page, from the SVG of its canvas;
+    ``name`` makes its ids unique within the page.
+    """
+    if figure.chart is None:
+        return figures.inline(svg, name)
+    narrow = figure.chart.narrow
+    svgs = [svg, rendered(narrow, "svg").decode()] if narrow else [svg]
+    return charts.inline(svgs, name)
 
 
 #: Of Markdown, what the report's texts use; all else is text.

@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from matplotlib.figure import Figure as Canvas
-
 from isi.report import stats, words
+from isi.report.charts import BASE, INK, ISI, MUTE, Bar, waterfall
 from isi.report.data import Experiment, ModelRuns, Results
-from isi.report.figures import composed
+from isi.report.figures import Chart
 from isi.report.section import Content, Contents, Numbers, of_each_graph
 from isi.report.stats import Difference, Values, by_seed, difference, mean_of, signed
 from isi.report.tables import Column, Estimate
@@ -67,7 +66,7 @@ def answer(results: Results) -> Contents:
             numbers["other"] = {"name": others[0], "changes": changes}
         if experiment.queries is not None:
             numbers["answered"] = stats.values(experiment.directions["answer"])
-        marked = ("mean", *others[:1], JOINT)
+        marked = (*others[:1], JOINT)
         marks = {
             scope: {name: means[scope][name] for name in marked if name in means[scope]}
             for scope in scopes
@@ -164,24 +163,52 @@ def _drawn(
     gains: Mapping[str, Gains],
     methods: Names,
     marks: Mapping[str, Values],
-) -> Canvas:
-    """A bar for each query set and method: Xavier's MRR*, then the parts of the gain;
+) -> Chart:
+    """For each query set Xavier's MRR*, then the parts of each method's gain;
     ``marks``: further models.
     """
-    rows = dict[str, tuple[list[tuple[str, float]], Values, Estimate | None]]()
+    groups = dict[str, list[Bar]]()
     for scope, of_scope in gains.items():
         means = experiment.given_means if scope == "given" else experiment.immediate_means(scope)
         now = _means(experiment, scope)
-        for name in (name for name in methods if {name, BASELINE} <= now.keys()):
-            made = composition(of_scope, name)
-            bars = made["parts"] if made else [(label(name), now[name] - now[BASELINE])]
-            title = (
-                f"{words.capitalized(words.SCOPES[scope])}"
-                f"{f': {label(name)}' if len(methods) > 1 else ''}"
+        if BASELINE not in now:
+            continue
+        bars = {
+            (BASELINE, ""): Bar(label(BASELINE), 0, now[BASELINE], f"{now[BASELINE]:.1f}", BASE)
+        }
+        for name in (name for name in methods if name in now):
+            bars |= _bars(name, of_scope, now, means.get(name), len(methods) > 1)
+        shown = dict(marks.get(scope, {}))
+        if len(methods) == 1:
+            shown = {name: now[name] for name in methods if name in now} | shown
+        others = [
+            Bar(
+                label(name),
+                value,
+                value,
+                f"{value:.1f}",
+                ISI if isi([name]) else INK if name == JOINT else MUTE,
+                mark=True,
             )
-            rows[title] = (
-                [(label(BASELINE), now[BASELINE]), *bars],
-                marks.get(scope, {}),
-                means.get(name),
-            )
-    return composed(rows, experiment.models)
+            for name, value in shown.items()
+        ]
+        groups[words.SCOPES[scope]] = [*bars.values(), *others]
+    return waterfall(groups, only_narrow=len(methods) == 1)
+
+
+def _bars(
+    method: str, gains: Gains, now: Values, mean: Estimate | None, several: bool
+) -> dict[tuple[str, str], Bar]:
+    """The parts of a method's gain, by model and part: equal ones of several methods are one."""
+    made, bars, end = composition(gains, method), dict[tuple[str, str], Bar](), now[BASELINE]
+    listed = made["parts"] if made else [("", now[method] - end)]
+    for number, (part, points) in enumerate(listed):
+        last = number == len(listed) - 1
+        name = ", ".join(filter(None, [label(method), part])) if several and last else part
+        name = name or label(method)
+        text = f"{points:+.1f}".replace("-", "\N{MINUS SIGN}")
+        key = (method if last else "", part)
+        color = ISI if last else MUTE
+        bars[key] = Bar(name, end, end + points, text, color, mean if last else None)
+        end += points
+    return bars

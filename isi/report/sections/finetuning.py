@@ -12,8 +12,8 @@ import pandas as pd
 from isi.evaluation.query_sets import CONVERGING
 from isi.graph.graph import MinedSource, new_entities
 from isi.report import stats
+from isi.report.charts import by_epoch
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_epoch
 from isi.report.section import Content, Contents, Figures, Numbers, Tables, of_each_graph
 from isi.report.stats import (
     CELL,

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
-from isi.report import stats
+from isi.report import charts, stats
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_size, legend, panels
+from isi.report.figures import Chart
 from isi.report.section import Content, Tables, of_each_graph
 from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table, where
 from isi.report.tables import Column, Rows
@@ -23,11 +22,9 @@ from isi.report.words import (
     JOINT,
     SCOPES,
     Names,
-    colour,
     in_order,
     isi,
     label,
-    of_role,
 )
 
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -45,13 +42,11 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     of_kinds = stats.over_seeds(queried, ["kind", "model"], HALVES)
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    figure = by_size(
+    figure = charts.by_size(
         runs,
         models,
         ("all", "novel"),
         ("mrr_star", "mrr_star_entity"),
-        len(experiment.entities),
-        of_role(models, "paper", "isi"),
     )
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
@@ -84,26 +79,17 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     )
 
 
-def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Canvas:
+def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Chart:
     """MRR* about novel entities against what known triples lose since novel entities
     are candidates; in points.
     """
     means = 100 * runs.pivot_table("mrr_star", "model", "scope", observed=True)
     means = means.reindex(columns=["known", "known_closed", "novel"])
-    canvas, axes = panels(1, 1, 4.4)
     cost, gain = (means["known_closed"] - means["known"]).to_dict(), means["novel"].to_dict()
-    for model in (name for name in initializers if name in gain):
-        axes[0].plot(
-            cost[model],
-            gain[model],
-            marker="o",
-            ls="",
-            color=colour(model, initializers),
-            label=label(model),
-        )
-    axes[0].set(xlabel="loss of MRR*, known entities", ylabel="MRR*, novel entities")
-    legend(canvas, axes)
-    return canvas
+    points = {name: (cost[name], gain[name]) for name in initializers if name in gain}
+    return charts.named_points(
+        points, "MRR* that earlier knowledge loses (points)", "MRR* about novel entities (points)"
+    )
 
 
 @of_each_graph

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
 from isi import config
 from isi.config import value_of
 from isi.initializers.api import INITIALIZERS
-from isi.report import stats
+from isi.report import charts, stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
-from isi.report.figures import by_epoch, legend, panels
+from isi.report.figures import Chart, by_epoch
 from isi.report.section import Content, Contents, Figures, Tables
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
@@ -65,7 +64,7 @@ def paper(results: Results) -> Contents:
     yield Content(
         {"others": others, "counts": counts},
         {"paper_against_this_run": table},
-        {"paper_against_this_run": _scatter(rows)},
+        {"paper_against_this_run": _compared(rows, first.title)},
     )
 
 
@@ -80,20 +79,26 @@ def comparison(paper: float, ours: float) -> str:
     return "larger" if ours > paper else "smaller"
 
 
-def _scatter(rows: Sequence[Row]) -> Canvas:
-    """The paper's results (across) and ours (up) on logarithmic axes,
-    with a colour for each part of the paper.
+def _compared(rows: Sequence[Row], first: str) -> Chart:
+    """The paper's results (rings) and ours (dots): a panel for each unit,
+    a row for each printed result; ``first``: title of the first graph.
     """
-    canvas, (axes,) = panels(1, 1, 4.4, 6.4)
-    for place in dict.fromkeys(row.place for row in rows):
-        pairs = np.array([(row.paper, row.ours) for row in rows if row.place == place])
-        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=place)
-    axes.set_xscale("symlog", linthresh=1)
-    axes.set_yscale("symlog", linthresh=1)
-    axes.axline((1, 1), (10, 10), color="#999999", lw=1)
-    axes.set(xlabel="paper", ylabel="this run")
-    legend(canvas, [axes])
-    return canvas
+    groups = dict[str, dict[str, tuple[float, float]]]()
+    for panel, titles in config.read(ROWS)["results"].items():
+        listed = [title.format(first=first) for title in titles]
+        shown = {
+            _who(row.what, listed): (row.paper, row.ours)
+            for row in rows
+            if row.what.rpartition(": ")[2] in listed or row.what in listed
+        }
+        if any(ours == ours for _, ours in shown.values()):
+            groups[panel] = shown
+    return charts.pairs(groups, ("paper", "this run"))
+
+
+def _who(what: str, titles: Sequence[str]) -> str:
+    """Whose result a row is: its title without that of its panel."""
+    return "mean of ISI" if what in titles else what.partition(": ")[0]
 
 
 def own_graph(results: Results) -> Contents:

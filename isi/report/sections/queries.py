@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from isi.report.charts import by_size
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_size
 from isi.report.section import Content, Contents, Tables, of_each
 from isi.report.stats import (
     DIRECTIONS,
@@ -57,11 +57,13 @@ def _breakdown(experiment: Experiment) -> Content:
             direction: values(estimates).get(JOINT) for direction, estimates in given.items()
         },
     }
-    canvas = by_size(
-        experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities)
+    drawn = by_size(
+        experiment.directed,
+        models,
+        list(DIRECTIONS),
+        ["mrr_star_entity"],
+        list(DIRECTIONS.values()),
     )
-    for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
-        axes.set(title=title, ylabel="MRR* (points)")
     columns = {model: label(model) for model in models if model in pairs}
     pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(
         columns=columns | {"scope": SCOPE}
@@ -80,7 +82,7 @@ def _breakdown(experiment: Experiment) -> Content:
             for model in models
         ],
     }
-    return Content(numbers, tables, {"directions": canvas})
+    return Content(numbers, tables, {"directions": drawn})
 
 
 def leader(estimates: Estimates) -> tuple[str, float, Values] | None:
