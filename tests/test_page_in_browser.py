@@ -277,7 +277,7 @@ def test_the_strip_of_the_papers_figures_leads_to_what_it_names(
             "Table 1",
             "Table 2",
             "Table 3",
-            "all numbers",
+            "all results",
         } <= {*titles}
         for link, title in zip(links.all(), titles, strict=True):
             place = link.get_attribute("href")

@@ -189,8 +189,13 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
 
 def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     everything = results_of()
-    frame = table_of(everything, "paper_against_this_run").frame.set_index(["where", "what"])
-    assert list(frame.columns) == ["paper", "this run", "away", "this run is", "note"]
+    tables = [
+        table_of(everything, name).frame.set_index(["where", "what"])
+        for name in ("paper_against_this_run", "papers_other_numbers")
+    ]
+    assert list(tables[0].columns) == ["paper", "this run", "away", "this run is"]
+    assert list(tables[1].columns) == ["paper", "this run", "away", "note"]
+    frame = pd.concat(tables)
     assert frame.index.is_unique
     home, away = frame["this run"], frame["away"]
     assert home["section 5.1", "unique triples"] == away["section 5.1", "unique triples"] == 3
@@ -213,7 +218,11 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     assert home[[*moved, *studied]].notna().all()
     assert away[[*moved, *studied]].isna().all()
     assert not [key for key in frame.index if "largest set" in key[1]]  # equal by construction
-    for key, row in frame.iterrows():
+    # settings, sizes of graphs and what follows from other numbers are no results
+    assert len(tables[0]) == 28
+    places = {"section 5.3", "section 6.1", "Table 2", "section 6.3"}
+    assert {place for place, _ in tables[0].index} == places
+    for key, row in tables[0].iterrows():
         theirs, ours = row["paper"], row["this run"]
         assert row["this run is"] == (
             ""
@@ -236,9 +245,10 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     assert np.isnan(away["Table 1", "kitchen: rooms"])
 
 
-def test_every_number_of_the_paper_has_a_row_whatever_was_run() -> None:
+@pytest.mark.parametrize("table", ["paper_against_this_run", "papers_other_numbers"])
+def test_every_number_of_the_paper_has_a_row_whatever_was_run(table: str) -> None:
     few, all_of_it = (
-        table_of(found, "paper_against_this_run").frame[["where", "paper"]]
+        table_of(found, table).frame[["where", "paper"]]
         for found in (results_of(("away",), False), results_of())
     )
     pd.testing.assert_frame_equal(few, all_of_it)
@@ -420,7 +430,7 @@ def test_the_page_beyond_the_paper_has_a_part_for_each_group_that_was_run() -> N
 def test_the_places_of_the_papers_figures_and_tables_are_those_of_the_page() -> None:
     places = page.PAGES["paper"]
     text = rendered(results_of())
-    (strip,) = re.findall(r'<p class="places">.*?</p>', text)
+    (strip,) = re.findall(r'<div class="places">.*?</div>', text)
     assert dict(re.findall(r'<a href="#([^"]+)">([^<]+)</a>', strip)) == {
         place: str(title)
         for title, place in places.items()
@@ -428,7 +438,7 @@ def test_the_places_of_the_papers_figures_and_tables_are_those_of_the_page() -> 
     }
     few = rendered(results_of(("away",), False))
     assert set(
-        re.findall(r'href="#([^"]+)"', re.findall(r'<p class="places">.*?</p>', few)[0])
+        re.findall(r'href="#([^"]+)"', re.findall(r'<div class="places">.*?</div>', few)[0])
     ) < set(places.values())
 
 

@@ -52,19 +52,33 @@ def paper(results: Results) -> Contents:
     columns = [
         Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
-    rows, table = rows_of(results, first), Rows()
-    for row, *of_others in zip(rows, *(rows_of(results, other) for other in others), strict=True):
-        numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
-        table.append(
-            {"where": row.place, "what": row.what}
-            | dict(zip(columns, numbers, strict=True))
-            | {"this run is": row.compared, "note": row.note}
-        )
-    counts = Counter(row.compared for row in rows if "instead" not in row.what)
+    tables = dict[str, Rows]()
+    for name, kind in (("paper_against_this_run", "results"), ("papers_other_numbers", "others")):
+        tables[name] = Rows()
+        every = [rows_of(results, experiment, kind) for experiment in (first, *others)]
+        for row, *of_others in zip(*every, strict=True):
+            numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
+            cells: dict[Any, Any] = {"where": row.place, "what": row.what}
+            cells |= dict(zip(columns, numbers, strict=True))
+            if kind == "results":
+                cells["this run is"] = row.compared
+            else:
+                cells["note"] = row.note
+            tables[name].append(cells)
+    rows = rows_of(results, first, "results")
+    counts = Counter(row.compared for row in rows)
     counts.pop("", None)
+    methods = isi(first.initializers)
+    gains = stats.values(stats.improvements(first.immediate, "all"))
+    theirs = results.paper["immediate"]["improvement_over_xavier"]
     yield Content(
-        {"others": others, "counts": counts},
-        {"paper_against_this_run": table},
+        {
+            "others": others,
+            "counts": counts,
+            "methods": methods,
+            "gains": (mean_of(theirs, methods), mean_of(gains, methods)),
+        },
+        tables,
         {"paper_against_this_run": _scatter(rows)},
     )
 
@@ -130,8 +144,8 @@ def shown(value: float) -> str:
     return f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
-def rows_of(results: Results, experiment: Experiment) -> list[Row]:
-    """All numbers of the paper beside those of one experiment;
+def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
+    """Numbers of the paper (``results`` or ``others`` of ``ROWS``) beside those of one experiment;
     the rows do not depend on what was run.
     """
     theirs, ours = _papers(results.paper), _ours(results, experiment)
@@ -141,7 +155,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
         "first": results.standalone[0].title,
     }
     rows = list[Row]()
-    for section, titles, key, *ours_key in config.read(ROWS)["rows"]:
+    for section, titles, key, *ours_key in config.read(ROWS)[kind]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
         parts = titles if isinstance(titles, dict) else {"": titles}
@@ -161,12 +175,16 @@ def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
     """The paper's numbers, and what follows from them."""
     methods, saved = list(paper["indicators"]), paper["convergence"]["fewer_epochs_than_xavier"]
     gained, answers = paper["immediate"]["improvement_over_xavier"], paper["affordances"]
+    moved_epochs = paper["transfer"]["epochs"]
     whose = dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
     return {
         **paper,
         "means": {"gain": mean_of(gained, methods), "fewer": saved.get("mean")},
         "fewer_epochs": {name: saved.get(name) for name in methods},
         "best_indicators": dict.fromkeys(methods, paper["indicators_degrade_after"]),
+        "inferred_epochs": {
+            name: epochs for name, epochs in moved_epochs.items() if name != BASELINE
+        },
         "judged": {
             name: answers["judged"][who] | {"affordances": answers[who]}
             for name, who in whose.items()
@@ -180,7 +198,7 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     of_source = (other for other in results.extended if other.settings.graph.source == source)
     moved = next(of_source, None)
     gain = stats.values(stats.improvements(experiment.immediate, "all"))
-    fewer = fewer_epochs(experiment)
+    fewer = experiment.fewer_epochs("all")
     transfer = dict[str, Any]()
     if moved:
         transfer = {
@@ -203,15 +221,6 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
         "transfer": transfer,
         "judged": _judged(results, [*methods, BASELINE], experiment, moved),
     }
-
-
-def fewer_epochs(experiment: Experiment) -> Values:
-    """Per cent by which each initializer's mean epochs to convergence are
-    below Xavier's (section 6.2).
-    """
-    epochs = experiment.epochs().get("all", {})
-    base = epochs.get(BASELINE)
-    return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
 def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:

@@ -155,7 +155,9 @@ def definitions(results: Results) -> Contents:
     counts, words = frame["defined"].value_counts(), results.params.words
     frame = frame.rename(columns={"defined": "defined end", "definition": "its definition"})
     used = words.source == "shipped" and words.text == "definition"
-    yield Content({"used": used, "number": number, "counts": counts}, {"definition_leaks": frame})
+    titles = [results.source_title(source) for source in dict.fromkeys(frame["source"])]
+    numbers = {"used": used, "number": number, "counts": counts, "leaks": titles}
+    yield Content(numbers, {"definition_leaks": frame})
 
 
 def leaks(
@@ -241,7 +243,9 @@ def _left_out(experiment: Experiment) -> dict[str, int]:
     insert triples or training triples.
     """
     sets = where(experiment.immediate, model=experiment.initializers[0])
-    empty = (sets["queries"] == 0).groupby(sets["scope"]).sum()
+    # the queries of known_closed are those of known
+    counted = sets[sets["scope"] != "known_closed"]
+    empty = (counted["queries"] == 0).groupby(counted["scope"]).sum()
     with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
     return {
         **{
