@@ -1,5 +1,6 @@
 """The whole page: it has a section for each analysis that was run, and no other."""
 
+import html
 import json
 import re
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ from tests.reports import (
     with_settings,
 )
 from tests.reports import INITIALIZERS as SHIPPED
+from tests.test_docs import crowded
 from tests.variants import beyond_of
 
 REPORT = Page.of("report")
@@ -496,6 +498,36 @@ def test_the_papers_value_stands_below_ours_on_the_page_and_beside_it_in_files()
     assert re.findall(r"<td[^>]*>(.*?)</td>", text) == ["5<small>paper 16.6</small>", "7"]
 
 
+#: Elements of prose; a sentence in one of them has at most so many numbers.
+PROSE = re.compile(
+    r"<(p|li|figcaption|dd)\b(?! id=\"words-)[^>]*>(.*?)</\1>|<caption><div>(.*?)</div>", re.DOTALL
+)
+
+
+def prose_of(html_text: str) -> str:
+    """The prose of a page, a paragraph for each element; without code, formulas, drawings."""
+    unread = r"<(script|style|svg|code|sub)\b.*?</\1>"
+    shown = re.sub(unread, "", html_text, flags=re.DOTALL)
+    parts = [found[2] or found[3] or "" for found in PROSE.finditer(shown)]
+    return "\n\n".join(html.unescape(re.sub(r"<[^>]+>", "", part)) for part in parts)
+
+
+def test_a_sentence_of_the_page_has_few_numbers() -> None:
+    assert crowded(prose_of(rendered(results_of()))) == []
+    committed_page = ROOT / "reports/index.html"
+    if committed_page.exists():
+        assert crowded(prose_of(committed_page.read_text("utf-8"))) == []
+
+
+def test_the_foot_names_what_can_be_checked_and_no_time() -> None:
+    text = rendered(results_of())
+    (foot,) = re.findall(r"<footer>.*?</footer>", text, re.DOTALL)
+    for part in ("home, away and shop", "make repro", "CITATION.cff", "MIT", "git log -1"):
+        assert part in foot
+    assert not re.search(r"\b[0-9a-f]{7,40}\b|20\d\d-\d\d", foot)
+    assert page.foot(results_of(), "0123456789ab")[1].count("0123456789ab") == 1
+
+
 def test_further_graphs_have_links_to_their_files_alone() -> None:
     blocks = [block for part in parts_of(results_of()) for block in part.blocks]
     further = [
@@ -507,6 +539,10 @@ def test_further_graphs_have_links_to_their_files_alone() -> None:
     text = rendered(results_of())
     assert 'href="tables/immediate_away.csv"' in text
     assert 'id="table-immediate_away"' not in text
+    lists = re.findall(r'<details class="table files-only">.*?</details>', text, re.DOTALL)
+    assert len(re.findall('<section id="', text)) > len(lists) > 5
+    assert all("<summary>More tables" in one for one in lists)
+    assert 'class="data"' not in text
 
 
 def test_the_page_of_this_repository_is_small() -> None:

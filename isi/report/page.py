@@ -2,11 +2,13 @@
 headline numbers and curves.
 """
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -32,6 +34,8 @@ from isi.tables.io import atomically
 #: The pages with their titles and sections, and the paper's figures and tables with their places on
 #: the first page.
 PAGES = config.read(TEMPLATES / "pages.yaml")
+#: The headline numbers, beside the page.
+METRICS = "metrics.json"
 #: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
@@ -79,10 +83,11 @@ class Page:
         if self.name == "report":
             for name, frame in plots(results).items():
                 files[f"plots/{name}.csv"] = csv(frame).encode()
-            files["metrics.json"] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
+            files[METRICS] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
         if answer:
             files["tables/answer.md"] = markdown(answer).encode()
-        files["index.html"] = self.html(parts, answer, drawings, results).encode()
+        numbers = digest(files[METRICS]) if METRICS in files else ""
+        files["index.html"] = self.html(parts, answer, drawings, results, numbers).encode()
         for place, data in files.items():
             atomically(folder / place, partial(_write, data))
         for kind in ("tables", "figures", "plots"):
@@ -96,8 +101,11 @@ class Page:
         answer: FilledSection | None,
         drawings: dict[str, Markup],
         results: Results,
+        numbers: str = "",
     ) -> str:
-        """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
+        """The HTML of the page; ``drawings``: its figures as SVG elements, by name;
+        ``numbers``: a digest of its headline numbers.
+        """
         environment = Environment(
             loader=PackageLoader("isi.report"),
             autoescape=select_autoescape(),
@@ -127,7 +135,7 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results),
+            foot=foot(results, numbers),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
 
@@ -181,11 +189,28 @@ def marked_up(
     return Markup(marker.text(linked))  # noqa: S704
 
 
-def foot(results: Results) -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the run, the licence."""
+def digest(data: bytes) -> str:
+    """The first twelve digits of a file's SHA-256, as `sha256sum` prints it."""
+    return hashlib.sha256(data).hexdigest()[:12]
+
+
+def foot(results: Results, numbers: str = "") -> list[str]:
+    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence.
+
+    No commit and no time of the run: equal results make equal pages, also in a later commit.
+    """
     cases = [runs.case.title for runs in results.readings.values()]
-    graphs = joined([experiment.title for experiment in results.standalone] or cases)
-    return [text.format(graphs=graphs) for text in PAGES["foot"]]
+    used = [experiment.settings.graph for experiment in results.experiments.values()]
+    names = [*(one.source for one in used), *(one.extend.source for one in used if one.extend)]
+    recorded = {
+        name: text.format(procthor=version("procthor")) for name, text in PAGES["recorded"].items()
+    }
+    titles = [recorded.get(name, name) for name in dict.fromkeys(names)]
+    about = {
+        "sources": joined(titles or cases),
+        "numbers": f"SHA-256 of [the headline numbers]({METRICS}): {numbers}. " if numbers else "",
+    }
+    return [text.format(**about) for text in PAGES["foot"]]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:

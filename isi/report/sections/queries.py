@@ -132,7 +132,7 @@ def _filters_of(values: pd.Series) -> dict[str, str]:
     entities has two relations.
     """
     of_filters = values.unstack("filter").dropna()
-    if (of_filters.nunique(axis=1) == 1).all():
+    if (of_filters["learned"] == of_filters["true"]).all():
         return {"learned": "either filter"}
     return _FILTERS
 

@@ -155,9 +155,7 @@ def definitions(results: Results) -> Contents:
     counts, words = frame["defined"].value_counts(), results.params.words
     frame = frame.rename(columns={"defined": "defined end", "definition": "its definition"})
     used = words.source == "shipped" and words.text == "definition"
-    titles = [results.source_title(source) for source in dict.fromkeys(frame["source"])]
-    numbers = {"used": used, "number": number, "counts": counts, "leaks": titles}
-    yield Content(numbers, {"definition_leaks": frame})
+    yield Content({"used": used, "number": number, "counts": counts}, {"definition_leaks": frame})
 
 
 def leaks(
