@@ -83,11 +83,10 @@ class Page:
         if self.name == "report":
             for name, frame in plots(results).items():
                 files[f"plots/{name}.csv"] = csv(frame).encode()
-            files[METRICS] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
+            files[METRICS] = headlines(results)
         if answer:
             files["tables/answer.md"] = markdown(answer).encode()
-        numbers = digest(files[METRICS]) if METRICS in files else ""
-        files["index.html"] = self.html(parts, answer, drawings, results, numbers).encode()
+        files["index.html"] = self.html(parts, answer, drawings, results).encode()
         for place, data in files.items():
             atomically(folder / place, partial(_write, data))
         for kind in ("tables", "figures", "plots"):
@@ -101,11 +100,8 @@ class Page:
         answer: FilledSection | None,
         drawings: dict[str, Markup],
         results: Results,
-        numbers: str = "",
     ) -> str:
-        """The HTML of the page; ``drawings``: its figures as SVG elements, by name;
-        ``numbers``: a digest of its headline numbers.
-        """
+        """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
         environment = Environment(
             loader=PackageLoader("isi.report"),
             autoescape=select_autoescape(),
@@ -135,7 +131,7 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results, numbers),
+            foot=foot(results, headlines(results) if self.name == "report" else None),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
 
@@ -189,13 +185,14 @@ def marked_up(
     return Markup(marker.text(linked))  # noqa: S704
 
 
-def digest(data: bytes) -> str:
-    """The first twelve digits of a file's SHA-256, as `sha256sum` prints it."""
-    return hashlib.sha256(data).hexdigest()[:12]
+def headlines(results: Results) -> bytes:
+    """The file of the headline numbers."""
+    return f"{json.dumps(metrics(results), indent=2)}\n".encode()
 
 
-def foot(results: Results, numbers: str = "") -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence.
+def foot(results: Results, numbers: bytes | None) -> list[str]:
+    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence;
+    ``numbers``: the file of its headline numbers, whose SHA-256 it names.
 
     No commit and no time of the run: equal results make equal pages, also in a later commit.
     """
@@ -206,10 +203,10 @@ def foot(results: Results, numbers: str = "") -> list[str]:
         name: text.format(procthor=version("procthor")) for name, text in PAGES["recorded"].items()
     }
     titles = [recorded.get(name, name) for name in dict.fromkeys(names)]
-    about = {
-        "sources": joined(titles or cases),
-        "numbers": f"SHA-256 of [the headline numbers]({METRICS}): {numbers}. " if numbers else "",
-    }
+    about = {"sources": joined(titles or cases), "numbers": ""}
+    if numbers:
+        digits = hashlib.sha256(numbers).hexdigest()[:12]
+        about["numbers"] = f"SHA-256 of [the headline numbers]({METRICS}): {digits}. "
     return [text.format(**about) for text in PAGES["foot"]]
 
 
