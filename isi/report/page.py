@@ -182,6 +182,7 @@ def marked_up(
         return place[0] if place[1] in ids else place[2]
 
     linked = re.sub(r'<a href="#([^"]+)">(.*?)</a>', link, html)
+    linked = re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", linked)
     return Markup(marker.text(linked))  # noqa: S704
 
 
