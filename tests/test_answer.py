@@ -399,7 +399,7 @@ def test_there_is_no_composition_of_a_gain_in_one_step() -> None:
 def test_what_the_controls_have_is_named_as_far_as_controls_were_run() -> None:
     text, tables, _ = shown("controls", results_of(even(kind_mean=52, es=60), even(es=45, rs=0)))
     parts = "centre +0.0, kind +2.0 and words and facts +8.0."
-    assert f"ES gains +10.0 points over Xavier: {parts}" in text
+    assert f"ES gains +10.0 points over Xavier, of them {parts}" in text
     rows = tables["parts_of_the_gain"].set_index(["scope", "part", "what has it", "minus"])
     assert rows.loc[("all", "words and facts", "ES", "Kind mean"), "MRR*"] == pytest.approx(8)
     assert rows.loc[("given", "the whole gain", "ES", "Xavier"), "entity half"] == pytest.approx(-5)
