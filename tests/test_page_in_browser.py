@@ -304,7 +304,7 @@ def test_the_strip_of_the_papers_figures_leads_to_what_it_names(
             "Table 1",
             "Table 2",
             "Table 3",
-            "all numbers",
+            "all results",
         } <= {*titles}
         for link, title in zip(links.all(), titles, strict=True):
             place = link.get_attribute("href")
@@ -364,3 +364,43 @@ def test_no_table_scrolls_sideways_on_a_desktop(chromium: Browser, report: Path)
         wide = """all => all.filter(one => one.scrollWidth > one.clientWidth + 1)
             .map(one => [one.getAttribute("aria-label"), one.scrollWidth - one.clientWidth])"""
         assert window.page.locator(".scroll").evaluate_all(wide) == []
+
+
+def test_a_table_on_a_phone_scrolls_in_its_box_with_its_first_column_in_sight(
+    chromium: Browser, report: Path
+) -> None:
+    with fine(chromium, report, width=390) as window:
+        window.page.get_by_role("button", name="Open all parts").click()
+        left = """all => all.filter(one => one.scrollWidth > one.clientWidth + 1).map(one => {
+            one.scrollLeft = one.scrollWidth;
+            const first = one.querySelector("tbody th").getBoundingClientRect();
+            return [first.left - one.getBoundingClientRect().left, first.width / one.clientWidth];
+        })"""
+        moved = window.page.locator(".scroll:has(.sortable)").evaluate_all(left)
+        assert moved
+        assert all(abs(place) < 2 and width < 0.6 for place, width in moved)
+        assert window.overflow == 0
+
+
+def test_on_paper_no_list_of_files_is_left_and_names_that_repeat_are_written(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, width=718) as window:
+        window.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        window.page.emulate_media(media="print")
+        assert window.page.locator(".files-only").count()
+        visible = "all => all.filter(one => one.getBoundingClientRect().height > 1).length"
+        assert window.page.locator(".files-only, .files").evaluate_all(visible) == 0
+        names = window.page.locator("#table-same_names tbody th .same")
+        assert names.evaluate_all(visible) == names.count() == 2
+        broken = """all => all.filter(one => one.getClientRects().length > 1).length"""
+        assert window.page.locator("td i").evaluate_all(broken) == 0
+
+
+def test_a_link_to_a_figure_opens_the_figure_and_not_its_data(
+    chromium: Browser, report: Path
+) -> None:
+    with fine(chromium, report, fragment="figure-figure3a_immediate") as window:
+        figure = window.page.locator("#figure-figure3a_immediate")
+        assert figure.locator("svg").first.is_visible()
+        assert figure.locator("details.words").get_attribute("open") is None

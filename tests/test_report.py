@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import charts, figures, stats
-from isi.report.sections import choices, finetuning, insertions, paper, run
+from isi.report.sections import choices, finetuning, insertions, run
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import colour, label
 from tests.reports import INITIALIZERS, frame_of, of_experiment, runs, small_params, small_results
@@ -54,8 +54,8 @@ def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
         "home",
         runs=runs([(model, "all", 1, seed, epoch, 0.7) for model, seed, epoch in cells]),
     ).experiments["home"]
-    assert paper.fewer_epochs(home) == pytest.approx({"xavier": 0, "es": 75})
-    assert paper.fewer_epochs(home.of_size(2)) == {}
+    assert home.fewer_epochs("all") == pytest.approx({"xavier": 0, "es": 75})
+    assert home.of_size(2).fewer_epochs("all") == {}
 
 
 def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:

@@ -2,11 +2,13 @@
 headline numbers and curves.
 """
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -32,6 +34,8 @@ from isi.tables.io import atomically
 #: The pages with their titles and sections, and the paper's figures and tables with their places on
 #: the first page.
 PAGES = config.read(TEMPLATES / "pages.yaml")
+#: The headline numbers, beside the page.
+METRICS = "metrics.json"
 #: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
@@ -85,7 +89,7 @@ class Page:
         if self.name == "report":
             for name, frame in plots(results).items():
                 files[f"plots/{name}.csv"] = csv(frame).encode()
-            files["metrics.json"] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
+            files[METRICS] = headlines(results)
         if answer:
             files["tables/answer.md"] = markdown(answer).encode()
         files["index.html"] = self.html(parts, answer, drawings, results, picture).encode()
@@ -136,7 +140,7 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results),
+            foot=foot(results, headlines(results) if self.name == "report" else None),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
 
@@ -198,14 +202,33 @@ def marked_up(
         return place[0] if place[1] in ids else place[2]
 
     linked = re.sub(r'<a href="#([^"]+)">(.*?)</a>', link, html)
+    linked = re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", linked)
     return Markup(marker.text(linked))  # noqa: S704
 
 
-def foot(results: Results) -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the run, the licence."""
+def headlines(results: Results) -> bytes:
+    """The file of the headline numbers."""
+    return f"{json.dumps(metrics(results), indent=2)}\n".encode()
+
+
+def foot(results: Results, numbers: bytes | None) -> list[str]:
+    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence;
+    ``numbers``: the file of its headline numbers, whose SHA-256 it names.
+
+    No commit and no time of the run: equal results make equal pages, also in a later commit.
+    """
     cases = [runs.case.title for runs in results.readings.values()]
-    graphs = joined([experiment.title for experiment in results.standalone] or cases)
-    return [text.format(graphs=graphs) for text in PAGES["foot"]]
+    used = [experiment.settings.graph for experiment in results.experiments.values()]
+    names = [*(one.source for one in used), *(one.extend.source for one in used if one.extend)]
+    recorded = {
+        name: text.format(procthor=version("procthor")) for name, text in PAGES["recorded"].items()
+    }
+    titles = [recorded.get(name, name) for name in dict.fromkeys(names)]
+    about = {"sources": joined(titles or cases), "numbers": ""}
+    if numbers:
+        digits = hashlib.sha256(numbers).hexdigest()[:12]
+        about["numbers"] = f"SHA-256 of [the headline numbers]({METRICS}): {digits}. "
+    return [text.format(**about) for text in PAGES["foot"]]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:

@@ -7,7 +7,7 @@ link to a section that the page does not have is plain text), or starts with one
 
     # TITLE [| open]                    the section's title; an open section is expanded at first
     @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
-    @data NAME | TITLE                  links to a table's files, without the table
+    @data NAME | TITLE                  a table's files in the section's list of further ones
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
     @terms NAME | TITLE [| folded]      words and their meanings
     @picture NAME, @explorer NAME, @guide    parts of the page with templates of their own

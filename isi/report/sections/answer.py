@@ -1,8 +1,10 @@
 """The answer of the report, and what the gain of ISI over Xavier consists of."""
 
 from collections.abc import Mapping
+from math import nan
 from typing import Any
 
+from isi.evaluation.query_sets import CONVERGING
 from isi.report import stats, words
 from isi.report.charts import BASE, INK, ISI, MUTE, Bar, waterfall
 from isi.report.data import Experiment, ModelRuns, Results
@@ -21,6 +23,8 @@ SEMANTICS = "words and facts"
 WHOLE = "the whole gain"
 #: A property, an initializer of ISI, and the control that differs from it in this property alone.
 _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
+#: What a vector is computed from: the name, the facts, both.
+SIDES = {"es": "name", "rs": "facts", "ers": "both"}
 #: A part of a gain, the model with it, and the model without it.
 Step = tuple[str, str, str]
 #: The gain of each step, in points.
@@ -34,7 +38,7 @@ def answer(results: Results) -> Contents:
     for experiment in results.standalone[:1]:
         scopes = ("all", "given" if experiment.queries is not None else "novel")
         methods = isi(experiment.initializers)
-        means = {scope: _means(experiment, scope) for scope in (*scopes, "known")}
+        means = {scope: _means(experiment, scope) for scope in scopes}
         asked = means[scopes[1]]
         measured = set(means["all"]) & set(asked)
         if not {BASELINE, JOINT} <= measured or not {*methods} & measured:
@@ -43,35 +47,56 @@ def answer(results: Results) -> Contents:
         others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
         gains = {scope: parts(experiment, scope) for scope in scopes}
         wholes = {name: gains["all"].get((WHOLE, name, BASELINE)) for name in methods}
-        ours = stats.values(stats.improvements(experiment.immediate, "all"))
-        theirs = results.paper["immediate"]["improvement_over_xavier"]
+        # the abstract's gain is that of ES
+        first = "es" if "es" in methods else best
         numbers: Numbers = {
             "experiment": experiment,
             "best": best,
             "scopes": scopes,
-            "means": means,
+            "asked": asked,
             "methods": methods,
-            "parts": {scope: composition(gains[scope], best) for scope in scopes},
             "better": [name for name, gain in wholes.items() if gain and gain.low > 0],
+            "first": first,
+            "gain": stats.values(stats.improvements(experiment.immediate, "all")).get(first, nan),
+            "paper_gain": results.paper["immediate"]["improvement_over_xavier"].get(first, nan),
+            "fewer": {
+                scope: mean_of(experiment.fewer_epochs(scope), methods) for scope in CONVERGING
+            },
+            "paper_fewer": results.paper["convergence"]["fewer_epochs_than_xavier"].get(
+                "mean", nan
+            ),
+            "parts": [composition(gains[scope], best) for scope in scopes],
+            "sides": _sides(experiment, scopes[1]),
             "other": None,
-            "epochs": experiment.epochs(),
-            "answered": {},
-            "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
         }
         if others:
-            changes = {}
-            for scope in (*scopes, "known"):
-                cells = experiment.by_grid_point(scope)
-                changes[scope] = difference(by_seed(cells[others[0]], cells[best]))
+            changes = {
+                scope: _changed(experiment, scope, others[0], best)
+                for scope in (scopes[1], "known")
+            }
             numbers["other"] = {"name": others[0], "changes": changes}
-        if experiment.queries is not None:
-            numbers["answered"] = stats.values(experiment.directions["answer"])
         marked = (*others[:1], JOINT)
         marks = {
             scope: {name: means[scope][name] for name in marked if name in means[scope]}
             for scope in scopes
         }
         yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
+
+
+def _changed(experiment: ModelRuns, scope: str, first: str, second: str) -> Difference:
+    """The immediate MRR* (points) of ``first`` minus that of ``second``."""
+    cells = experiment.by_grid_point(scope)
+    return difference(by_seed(cells[first], cells[second]))
+
+
+def _sides(experiment: ModelRuns, scope: str) -> Difference | None:
+    """MRR* (points) from the name alone (ES) minus that from the facts alone (RS);
+    None unless ERS, which has both, was run, too.
+    """
+    if not set(SIDES) <= set(experiment.initializers):
+        return None
+    changed = _changed(experiment, scope, "es", "rs")
+    return changed if changed.seeds else None
 
 
 def _means(experiment: ModelRuns, scope: str) -> Values:
@@ -101,13 +126,20 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
             rows.setdefault(key, named)[Column(HALVES[half], form=signed)] = points
     half = "mrr_star_entity" if last == "given" else "mrr_star"
     shown = {"all": gains["all", "mrr_star"], last: gains[last, half]}
-    numbers = {
+    means = _means(experiment, last)
+    best = max(methods, key=lambda name: means.get(name, -1))
+    numbers: Numbers = {
         "names": names,
-        "parts": {
-            scope: {method: composition(of_scope, method) for method in methods}
-            for scope, of_scope in shown.items()
-        },
+        "best": best,
+        "parts": {scope: composition(of_scope, best) for scope, of_scope in shown.items()},
+        "permuted": None,
     }
+    if _TWINS[0] in shown[last] and (WHOLE, "es", BASELINE) in shown[last]:
+        numbers["permuted"] = {
+            "scope": last,
+            "points": shown[last][_TWINS[0]].mean,
+            "gain": shown[last][WHOLE, "es", BASELINE].mean,
+        }
     drawn = _drawn(experiment, shown, methods, {})
     return Content(numbers, {"parts_of_the_gain": rows.values()}, {"parts_of_the_gain": drawn})
 

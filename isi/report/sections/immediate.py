@@ -14,17 +14,20 @@ from isi.report import charts, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import Chart
 from isi.report.section import Content, Tables, of_each_graph
-from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table, where
+from isi.report.stats import LEVEL, Pair, Values, cells_of, compare, pairs_table, where
 from isi.report.tables import Column, Rows
 from isi.report.words import (
     BASELINE,
     HALVES,
     JOINT,
+    SCOPE,
     SCOPES,
     Names,
+    contenders,
     in_order,
     isi,
     label,
+    of_role,
 )
 
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -53,9 +56,14 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         means = stats.over_seeds(where(runs, scope=scopes), by, HALVES)
         return stats.ordered_rows(means, models, scope=scopes)
 
+    asked = experiment.mrr_star.get("novel", {})
+    if experiment.queries is not None:
+        asked = stats.values(experiment.given_means)
     queries = where(runs, model=initializers[0]).groupby("scope")["queries"].sum()
     numbers = {
         "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}),
+        "known": experiment.mrr_star.get("known", {}),
+        "strongest": strongest(asked),
         "gain": stats.values(gains["all"]),
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
     }
@@ -69,7 +77,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         "improvement": stats.by_label(others, {**columns, "paper": paper}, "initializer"),
         "novel_by_kind": stats.ordered_rows(of_kinds, initializers, "initializer", kind=kinds),
         "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),
-        "scopes": by_scope(["scope", "model"]),
+        "scopes": _said_once(by_scope(["scope", "model"])),
         "sessions": by_scope(["session", "scope", "model"]),
     }
     return Content(
@@ -77,6 +85,28 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         tables,
         {"figure3a_immediate": figure, "gain_and_cost": gain_and_cost(runs, initializers)},
     )
+
+
+def strongest(asked: Values) -> str | None:
+    """The initializer of the highest MRR* about novel entities, if it is neither the paper's nor a
+    control; else None.
+    """
+    others = of_role(asked, "baseline", "own")
+    best = max(contenders(asked), key=lambda name: asked[name], default=None)
+    return best if best in others else None
+
+
+def _said_once(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows by scope and model without those that are equal by construction: with known candidates
+    alone, a new vector changes nothing.
+    """
+    closed = (rows[SCOPE] == "known_closed") & (rows["model"] != label(JOINT))
+    numbers = rows[closed].drop(columns="model").map(str)
+    if len(numbers.drop_duplicates()) != 1:
+        return rows
+    first = numbers.index[0]
+    kept: pd.DataFrame = rows[~closed | (rows.index == first)]
+    return kept.assign(model=kept["model"].where(kept.index != first, "Any initializer"))
 
 
 def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Chart:

@@ -51,19 +51,34 @@ def paper(results: Results) -> Contents:
     columns = [
         Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
-    rows, table = rows_of(results, first), Rows()
-    for row, *of_others in zip(rows, *(rows_of(results, other) for other in others), strict=True):
-        numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
-        table.append(
-            {"where": row.place, "what": row.what}
-            | dict(zip(columns, numbers, strict=True))
-            | {"this run is": row.compared, "note": row.note}
-        )
-    counts = Counter(row.compared for row in rows if "instead" not in row.what)
+    tables = dict[str, Rows]()
+    for name, kind in (("paper_against_this_run", "printed"), ("papers_other_numbers", "others")):
+        tables[name] = Rows()
+        every = [rows_of(results, experiment, kind) for experiment in (first, *others)]
+        for row, *of_others in zip(*every, strict=True):
+            numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
+            cells: dict[Any, Any] = {"where": row.place, "what": row.what}
+            cells |= dict(zip(columns, numbers, strict=True))
+            if kind == "printed":
+                cells["this run is"] = row.compared
+            else:
+                cells["note"] = row.note
+            tables[name].append(cells)
+    rows = rows_of(results, first, "printed")
+    counts = Counter(row.compared for row in rows)
     counts.pop("", None)
+    methods = isi(first.initializers)
+    gains = stats.values(stats.improvements(first.immediate, "all"))
+    theirs = results.paper["immediate"]["improvement_over_xavier"]
     yield Content(
-        {"others": others, "counts": counts},
-        {"paper_against_this_run": table},
+        {
+            "others": others,
+            "counts": counts,
+            "methods": methods,
+            "shapes": _shapes(results, first),
+            "gains": (mean_of(theirs, methods), mean_of(gains, methods)),
+        },
+        tables,
         {"paper_against_this_run": _compared(rows, first.title)},
     )
 
@@ -84,21 +99,43 @@ def _compared(rows: Sequence[Row], first: str) -> Chart:
     a row for each printed result; ``first``: title of the first graph.
     """
     groups = dict[str, dict[str, tuple[float, float]]]()
-    for panel, titles in config.read(ROWS)["results"].items():
-        listed = [title.format(first=first) for title in titles]
-        shown = {
-            _who(row.what, listed): (row.paper, row.ours)
-            for row in rows
-            if row.what.rpartition(": ")[2] in listed or row.what in listed
+    for panel, title in config.read(ROWS)["panels"].items():
+        parts = [(row, *row.what.partition(": ")) for row in rows]
+        listed = {
+            whose: (row.paper, row.ours)
+            for row, whose, _, about in parts
+            if about == title.format(first=first)
         }
-        if any(ours == ours for _, ours in shown.values()):
-            groups[panel] = shown
+        if any(ours == ours for _, ours in listed.values()):
+            groups[panel] = listed
     return charts.pairs(groups, ("paper", "this run"))
 
 
-def _who(what: str, titles: Sequence[str]) -> str:
-    """Whose result a row is: its title without that of its panel."""
-    return "mean of ISI" if what in titles else what.partition(": ")[0]
+def _shapes(results: Results, experiment: Experiment) -> dict[str, Any]:
+    """What shapes of the paper's results have become: Figures 2a and 2b, and the order of Table 2
+    (equal numbers, as shown, are joined by "=").
+    """
+    epochs, models = experiment.epochs().get("all", {}), results.params.sweep.initializers
+    theirs = {name: of["mean"] for name, of in results.paper["convergence"]["epochs"].items()}
+    ours = {name: epochs[name] for name in theirs if name in epochs}
+    shapes: dict[str, Any] = {"best": {}, "theirs": _order(theirs), "ours": _order(ours)}
+    for swept, runs in results.analysis("sweep", experiment):
+        of_runs = swept.converged(runs, ["model", "k"])
+        means = choices.means_of(where(runs, epoch=0), of_runs, list(models))
+        by_k = means[Column("MRR*", "all")].unstack("model").dropna(axis=1, how="all")
+        of_epochs = means[Column("epochs", "all")]
+        shapes["best"] = {str(name): int(k) for name, k in by_k.idxmax().items()}
+        shapes["fall"] = float((by_k.max() - by_k.iloc[-1]).max())
+        shapes["fewest"], shapes["most"] = float(of_epochs.min()), float(of_epochs.max())
+    return shapes
+
+
+def _order(values: Values) -> str:
+    """Labels by ascending value."""
+    by_value = dict[str, list[str]]()
+    for name in sorted(values, key=lambda name: values[name]):
+        by_value.setdefault(f"{values[name]:.1f}", []).append(label(name))
+    return ", ".join(f"{' = '.join(names)} ({value})" for value, names in by_value.items())
 
 
 def own_graph(results: Results) -> Contents:
@@ -135,8 +172,8 @@ def shown(value: float) -> str:
     return f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
-def rows_of(results: Results, experiment: Experiment) -> list[Row]:
-    """All numbers of the paper beside those of one experiment;
+def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
+    """Numbers of the paper (``printed`` or ``others`` of ``ROWS``) beside those of one experiment;
     the rows do not depend on what was run.
     """
     theirs, ours = _papers(results.paper), _ours(results, experiment)
@@ -146,7 +183,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
         "first": results.standalone[0].title,
     }
     rows = list[Row]()
-    for section, titles, key, *ours_key in config.read(ROWS)["rows"]:
+    for section, titles, key, *ours_key in config.read(ROWS)[kind]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
         parts = titles if isinstance(titles, dict) else {"": titles}
@@ -166,12 +203,16 @@ def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
     """The paper's numbers, and what follows from them."""
     methods, saved = list(paper["indicators"]), paper["convergence"]["fewer_epochs_than_xavier"]
     gained, answers = paper["immediate"]["improvement_over_xavier"], paper["affordances"]
+    moved_epochs = paper["transfer"]["epochs"]
     whose = dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
     return {
         **paper,
         "means": {"gain": mean_of(gained, methods), "fewer": saved.get("mean")},
         "fewer_epochs": {name: saved.get(name) for name in methods},
         "best_indicators": dict.fromkeys(methods, paper["indicators_degrade_after"]),
+        "inferred_epochs": {
+            name: epochs for name, epochs in moved_epochs.items() if name != BASELINE
+        },
         "judged": {
             name: answers["judged"][who] | {"affordances": answers[who]}
             for name, who in whose.items()
@@ -185,7 +226,7 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     of_source = (other for other in results.extended if other.settings.graph.source == source)
     moved = next(of_source, None)
     gain = stats.values(stats.improvements(experiment.immediate, "all"))
-    fewer = fewer_epochs(experiment)
+    fewer = experiment.fewer_epochs("all")
     transfer = dict[str, Any]()
     if moved:
         transfer = {
@@ -208,15 +249,6 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
         "transfer": transfer,
         "judged": _judged(results, [*methods, BASELINE], experiment, moved),
     }
-
-
-def fewer_epochs(experiment: Experiment) -> Values:
-    """Per cent by which each initializer's mean epochs to convergence are
-    below Xavier's (section 6.2).
-    """
-    epochs = experiment.epochs().get("all", {})
-    base = epochs.get(BASELINE)
-    return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
 def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:

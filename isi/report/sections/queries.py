@@ -51,6 +51,7 @@ def query_breakdown(results: Results) -> Contents:
 def _breakdown(experiment: Experiment) -> Content:
     models, given, rows = experiment.models, experiment.directions, pd.DataFrame(experiment.queries)
     pairs, by_filter = by_relation(rows), filters(rows)
+    shown = {half: _filters_of(by_filter[half]) for half in HALVES}
     numbers = {
         "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
         "joint": {
@@ -76,7 +77,7 @@ def _breakdown(experiment: Experiment) -> Content:
             | {
                 Column(title, half): by_filter[column].get((scope, model, name))
                 for column, half in HALVES.items()
-                for name, title in _FILTERS.items()
+                for name, title in shown[column].items()
             }
             for scope in ("all", "novel")
             for model in models
@@ -126,6 +127,16 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
     """
     queries = combined(where(rows, scope=["all", "novel"]), ["scope", "filter", *_CELL])
     return 100 * queries.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
+
+
+def _filters_of(values: pd.Series) -> dict[str, str]:
+    """The filters with their titles; one for both if they give equal values, as where no pair of
+    entities has two relations.
+    """
+    of_filters = values.unstack("filter").dropna()
+    if (of_filters["learned"] == of_filters["true"]).all():
+        return {"learned": "either filter"}
+    return _FILTERS
 
 
 @dataclass(frozen=True)
