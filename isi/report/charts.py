@@ -55,6 +55,7 @@ _VARIABLES = {
 _NAMED = ("mean", "kind_mean", "map")
 _EPOCHS = (0, 1, 2, 5, 10, 20, 50, 150)  #: Epochs whose values are shown at the mouse.
 _GAP = 15  #: Between names at the ends of lines, in pixels.
+_LETTERS = 17  #: Of the longest name of a bar in one line.
 _VALUE = "value"  #: Start of the ``gid`` of what shows its values at the mouse.
 
 
@@ -95,7 +96,11 @@ def framed(axes: Axes, title: str, xlabel: str = "", ylabel: str = "") -> None:
     axes.spines["bottom"].set(color=MUTE, lw=1)
     for side in ("x", "y"):
         axes.tick_params(axis=side, length=0, pad=5, labelsize=FONT - 0.5, labelcolor=SOFT)
-    whole = f"{axes.get_label()}{capitalized(title)}"
+    spec, canvas = axes.get_gridspec(), axes.get_figure()
+    columns = spec.ncols if spec else 1
+    width = 72 * canvas.get_size_inches()[0] / columns if isinstance(canvas, Canvas) else WIDE
+    lines = f"{axes.get_label()}{capitalized(title)}".split("\n")
+    whole = "\n".join(fill(text, int(width / 8.4)) for text in lines)
     axes.set_title(
         whole,
         loc="left",
@@ -191,7 +196,7 @@ def names(
     gap, groups = _GAP / height, list[tuple[list[float], list[str], str]]()
     for share, name, color in sorted(shares, key=lambda end: -end[0]):
         before = next((group for group in reversed(groups) if group[2] == color), None)
-        if before and before[0][-1] - share < gap and before is groups[-1]:
+        if before and before[0][-1] - share < gap:
             before[0].append(share)
             before[1].append(name)
         else:
@@ -222,13 +227,19 @@ def names(
 
 
 def spread(heights: np.ndarray, gap: float) -> np.ndarray:
-    """Ascending heights in [0, 1], moved so that they are ``gap`` apart
-    (less if there are many) and at most 1.
+    """Ascending heights in [0, 1], moved as little as possible so that they are ``gap`` apart
+    (less if there are many) and stay within.
     """
     steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
-    spread_out: np.ndarray = (
-        np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
-    )
+    if not len(heights):
+        return steps
+    pools = list[list[float]]()  # neighbours that would be too near move together
+    for height in (heights - steps).tolist():
+        pools.append([height])
+        while len(pools) > 1 and np.mean(pools[-2]) > np.mean(pools[-1]):
+            pools[-2:] = [pools[-2] + pools[-1]]
+    apart = np.concatenate([np.full(len(pool), np.mean(pool)) for pool in pools])
+    spread_out: np.ndarray = apart.clip(0, 1 - steps[-1]) + steps
     return spread_out
 
 
@@ -408,7 +419,8 @@ class Bar:
 def waterfall(groups: Mapping[str, Sequence[Bar]], only_narrow: bool = False) -> Chart:
     """Bars one below the other, each from the end of the one before; a panel for each title."""
     rows = max(map(len, groups.values()), default=1)
-    height = 27 * rows + 62
+    wrapped = any(len(bar.name) > _LETTERS for bars in groups.values() for bar in bars)
+    height = (34 if wrapped else 27) * rows + 62
 
     def draw(layout: FigureLayout) -> tuple[Canvas, str]:
         canvas, axes = panels(layout, len(groups), height)
@@ -419,7 +431,7 @@ def waterfall(groups: Mapping[str, Sequence[Bar]], only_narrow: bool = False) ->
             panel.spines["bottom"].set_visible(False)
             for level, bar in enumerate(bars):
                 _bar(panel, level, bar)
-            panel.set_yticks(range(len(bars)), [fill(bar.name, 17) for bar in bars])
+            panel.set_yticks(range(len(bars)), [fill(bar.name, _LETTERS) for bar in bars])
             panel.tick_params(axis="y", labelcolor=INK, labelsize=FONT)
             panel.set_xticks([])
             ends = [0.0, *(bar.end for bar in bars)]
@@ -497,7 +509,7 @@ def pairs(groups: Mapping[str, Mapping[str, tuple[float, float]]], sides: Names)
                 f"{name} {first:g} and {second:.1f}" for name, (first, second) in listed.items()
             ]
             texts.append(f"{title}, {sides[0]} and {sides[1]}: {', '.join(values)}.")
-        key(canvas, [(sides[0], 8, BASE, PAPER), (sides[1], 8, ISI, ISI)])
+        key(canvas, [(sides[0], 10, BASE, PAPER), (sides[1], 7, ISI, ISI)])
         return canvas, " ".join(texts)
 
     return drawn(draw)
@@ -511,10 +523,10 @@ def _pairs(panel: Axes, title: str, listed: Mapping[str, tuple[float, float]]) -
         panel.plot([first, second], [level, level], color=MUTE, lw=1.4, zorder=1)
         text = valued(f"{name} – paper {first:g}, this run {second:.1f}")
         if first == first:
-            dots(panel, np.array([[first, level]]), 11, BASE, zorder=2, clip_on=False, gid=text)
-            dots(panel, np.array([[first, level]]), 7, PAPER, zorder=3, clip_on=False)
+            dots(panel, np.array([[first, level]]), 13, BASE, zorder=2, clip_on=False, gid=text)
+            dots(panel, np.array([[first, level]]), 9, PAPER, zorder=3, clip_on=False)
         if second == second:
-            dots(panel, np.array([[second, level]]), 11, ISI, zorder=4, clip_on=False, gid=text)
+            dots(panel, np.array([[second, level]]), 7.5, ISI, zorder=4, clip_on=False, gid=text)
     panel.set_yticks(range(len(listed)), list(listed))
     panel.tick_params(axis="y", labelcolor=INK, labelsize=FONT)
     panel.set_ylim(len(listed) - 0.4, -0.6)
