@@ -53,20 +53,20 @@ def paper(results: Results) -> Contents:
         Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
     tables = dict[str, Rows]()
-    for name, kind in (("paper_against_this_run", "results"), ("papers_other_numbers", "others")):
+    for name, kind in (("paper_against_this_run", "printed"), ("papers_other_numbers", "others")):
         tables[name] = Rows()
         every = [rows_of(results, experiment, kind) for experiment in (first, *others)]
         for row, *of_others in zip(*every, strict=True):
             numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
             cells: dict[Any, Any] = {"where": row.place, "what": row.what}
             cells |= dict(zip(columns, numbers, strict=True))
-            if kind == "results":
+            if kind == "printed":
                 cells["this run is"] = row.compared
             else:
                 cells["note"] = row.note
             tables[name].append(cells)
-    rows = rows_of(results, first, "results")
-    counts = Counter(row.compared for row in rows)
+    rows = {kind: rows_of(results, first, kind) for kind in ("printed", "others")}
+    counts = Counter(row.compared for row in rows["printed"])
     counts.pop("", None)
     methods = isi(first.initializers)
     gains = stats.values(stats.improvements(first.immediate, "all"))
@@ -79,7 +79,7 @@ def paper(results: Results) -> Contents:
             "gains": (mean_of(theirs, methods), mean_of(gains, methods)),
         },
         tables,
-        {"paper_against_this_run": _scatter(rows)},
+        {"paper_against_this_run": _scatter([*rows["printed"], *rows["others"]])},
     )
 
 
@@ -145,7 +145,7 @@ def shown(value: float) -> str:
 
 
 def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
-    """Numbers of the paper (``results`` or ``others`` of ``ROWS``) beside those of one experiment;
+    """Numbers of the paper (``printed`` or ``others`` of ``ROWS``) beside those of one experiment;
     the rows do not depend on what was run.
     """
     theirs, ours = _papers(results.paper), _ours(results, experiment)
