@@ -219,7 +219,8 @@ def foot(results: Results, numbers: bytes | None) -> list[str]:
     """
     cases = [runs.case.title for runs in results.readings.values()]
     used = [experiment.settings.graph for experiment in results.experiments.values()]
-    names = [*(one.source for one in used), *(one.extend.source for one in used if one.extend)]
+    extended = [graph.extend.source for graph in used if graph.extend]
+    names = [*(graph.source for graph in used), *extended]
     recorded = {
         name: text.format(procthor=version("procthor")) for name, text in PAGES["recorded"].items()
     }
