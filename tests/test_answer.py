@@ -1,7 +1,10 @@
 """The answer of the report: its words follow the numbers, and the parts of the gain sum to it."""
 
+import html
+import re
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +13,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from isi.report.data import Experiment, Results
-from isi.report.figures import in_words
 from isi.report.page import Page
 from isi.report.sections import answer
 from isi.report.words import HALVES, label
+from tests import committed
 from tests.reports import EPOCHS, ROOT, of_experiment, shown, small_results
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
@@ -33,14 +36,15 @@ def results_of(
     asked: Points = {},  # noqa: B006
     known: Points = {},  # noqa: B006
     epochs: Points = {},  # noqa: B006
+    more: tuple[str, ...] = (),
 ) -> Results:
     """Results right after insertion: over all queries, with the novel entity given,
     and about earlier knowledge.
 
     ``epochs``: those until a model's held-out MRR* is that of the joint model; others are not
-    changed.
+    changed. ``more``: further initializers.
     """
-    home = base().experiments["home"]
+    home = base(*more).experiments["home"]
     runs, queries = home.runs.copy(), home.queries
     assert queries is not None
     queries = queries.copy()
@@ -59,7 +63,7 @@ def results_of(
         heldout = runs["scope"] == "novel_heldout"
         first = runs["model"].map({"joint": 0, **epochs})
         runs.loc[heldout, "mrr_star"] = np.where(runs["epoch"] >= first, 0.9, 0.1)[heldout]
-    return of_experiment(base(), "home", runs=runs, queries=queries)
+    return of_experiment(base(*more), "home", runs=runs, queries=queries)
 
 
 def said(results: Results) -> list[str]:
@@ -71,8 +75,8 @@ def said(results: Results) -> list[str]:
 
 
 def lead(item: str) -> str:
-    """The bold words at the start of an item."""
-    return item.split("**")[1]
+    """The bold words at the start of an item, which are a link."""
+    return re.sub(r"\[(.*)\]\(.*\)", r"\1", item.split("**")[1])
 
 
 def even(**points: float) -> dict[str, float]:
@@ -93,58 +97,87 @@ def even(**points: float) -> dict[str, float]:
 def test_a_start_is_better_where_its_metric_is(better: dict[str, float], starts: str) -> None:
     first = said(results_of(even(**better), even(es=70, xavier=33)))[0]
     assert lead(first).startswith(starts)
-    assert f"is {even(**better)['es']:.1f} for ES and 50.0 for Xavier" in first
-    assert "entity MRR* is 70.0, 33.0 and 50.0" in first
+    change = 100 * (even(**better)["es"] / 50 - 1)
+    side = "below" if change < 0 else "above"
+    assert f"ES is {abs(change):.1f} % {side} Xavier (paper: 41.4 %)." in first
 
 
 @pytest.mark.parametrize(
-    ("everything", "asked", "starts"),
+    ("everything", "asked", "starts", "then"),
     [
-        ((20, 40, 50, 55), (20, 40, 50, 55), "Most of the gain is not semantics"),
-        ((20, 25, 30, 70), (20, 25, 30, 70), "Most of the gain is semantics"),
-        (
-            (20, 40, 50, 55),
-            (20, 25, 30, 70),
-            "Semantics is most of the gain with the novel entity given only",
-        ),
-        ((20, 25, 30, 70), (20, 40, 50, 55), "Semantics is most of the gain over all queries only"),
-        ((20, 50, 45, 60), (20, 25, 30, 70), "The parts of the gain have different signs"),
-        ((60, 50, 40, 30), (20, 25, 30, 70), "There is no gain over all queries"),
-        ((20, 25, 30, 70), (60, 70, 40, 30), "There is no gain with the novel entity given"),
-        ((60, 50, 40, 30), (60, 50, 40, 30), "There is no gain"),
+        ((20, 58, 59, 60), (20, 40, 50, 60), "nearly all of ES's gain is", (25, 25)),
+        ((20, 40, 50, 55), (20, 40, 50, 55), "most of ES's gain is", (29, 14)),
+        ((20, 25, 30, 70), (20, 25, 30, 70), "less than half of ES's gain is", (10, 80)),
+        ((20, 50, 45, 60), (20, 50, 45, 60), "the parts of ES's gain have different signs", None),
+        ((60, 50, 40, 30), (60, 70, 40, 30), "ES gains nothing", None),
     ],
 )
 def test_the_gain_is_called_after_its_parts(
-    everything: tuple[float, ...], asked: tuple[float, ...], starts: str
+    everything: tuple[float, ...],
+    asked: tuple[float, ...],
+    starts: str,
+    then: tuple[int, int] | None,
 ) -> None:
     both = [
         dict(zip(("xavier", "mean", "kind_mean", "es"), points, strict=True))
         for points in (everything, asked)
     ]
-    second = said(results_of(even(**both[0], rs=0), even(**both[1], rs=0)))[1]
-    assert lead(second) == f"{starts}."
-    for points in both:
-        steps = np.diff([points[name] for name in ("xavier", "mean", "kind_mean", "es")])
-        assert f"{points['es'] - points['xavier']:+.1f} points from Xavier" in second
-        assert "centre {:+.1f}, kind {:+.1f} and words and facts {:+.1f}".format(*steps) in second
+    (item,) = (
+        one
+        for one in said(results_of(even(**both[0], rs=0), even(**both[1], rs=0)))
+        if lead(one).startswith("Over all queries")
+    )
+    assert lead(item).startswith(f"Over all queries, {starts}")
+    if then:
+        expected = "its kind, which ES infers, gives {} %, words and facts {} %.".format(*then)
+        assert item.endswith(f"About the new entity, {expected}")
+    else:
+        assert item.endswith(("the parts have different signs.", "it gains nothing."))
+
+
+def test_parts_that_no_control_tells_apart_are_named_together() -> None:
+    found = results_of(even(es=60, mean=55, rs=0), even(es=60, mean=55, rs=0))
+    fewer = of_experiment(found, "home", initializers=["xavier", "es", "rs", "mean"])
+    (item,) = (one for one in said(fewer) if lead(one).startswith("Over all queries"))
+    assert item.endswith("About the new entity, its kind, words and facts give 50 %.")
 
 
 @pytest.mark.parametrize(
-    ("epochs", "saves"),
+    ("epochs", "saves", "says"),
     [
-        ({"xavier": 3, "es": 1}, True),
-        ({"xavier": 1, "es": 3}, False),
-        ({"xavier": 2, "es": 2}, False),
+        ({"xavier": 3, "es": 1, "rs": 2}, True, "50.0 % fewer"),
+        ({"xavier": 1, "es": 3, "rs": 3}, False, "200.0 % more"),
+        ({"xavier": 2, "es": 2, "rs": 2}, False, "0.0 % fewer"),
     ],
 )
-def test_training_is_saved_where_it_converges_first(epochs: dict[str, float], saves: bool) -> None:
+def test_training_is_saved_where_it_converges_first(
+    epochs: dict[str, float], saves: bool, says: str
+) -> None:
     (item,) = (
         one
         for one in said(results_of(even(), even(es=60), epochs=epochs))
         if "training" in lead(one)
     )
     assert ("saves no training" not in lead(item)) is saves
-    assert f"takes {epochs['xavier']:.1f} epochs from Xavier and {epochs['es']:.1f} from ES" in item
+    assert item.endswith(f"It takes {says} epochs than Xavier about the new entity.")
+
+
+@pytest.mark.parametrize(
+    ("es", "rs", "starts"),
+    [
+        (40, 30, "The name does more than the facts"),
+        (30, 40, "The facts do more than the name"),
+        (40, 40, "The name does as much as the facts"),
+    ],
+)
+def test_name_and_facts_are_compared_where_all_three_were_run(
+    es: float, rs: float, starts: str
+) -> None:
+    found = results_of(even(), even(es=es, rs=rs, ers=45), more=("ers",))
+    (item,) = (one for one in said(found) if "facts" in lead(one))
+    assert lead(item) == f"{starts}."
+    assert f"entity MRR* is {es:.1f} by name (ES), {rs:.1f} by facts (RS), 45.0 by both" in item
+    assert not [one for one in said(results_of(even(), even())) if "facts" in lead(one)]
 
 
 @pytest.mark.parametrize(
@@ -162,11 +195,11 @@ def test_another_initializer_is_better_only_if_it_is_and_has_its_price(
 ) -> None:
     results = results_of(even(), even(map=asked, rs=0), even(map=known))
     (item,) = (one for one in said(results) if lead(one).startswith(label("map")))
-    assert lead(item).startswith(f"{label('map')} is better about the novel entity") is better
+    assert lead(item).startswith(f"{label('map')} is better") is better
     assert ("at a price" in lead(item)) is price
     assert ("not significantly" in lead(item)) is not better
-    assert f"is {asked:.1f} for {label('map')} and 50.0 for ES" in item
-    assert f"MRR* is {known:.1f} and 50.0;" in item
+    side = "less" if known < 50 else "more"
+    assert f"It has {asked:.1f}. Earlier knowledge has {abs(known - 50):.1f} points {side}." in item
 
 
 @settings(max_examples=15, deadline=None)
@@ -192,25 +225,40 @@ def test_no_sentence_says_the_contrary_of_the_numbers(
         len(above)
     ]
     assert all(name in start for name in above if len(above) == 1)
-    semantics, gains = (
-        [scope[best] - scope[base] for scope in (everything, asked)]
-        for base in ("kind_mean", "xavier")
-    )
-    if "Most of the gain is semantics" in items[1]:
-        assert all(2 * part >= gain > 0 for part, gain in zip(semantics, gains, strict=True))
-    if "Most of the gain is not semantics" in items[1]:
-        assert all(0 <= 2 * part < gain for part, gain in zip(semantics, gains, strict=True))
-    assert lead(items[1]).startswith("There is no gain") == (min(gains) <= 0)
-    (training,) = (one for one in items if "training" in lead(one))
-    assert ("saves no training" in lead(training)) == (takes[best] >= takes["xavier"])
+    gain = 100 * (everything["es"] / everything["xavier"] - 1)
+    assert f"{abs(gain):.1f} % {'below' if gain < 0 else 'above'} Xavier" in items[0]
+    (parts,) = (one for one in items if lead(one).startswith("Over all queries"))
+    centre, whole = (everything[name] - everything["xavier"] for name in ("mean", best))
+    if "nearly all" in parts:
+        assert 10 * centre >= 9 * whole > 0
+    if "most of" in parts:
+        assert 0.9 > centre / whole >= 0.5
+    assert ("gains nothing" in lead(parts)) == (whole <= 0)
+    training = [one for one in items if "training" in lead(one)]
+    # with no epochs of Xavier there is nothing to save
+    assert len(training) <= (takes["xavier"] > 0)
+    for one in training:
+        assert "epochs than Xavier" in one
+        mean = (takes["es"] + takes["rs"]) / 2
+        assert ("saves no training" in lead(one)) == (mean >= takes["xavier"])
     (other,) = (one for one in items if lead(one).startswith(label("map")))
-    assert ("is better about the novel entity" in lead(other)) == (asked["map"] > asked[best])
-    mean = 100 * np.mean([everything[name] / everything["xavier"] - 1 for name in ("es", "rs")])
-    assert f" and {mean:.0f} % here" in items[-1]
-    theirs = (41.4 + 37.6) / 2
-    assert lead(items[-1]).startswith(
-        f"The paper's gain is {'larger' if theirs > mean else 'smaller'}"
-    )
+    assert ("is better" in lead(other)) == (asked["map"] > asked[best])
+
+
+#: What is asked of the answer: a reader takes it in at once.
+MOST_WORDS, MOST_NUMBERS = 90, 12
+
+
+def test_the_committed_answer_is_short() -> None:
+    text = committed.text_of(Path("reports/tables/answer.md"))
+    words = [word for word in text.split() if re.search("[A-Za-z]", word)]
+    assert len(words) <= MOST_WORDS
+    assert len(re.findall(r"\d+(?:\.\d+)?", text)) <= MOST_NUMBERS
+    page = committed.text_of(Path("reports/index.html"))
+    (shown,) = re.findall(r'<div class="answer">(.*?)</div>', page, re.DOTALL)
+    as_text = html.unescape(re.sub(r"<[^>]+>", "", shown))
+    unmarked = re.sub(r"^- |\*\*", "", text, flags=re.MULTILINE)
+    assert as_text.split() == unmarked.split()
 
 
 def test_the_answer_is_in_numbers_of_the_first_graph() -> None:
@@ -224,19 +272,14 @@ def test_the_answer_is_in_numbers_of_the_first_graph() -> None:
     rows = rows[(rows["novel"] == "given") & (rows["hidden"] != "relation")]
     # each row has the same number of queries
     asked = 100 * rows.groupby("model")["mrr_star"].mean()
-    best = max(("es", "rs", "ers"), key=lambda name: asked[name])
-    assert (
-        f"entity MRR* is {asked[best]:.1f}, {asked['xavier']:.1f} and {asked['joint']:.1f}"
-        in sentences.text.splitlines()[0]
-    )
+    by = f"{asked['es']:.1f} by name (ES), {asked['rs']:.1f} by facts (RS), {asked['ers']:.1f} by"
+    assert f"entity MRR* is {by} both (ERS)." in sentences.text
     now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
-    assert (
-        f"is {now[best]:.1f} for {label(best)} and {now['xavier']:.1f} for Xavier"
-        in sentences.text.splitlines()[0]
-    )
-    of_all, of_given = in_words(figure.content.canvas).split("; ")
-    assert f"Joint {now['joint']:.1f}, Xavier {now['xavier']:.1f}, " in of_all
-    assert f"Joint {asked['joint']:.1f}, Xavier {asked['xavier']:.1f}, " in of_given
+    best = max(("es", "rs", "ers"), key=lambda name: asked[name])
+    of_all, of_given = figure.content.chart.words.split(". (b)")
+    for text, means in ((of_all, now), (of_given, asked)):
+        assert f"Xavier {means['xavier']:.1f}, " in text
+        assert f"{label(best)} {means[best]:.1f}, Joint {means['joint']:.1f}" in text
 
 
 def test_there_is_no_answer_where_there_is_nothing_to_compare() -> None:
@@ -355,10 +398,12 @@ def test_there_is_no_composition_of_a_gain_in_one_step() -> None:
 
 
 def test_what_the_controls_have_is_named_as_far_as_controls_were_run() -> None:
-    text, tables, _ = shown("controls", results_of(even(kind_mean=52, es=60), even(es=45)))
-    assert "words and facts give ES +8.0 of +10.0 points" in text
+    text, tables, _ = shown("controls", results_of(even(kind_mean=52, es=60), even(es=45, rs=0)))
+    parts = "centre +0.0, kind +2.0 and words and facts +8.0."
+    assert f"ES gains +10.0 points over Xavier, of them {parts}" in text
     rows = tables["parts_of_the_gain"].set_index(["scope", "part", "what has it", "minus"])
     assert rows.loc[("all", "words and facts", "ES", "Kind mean"), "MRR*"] == pytest.approx(8)
     assert rows.loc[("given", "the whole gain", "ES", "Xavier"), "entity half"] == pytest.approx(-5)
-    fewer = of_experiment(results_of(even(es=60)), "home", initializers=["xavier", "es", "mean"])
-    assert "kind and words and facts give ES +10.0 of +10.0 points" in shown("controls", fewer)[0]
+    found = results_of(even(es=60), even(es=60))
+    fewer = of_experiment(found, "home", initializers=["xavier", "es", "mean"])
+    assert "centre +0.0 and kind and words and facts +10.0." in shown("controls", fewer)[0]

@@ -16,24 +16,12 @@ import pytest
 from isi.__main__ import main
 from tests import committed
 from tests.documented import blocks, commands
+from tests.prose import crowded
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, small, written
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
-#: What is no prose: code, generated tables, rows, headings, lists of options; and a section whose
-#: numbers are the bars of its table.
-NO_PROSE = re.compile(
-    r"^```.*?^```$|<!-- table: .*?<!-- end -->|^## How good it is$.*?(?=^## )"
-    r"|^(?:\||#+ |- Options:)[^\n]*$",
-    re.DOTALL | re.MULTILINE,
-)
-#: What is no number to read: comments, code, targets of links.
-UNREAD = re.compile(r"<!--.*?-->|`[^`]*`|\]\([^)]*\)", re.DOTALL)
-PARAGRAPH = re.compile(r"\n\s*\n|^\s*(?:[-*]|\d+\.) ", re.MULTILINE)
-SENTENCE = re.compile(r"(?<=[.!?])[)*\"']*\s+(?=[A-Z_*`\[(“\"])")
-IN_WORDS = re.compile(r"(?<![\w.])\.?\d[\d,]*(?:\.\d+)?")
-MOST_NUMBERS = 4  #: that a sentence may have
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -82,17 +70,6 @@ def slug(heading: str) -> str:
 @each_page
 def test_pages_install_from_the_folder_since_no_index_has_the_package(page: Path) -> None:
     assert not re.search(r"pip install ['\"]?isi-kge", page.read_text(encoding="utf-8"))
-
-
-def crowded(text: str) -> list[str]:
-    """The sentences of a page's prose with too many numbers."""
-    prose = UNREAD.sub(" _ ", NO_PROSE.sub("\n\n", text))
-    sentences = [
-        sentence
-        for paragraph in PARAGRAPH.split(prose)
-        for sentence in SENTENCE.split(" ".join(paragraph.split()))
-    ]
-    return [one for one in sentences if len(IN_WORDS.findall(one)) > MOST_NUMBERS]
 
 
 @pytest.mark.parametrize(

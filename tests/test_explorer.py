@@ -22,7 +22,6 @@ from numpy.random import Generator
 from isi.evaluation.ranking import make_queries, padded_ids, rank_queries
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
-from isi.experiment.train import train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, membership, touches
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult
 from isi.insertion.engine import context_in_session
@@ -32,10 +31,9 @@ from isi.report import explorer, page
 from isi.report.explorer import COMPUTED, Explored
 from isi.report.section import ReportSection
 from isi.tables import paths
-from tests import small_grid
 from tests.browser import Opened, opened
-from tests.reports import ROOT, of_experiment, part_of, small_params, small_results
-from tests.small_graphs import points_of
+from tests.reports import ROOT, of_experiment, part_of, small_results
+from tests.small_explorer import NAMES, scores, small
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -47,8 +45,6 @@ RUN = Path(os.environ.get("ISI_RUN", ROOT))
 EVERY = int(os.environ.get("ISI_EVERY", 12))
 #: Initializers that draw.
 DRAWN = ("xavier", "iu")
-NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup",
-         "cup board", "mug", "pan", "pot", "sofa", "shelf"]  # fmt: skip
 CASES = """cases => cases.map(({entity, given, name, dial}) => {
   const {world, subjectOf, insertion} = window.explorer, subject = subjectOf(world, entity);
   const places = subject.facts.flatMap(({triple}, place) => given.includes(triple) ? [place] : []);
@@ -58,23 +54,6 @@ CASES = """cases => cases.map(({entity, given, name, dial}) => {
   return {vector: [...one.vector], weights: one.weights && [...one.weights], mrrStar: one.mrrStar, \
 scores};
 })"""
-
-
-def small() -> tuple[Explored, pd.Series, Params]:
-    """Three of 14 entities are new; one has no word vector; one new entity has no facts."""
-    points = points_of(small_grid.GRAPH, 3, [5])
-    points = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] < 2])
-    result = train_stack(points, small_grid.LEARNING)
-    joint = train_stack(points.all_known, small_grid.LEARNING).theta
-    words = small_grid.WORDS.copy()
-    words[[points.novel[0, 0, 1], 4]] = 0
-    params = small_params(["home"])
-    listed = {name: INITIALIZERS.get(name, name).defaults for name in COMPUTED}
-    changed = {"ers": {"k": 3, "candidates": 5}, "es": {"k": 3}, "rs": {"k": 4}}
-    params = params.model_copy(update={"initializers": {**listed, **changed}})
-    named = replace(points, graph=replace(points.graph, entities=NAMES))
-    kinds = pd.Series([f"kind {kind}" for kind in points.graph.kinds.tolist()])
-    return Explored(named, result.theta, joint, words), kinds, params
 
 
 def of_run() -> tuple[Explored, pd.Series, Params]:
@@ -229,14 +208,6 @@ def mrr_star(
     closeness = torch.where(is_tail, head.closeness, tail.closeness)
     weight = 2 * ranked["all"].rows.entity_weight[:, : closeness.shape[1]]
     return float((weight * closeness).sum() / weight.sum())
-
-
-def scores(embedding: Embedding, entity: int) -> np.ndarray:
-    """Scores of all entities as tail and as head of each relation; shape (R, 2, E)."""
-    relations = torch.arange(embedding.relation.shape[1])[None]
-    given = torch.full_like(relations, entity)
-    both = embedding.score_tails(given, relations)[0], embedding.score_heads(relations, given)[0]
-    return torch.stack(both, 1).numpy()
 
 
 def test_vectors_indicators_scores_and_mrr_star_are_pythons(

@@ -75,12 +75,34 @@ def test_all_of_it_fits_its_window_and_asks_for_nothing(
         assert window.page.locator("main details[open]").count() == 0
 
 
-def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, report: Path) -> None:
+def test_the_picture_and_the_answer_are_in_the_first_screen(
+    chromium: Browser, report: Path
+) -> None:
     with fine(chromium, report) as window:
-        for selector in (".answer", "#answer .plot svg"):
-            box = window.page.locator(selector).bounding_box()
-            assert box
-            assert box["y"] + box["height"] <= 900
+        boxes = [window.page.locator(one).bounding_box() for one in (".picture", ".answer")]
+        assert boxes[0]
+        assert boxes[1]
+        assert boxes[0]["y"] + boxes[0]["height"] <= boxes[1]["y"] < 800
+
+
+@pytest.mark.parametrize("width", [390, 768, 1280, 1920])
+def test_texts_of_drawings_are_at_least_12_pixels_and_lie_within(
+    chromium: Browser, report: Path, width: int
+) -> None:
+    small = """all => all.filter(one => one.getClientRects().length).map(one => [one.textContent,
+      parseFloat(getComputedStyle(one).fontSize) * one.getScreenCTM().a])
+      .filter(([, size]) => size < 11.95)"""
+    outside = """all => all.filter(one => {
+      const box = one.getBoundingClientRect(), place = one.ownerSVGElement.parentElement;
+      const around = place.getBoundingClientRect();
+      return box.width && (box.left < around.left - 1 || box.right > around.right + 1);
+    }).map(one => one.textContent)"""
+    with fine(chromium, report, width=width) as window:
+        window.page.get_by_role("button", name="Open all parts").click()
+        texts = window.page.locator(".picture text, .chart text")
+        assert texts.count() > 20
+        assert texts.evaluate_all(small) == []
+        assert texts.evaluate_all(outside) == []
 
 
 def test_contents_and_links_open_the_folded_parts_they_lead_to(
@@ -175,15 +197,20 @@ def test_every_word_that_is_marked_is_explained_and_tips_stay_within_a_phone(
 
 
 def test_figures_are_dark_where_it_is_dark(chromium: Browser, report: Path) -> None:
-    """A filter turns black on white into light on dark."""
-    filters = {}
+    """Their colours are those of the page; on other pages a filter turns them."""
+    inks, filters = {}, {}
     for scheme in ("light", "dark"):
         with fine(chromium, report, scheme=scheme) as window:
-            drawings = window.page.locator(".plot svg")
+            of_page = window.page.evaluate("getComputedStyle(document.body).color")
+            inks[scheme] = of_page
+            fills = "all => [...new Set(all.map(one => getComputedStyle(one).fill))]"
+            assert of_page in window.page.locator(".chart text").evaluate_all(fills)
+            drawings = window.page.locator(".chart svg")
             filters[scheme] = set(
                 drawings.evaluate_all("all => all.map(one => getComputedStyle(one).filter)")
             )
-    assert filters == {"light": {"none"}, "dark": {"invert(0.91) hue-rotate(180deg)"}}
+    assert inks["light"] != inks["dark"]
+    assert filters == {"light": {"none"}, "dark": {"none"}}
 
 
 def test_print_opens_what_is_folded_and_closes_it_again(chromium: Browser, report: Path) -> None:
@@ -277,7 +304,7 @@ def test_the_strip_of_the_papers_figures_leads_to_what_it_names(
             "Table 1",
             "Table 2",
             "Table 3",
-            "all numbers",
+            "all results",
         } <= {*titles}
         for link, title in zip(links.all(), titles, strict=True):
             place = link.get_attribute("href")
@@ -305,23 +332,24 @@ def test_a_sorted_table_shows_the_names_that_were_not_written_again(
         assert names.evaluate_all(hidden) == 0
 
 
-def test_the_toggle_of_figure_3a_shows_and_hides_lines(chromium: Browser, report: Path) -> None:
-    with fine(chromium, report, fragment="figure-figure3a_immediate") as window:
-        figure = window.page.locator("#figure-figure3a_immediate")
-        toggle, lines = figure.locator(".toggle input"), figure.locator("[id*='-optional']")
-        visible = "all => all.filter(one => getComputedStyle(one).display !== 'none').length"
-        number = lines.count()
-        assert number
-        assert not toggle.is_checked()
-        assert lines.evaluate_all(visible) == 0
-        labels = figure.locator("svg text")
-        assert not labels.get_by_text("Permuted ES").is_visible()
-        assert labels.get_by_text("ES", exact=True).is_visible()
-        toggle.check()
-        assert lines.evaluate_all(visible) == number
-        assert labels.get_by_text("Permuted ES").is_visible()
-        toggle.uncheck()
-        assert lines.evaluate_all(visible) == 0
+def test_one_layout_of_a_figure_is_shown_and_lines_have_their_values(
+    chromium: Browser, report: Path
+) -> None:
+    for width, kind in ((1280, "wide"), (390, "narrow")):
+        place = "figure-figure3a_immediate"
+        with fine(chromium, report, width=width, fragment=place) as window:
+            drawings = window.page.locator(f"#{place} svg")
+            shown = drawings.evaluate_all(
+                "all => all.filter(one => one.checkVisibility()).map(one => one.classList[0])"
+            )
+            assert shown == [kind]
+            titles = window.page.locator(f"#{place} svg.{kind} title").all_text_contents()
+            assert any(title.startswith("ERS – 1: ") for title in titles)
+            box = window.page.locator(f"#{place} svg.{kind}").bounding_box()
+            around = window.page.locator(f"#{place} .plot").bounding_box()
+            assert box
+            assert around
+            assert box["width"] >= around["width"] - 2  # the whole width
 
 
 def test_no_two_elements_have_the_same_id(chromium: Browser, report: Path) -> None:
@@ -336,3 +364,43 @@ def test_no_table_scrolls_sideways_on_a_desktop(chromium: Browser, report: Path)
         wide = """all => all.filter(one => one.scrollWidth > one.clientWidth + 1)
             .map(one => [one.getAttribute("aria-label"), one.scrollWidth - one.clientWidth])"""
         assert window.page.locator(".scroll").evaluate_all(wide) == []
+
+
+def test_a_table_on_a_phone_scrolls_in_its_box_with_its_first_column_in_sight(
+    chromium: Browser, report: Path
+) -> None:
+    with fine(chromium, report, width=390) as window:
+        window.page.get_by_role("button", name="Open all parts").click()
+        left = """all => all.filter(one => one.scrollWidth > one.clientWidth + 1).map(one => {
+            one.scrollLeft = one.scrollWidth;
+            const first = one.querySelector("tbody th").getBoundingClientRect();
+            return [first.left - one.getBoundingClientRect().left, first.width / one.clientWidth];
+        })"""
+        moved = window.page.locator(".scroll:has(.sortable)").evaluate_all(left)
+        assert moved
+        assert all(abs(place) < 2 and width < 0.6 for place, width in moved)
+        assert window.overflow == 0
+
+
+def test_on_paper_no_list_of_files_is_left_and_names_that_repeat_are_written(
+    chromium: Browser, report: Path
+) -> None:
+    with opened(chromium, report, width=718) as window:
+        window.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        window.page.emulate_media(media="print")
+        assert window.page.locator(".files-only").count()
+        visible = "all => all.filter(one => one.getBoundingClientRect().height > 1).length"
+        assert window.page.locator(".files-only, .files").evaluate_all(visible) == 0
+        names = window.page.locator("#table-same_names tbody th .same")
+        assert names.evaluate_all(visible) == names.count() == 2
+        broken = """all => all.filter(one => one.getClientRects().length > 1).length"""
+        assert window.page.locator("td i").evaluate_all(broken) == 0
+
+
+def test_a_link_to_a_figure_opens_the_figure_and_not_its_data(
+    chromium: Browser, report: Path
+) -> None:
+    with fine(chromium, report, fragment="figure-figure3a_immediate") as window:
+        figure = window.page.locator("#figure-figure3a_immediate")
+        assert figure.locator("svg").first.is_visible()
+        assert figure.locator("details.words").get_attribute("open") is None

@@ -10,20 +10,18 @@ from tests.reports import runs
 
 
 def drawn(title: str = "a < b") -> mpl.figure.Figure:
-    """Two panels of three lines each, with a second axis above and a legend below."""
+    """Two panels of three lines each, with a legend below."""
     rows = runs(
         [
-            (model, scope, size, seed, 0, 0.2 + size / 10 + seed / 20)
+            (model, scope, 1, seed, epoch, 0.3 + epoch / 10 + seed / 20)
             for model in ("xavier", "es", "joint")
             for scope in ("all", "novel")
-            for size in (1, 2)
+            for epoch in (0, 1)
             for seed in (0, 1)
         ]
     )
     with mpl.rc_context(figures.STYLE):
-        canvas = figures.by_size(
-            rows, ["xavier", "es", "joint"], ("all", "novel"), ("mrr_star",), entities=50
-        )
+        canvas = figures.by_epoch(rows, ["xavier", "es"], ("all", "novel"))
         canvas.axes[0].set_title(title)
     return canvas
 
@@ -51,10 +49,11 @@ def test_a_figure_has_no_style_of_its_own_for_the_page_and_its_text_is_text() ->
 
 
 def test_a_figure_is_described_in_its_own_numbers() -> None:
-    lines = "across: novel entities |ξ|; up: MRR* (points). " + ", ".join(
-        f"{name} from 32.5 to 42.5" for name in ("Xavier", "ES", "Joint")
+    lines = "across: epoch of fine-tuning; up: MRR* (points). " + ", ".join(
+        f"{name} from 32.5 to 42.5" for name in ("Xavier", "ES")
     )
-    assert figures.in_words(drawn()) == f"A < b; {lines}. (b) novel entities: MRR*; {lines}."
+    lines += ", Joint 37.5"
+    assert figures.in_words(drawn()) == f"A < b; {lines}. (b) novel entities; {lines}."
 
 
 def test_coordinates_are_rounded_and_texts_are_not() -> None:

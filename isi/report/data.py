@@ -27,7 +27,7 @@ from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
 from isi.report.readings import CaseRuns
 from isi.report.stats import DIRECTIONS, ByScope, Estimates, Values, where
-from isi.report.words import JOINT
+from isi.report.words import BASELINE, JOINT
 from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.sources.readers import read_batches
 from isi.tables import paths
@@ -126,6 +126,14 @@ class ModelRuns:
         """Mean epochs to convergence, by scope and model."""
         means = self.convergence.groupby(["scope", "model"])["epochs"].mean()
         return stats.by_scope(means, self.finetuned)
+
+    def fewer_epochs(self, scope: str) -> Values:
+        """Per cent by which each initializer's mean epochs to convergence are below Xavier's
+        (section 6.2); empty if Xavier was not run, or needs none.
+        """
+        epochs = self.epochs().get(scope, {})
+        base = epochs.get(BASELINE)
+        return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
     @property
     def unconverged(self) -> ByScope:

@@ -69,7 +69,7 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
     turned, fitted = procrustes(joint, vectors, known)
     scale = max(float(np.abs(joint).max()), 1e-9) / STEPS
     upper = cosines(torch.as_tensor(explored.words))[np.triu_indices(len(known))]
-    novel = sorted(set(points.novel[0, 0].tolist()))
+    novel = sorted(set(map(int, points.novel[0, 0])))
     return {
         "seed": points.seeds[0],
         "model": type(model).__name__,
@@ -81,7 +81,7 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
         "relations": graph.relations,
         "known": np.flatnonzero(known).tolist(),
         "novel": novel,
-        "start": next((e for e in novel if graph.entities[e] == "bottle"), novel[0]),
+        "start": starts_at(points),
         "theta0": packed(vectors[known]),
         "map": packed(model.maps(theta0.relation[0])),
         "cosines": packed(upper),
@@ -101,6 +101,13 @@ def payload(explored: Explored, kinds: pd.Series, params: Params) -> dict[str, A
             if name in params.initializers
         ],
     }
+
+
+def starts_at(points: GridPoints) -> int:
+    """The novel entity that is shown first: the bottle, else the first."""
+    novel = sorted(set(map(int, points.novel[0, 0])))
+    names = points.graph.entities
+    return next((entity for entity in novel if names[entity] == "bottle"), novel[0])
 
 
 def packed(values: Any, kind: str = "<f4") -> str:

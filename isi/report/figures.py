@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from itertools import product
-from typing import Any
+from typing import Any, Self
 
 import matplotlib as mpl
 import numpy as np
@@ -18,13 +17,10 @@ from matplotlib.container import Container
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from isi.report.stats import Estimates, Values, over_seeds, where
-from isi.report.tables import Estimate
+from isi.report.stats import Estimates, over_seeds, where
 from isi.report.words import (
-    HALVES,
     JOINT,
     SCOPES,
-    WORDS,
     Names,
     capitalized,
     colour,
@@ -47,11 +43,17 @@ STYLE: Any = {
     "figure.dpi": 160,
 }
 _LEGEND_ROW = 5  # maximum number of legend entries in a row
-#: Colours of the parts of a bar: the start, then each part of the gain.
-_PARTS = ("#bdbdbd", "#9ecae1", "#a1d99b", "#fdae6b")
-_LABELLED = 4  #: Least width (points) of a part that has its number above it.
-#: Start of the ``gid`` of what the page shows only on demand.
-OPTIONAL = "optional"
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A figure of the main page (``isi.report.charts``) in two layouts;
+    ``narrow`` is None if one fits everywhere.
+    """
+
+    wide: Canvas
+    narrow: Canvas | None
+    words: str  #: alternative text
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,12 @@ class Figure:
 
     name: str
     canvas: Canvas
+    chart: Chart | None = None
+
+    @classmethod
+    def of(cls, name: str, drawn: Canvas | Chart) -> Self:
+        """A figure by what was drawn."""
+        return cls(name, drawn.wide, drawn) if isinstance(drawn, Chart) else cls(name, drawn)
 
 
 def rendered(canvas: Canvas, form: str) -> bytes:
@@ -130,57 +138,6 @@ def _ends_of_lines(axes: Axes) -> str:
                 start = f"from {heights[0]:.1f} to " if len(np.unique(heights)) > 1 else ""
                 lines.append(f"{name} {start}{heights[-1]:.1f}")
     return ", ".join(lines)
-
-
-def by_size(
-    runs: pd.DataFrame,
-    models: Names,
-    scopes: Names,
-    measures: Names,
-    entities: int,
-    first: Names = (),
-) -> Canvas:
-    """MRR* right after insertion against |ξ|: a row of panels for each measure,
-    a column for each scope.
-
-    If ``first`` is given, the page shows the other models on demand.
-    """
-    canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
-    for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
-        for place, model in enumerate(models):
-            rows = where(runs, scope=scope, model=model)
-            if len(rows):  # lines are shifted apart in x; controls are thinner
-                sizes, mean, low, high = line_over_seeds(rows, "size", measure)
-                aside, control = (
-                    (place - len(models) / 2) * min(0.06, 0.8 / len(models)),
-                    bool(controls([model])),
-                )
-                drawn = panel.errorbar(
-                    sizes + aside,
-                    mean,
-                    np.stack([mean - low, high - mean]),
-                    **line_style(model, models),
-                    lw=0.9 if control else 1.2,
-                    marker="o",
-                    ms=2 if control else 3,
-                )
-                for number, part in enumerate(
-                    drawn.get_children() if first and model not in first else ()
-                ):
-                    part.set_gid(f"{OPTIONAL}-{measure}-{scope}-{model}-{number}")
-        title = f"{SCOPES.get(scope, scope)}: {WORDS.get(HALVES[measure], HALVES[measure])}"
-        panel.set(title=title, xlabel="novel entities |ξ|", ylabel="MRR* (points)")
-        panel.set_xticks(sorted(runs["size"].unique()))
-        panel.tick_params(axis="x", labelsize=8)
-        shares = (
-            lambda size: np.asarray(size) * (100 / entities),
-            lambda share: np.asarray(share) * (entities / 100),
-        )
-        above = panel.secondary_xaxis("top", functions=shares)
-        above.set_xlabel("% of |E|", fontsize=8)
-        above.tick_params(labelsize=8)
-    legend(canvas, axes)
-    return canvas
 
 
 def by_epoch(
@@ -283,48 +240,6 @@ def by_row(
         panel.set(title=title, xlabel="MRR* (points)")
     legend(canvas, axes)
     return canvas
-
-
-def composed(
-    rows: Mapping[str, tuple[Sequence[tuple[str, float]], Values, Estimate | None]],
-    models: Names,
-) -> Canvas:
-    """Bars of parts (points), one after the other; by title:
-    the parts, marks for models, the interval of the end.
-    """
-    canvas, (axes,) = panels(1, 1, 1.3 + 0.55 * len(rows), 5.4)
-    names = list(dict.fromkeys(name for bars, *_ in rows.values() for name, _ in bars))
-    colours = {name: _PARTS[min(place, len(_PARTS) - 1)] for place, name in enumerate(names)}
-    for level, (bars, marks, end) in enumerate(rows.values()):
-        _bar(axes, level, bars, colours)
-        if end is not None and not np.isnan(end.low):
-            axes.plot([end.low, end.high], [level, level], color="#000000", lw=1.2)
-        for (model, value), shape in zip(marks.items(), ("|", "D", "o"), strict=False):
-            size, edge = (13, 2) if shape == "|" else (7, 1)
-            style: dict[str, Any] = {"color": colour(model, models), "label": label(model)}
-            axes.plot(value, level, ls="", marker=shape, ms=size, mew=edge, **style)
-    axes.set_yticks(range(len(rows)), list(rows))
-    axes.set(xlim=(min(0, axes.get_xlim()[0]), 100), xlabel="MRR* right after insertion (points)")
-    axes.invert_yaxis()
-    axes.grid(visible=False, axis="y")
-    legend(canvas, [axes])
-    return canvas
-
-
-def _bar(
-    axes: Axes, level: int, bars: Sequence[tuple[str, float]], colours: Mapping[str, str]
-) -> None:
-    """Parts one after the other, wide ones with their numbers above."""
-    style: dict[str, Any] = {"edgecolor": "#ffffff", "lw": 0.6}
-    left = 0.0
-    for name, width in bars:
-        hatch = "///" if width < 0 else None
-        color = colours[name]
-        axes.barh(level, width, 0.55, left, color=color, label=name, hatch=hatch, **style)
-        if abs(width) >= _LABELLED:
-            place = left + width / 2, level - 0.3
-            axes.text(*place, f"{width:.1f}", ha="center", va="bottom", fontsize=8)
-        left += width
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:

@@ -2,11 +2,13 @@
 headline numbers and curves.
 """
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -19,7 +21,7 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from isi import config
-from isi.report import figures, glossary, stats
+from isi.report import charts, figures, glossary, stats, words
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import Block, FilledSection, ReportSection
@@ -32,6 +34,8 @@ from isi.tables.io import atomically
 #: The pages with their titles and sections, and the paper's figures and tables with their places on
 #: the first page.
 PAGES = config.read(TEMPLATES / "pages.yaml")
+#: The headline numbers, beside the page.
+METRICS = "metrics.json"
 #: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
@@ -39,12 +43,13 @@ _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?n
 @dataclass(frozen=True)
 class Page:
     """A page of the report: its name in ``pages.yaml``, and its sections;
-    ``answer`` stands above the others.
+    ``picture`` and ``answer`` stand above the others.
     """
 
     name: str
     sections: Sequence[ReportSection]
     answer: ReportSection | None = None
+    picture: ReportSection | None = None
 
     @classmethod
     def of(cls, name: str) -> Self:
@@ -55,7 +60,10 @@ class Page:
             for group, places in about["sections"].items()
             for place in places
         ]
-        return cls(name, sections, ReportSection.of(about["answer"]) if "answer" in about else None)
+        first = {
+            kind: ReportSection.of(about[kind]) for kind in ("answer", "picture") if kind in about
+        }
+        return cls(name, sections, **first)
 
     def write(self, folder: Path, results: Results) -> None:
         """Write all files into ``folder``, each atomically;
@@ -63,6 +71,7 @@ class Page:
         """
         with mpl.rc_context(STYLE):
             answer = self.answer.filled(results) if self.answer else None
+            picture = self.picture.filled(results) if self.picture else None
             parts = [part for section in self.sections if (part := section.filled(results))]
         files, drawings = dict[str, bytes](), dict[str, Markup]()
         for block in _blocks(parts, answer):
@@ -71,18 +80,19 @@ class Page:
                 for form, text in item.files.items():
                     files[f"tables/{item.name}.{form}"] = text.encode()
             elif isinstance(item, Figure):
-                svg = rendered(item.canvas, "svg")
-                files[f"figures/{item.name}.svg"] = svg
+                svg = rendered(item.canvas, "svg").decode()
+                shown = charts.themed(svg) if item.chart else svg
+                files[f"figures/{item.name}.svg"] = shown.encode()
                 files[f"figures/{item.name}.png"] = rendered(item.canvas, "png")
                 if block.kind == "figure":
-                    drawings[item.name] = figures.inline(svg.decode(), f"f{len(drawings)}")
+                    drawings[item.name] = inline(item, svg, f"f{len(drawings)}")
         if self.name == "report":
             for name, frame in plots(results).items():
                 files[f"plots/{name}.csv"] = csv(frame).encode()
-            files["metrics.json"] = f"{json.dumps(metrics(results), indent=2)}\n".encode()
+            files[METRICS] = headlines(results)
         if answer:
             files["tables/answer.md"] = markdown(answer).encode()
-        files["index.html"] = self.html(parts, answer, drawings, results).encode()
+        files["index.html"] = self.html(parts, answer, drawings, results, picture).encode()
         for place, data in files.items():
             atomically(folder / place, partial(_write, data))
         for kind in ("tables", "figures", "plots"):
@@ -96,6 +106,7 @@ class Page:
         answer: FilledSection | None,
         drawings: dict[str, Markup],
         results: Results,
+        picture: FilledSection | None = None,
     ) -> str:
         """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
         environment = Environment(
@@ -114,6 +125,8 @@ class Page:
         return environment.get_template("page.html").render(
             page=PAGES[self.name],
             answer=answer,
+            picture=picture,
+            question=words.question,
             places=places,
             figures=drawings,
             in_words=in_words,
@@ -127,9 +140,20 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results),
+            foot=foot(results, headlines(results) if self.name == "report" else None),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
+
+
+def inline(figure: Figure, svg: str, name: str) -> Markup:
+    """A figure as elements of the page, from the SVG of its canvas;
+    ``name`` makes its ids unique within the page.
+    """
+    if figure.chart is None:
+        return figures.inline(svg, name)
+    narrow = figure.chart.narrow
+    svgs = [svg, rendered(narrow, "svg").decode()] if narrow else [svg]
+    return charts.inline(svgs, name)
 
 
 #: Of Markdown, what the report's texts use; all else is text.
@@ -178,14 +202,34 @@ def marked_up(
         return place[0] if place[1] in ids else place[2]
 
     linked = re.sub(r'<a href="#([^"]+)">(.*?)</a>', link, html)
+    linked = re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", linked)
     return Markup(marker.text(linked))  # noqa: S704
 
 
-def foot(results: Results) -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the run, the licence."""
+def headlines(results: Results) -> bytes:
+    """The file of the headline numbers."""
+    return f"{json.dumps(metrics(results), indent=2)}\n".encode()
+
+
+def foot(results: Results, numbers: bytes | None) -> list[str]:
+    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence;
+    ``numbers``: the file of its headline numbers, whose SHA-256 it names.
+
+    No commit and no time of the run: equal results make equal pages, also in a later commit.
+    """
     cases = [runs.case.title for runs in results.readings.values()]
-    graphs = joined([experiment.title for experiment in results.standalone] or cases)
-    return [text.format(graphs=graphs) for text in PAGES["foot"]]
+    used = [experiment.settings.graph for experiment in results.experiments.values()]
+    extended = [graph.extend.source for graph in used if graph.extend]
+    names = [*(graph.source for graph in used), *extended]
+    recorded = {
+        name: text.format(procthor=version("procthor")) for name, text in PAGES["recorded"].items()
+    }
+    titles = [recorded.get(name, name) for name in dict.fromkeys(names)]
+    about = {"sources": joined(titles or cases), "numbers": ""}
+    if numbers:
+        digits = hashlib.sha256(numbers).hexdigest()[:12]
+        about["numbers"] = f"SHA-256 of [the headline numbers]({METRICS}): {digits}. "
+    return [text.format(**about) for text in PAGES["foot"]]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:

@@ -7,14 +7,14 @@ link to a section that the page does not have is plain text), or starts with one
 
     # TITLE [| open]                    the section's title; an open section is expanded at first
     @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
-    @data NAME | TITLE                  links to a table's files, without the table
+    @data NAME | TITLE                  a table's files in the section's list of further ones
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
     @terms NAME | TITLE [| folded]      words and their meanings
-    @explorer NAME, @guide              parts of the page with templates of their own
+    @picture NAME, @explorer NAME, @guide    parts of the page with templates of their own
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from math import nan
@@ -25,13 +25,13 @@ from matplotlib.figure import Figure as Canvas
 
 from isi.report import words
 from isi.report.data import Experiment, Results
-from isi.report.figures import Figure
+from isi.report.figures import Chart, Figure
 from isi.report.stats import LEVEL, values
 from isi.report.tables import ReportTable
 
 Numbers = dict[str, Any]  #: Values for a template, by name.
 Tables = dict[str, Any]  #: Rows (``ReportTable.of``) by name of table.
-Figures = dict[str, Canvas]
+Figures = dict[str, Canvas | Chart]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Content:
     numbers: Numbers = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
     tables: Tables = field(default_factory=dict)
-    figures: Figures = field(default_factory=dict)
+    figures: Mapping[str, Canvas | Chart] = field(default_factory=dict)
     #: end of the names of tables and figures; title of the experiment, put in brackets behind their
     #: titles
     suffix: str = ""
@@ -173,11 +173,12 @@ def _named(part: str, content: Content) -> Block:
     folded, file = flag == "folded", f"{name}{content.suffix}"
     item: Figure | ReportTable
     if kind == "figure":
-        item = Figure(file, content.figures[name])
+        item = Figure.of(file, content.figures[name])
     elif kind in ("table", "data"):
         item = ReportTable.of(file, content.tables[name])
     else:
-        return Block(kind, "", title, folded, content.numbers.get(name))
+        text = " ".join(caption.split())
+        return Block(kind, text, title, folded, content.numbers.get(name))
     title += f" ({content.title})" if content.title else ""
     kind = "data" if content.only_files else kind
     return Block(kind, " ".join(caption.split()), title, folded, item)

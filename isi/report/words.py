@@ -31,6 +31,8 @@ HALVES = {
     "mrr_star_entity": "entity half",
     "mrr_star_relation": "relation half",
 }
+#: Questions about an entity, by relation of which it is the head.
+QUESTIONS = _LISTS["questions"]
 SCOPE = Column("scope", words=SCOPES)
 #: Headers on the page, by header in files.
 WORDS = SCOPES | _LISTS["headers"]
@@ -97,6 +99,11 @@ def line_style(model: str, models: Names) -> dict[str, Any]:
 def colour(model: str, models: Names) -> str:
     """The colour of a model in every figure."""
     return str(line_style(model, models)["color"])
+
+
+def question(relation: str) -> str:
+    """The question of which a new entity and a relation are given, in words."""
+    return QUESTIONS.get(relation, f"(it, {relation}, ?)")
 
 
 def joined(parts: Iterable[str]) -> str:

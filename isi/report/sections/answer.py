@@ -1,13 +1,14 @@
 """The answer of the report, and what the gain of ISI over Xavier consists of."""
 
 from collections.abc import Mapping
+from math import nan
 from typing import Any
 
-from matplotlib.figure import Figure as Canvas
-
+from isi.evaluation.query_sets import CONVERGING
 from isi.report import stats, words
+from isi.report.charts import BASE, INK, ISI, MUTE, Bar, waterfall
 from isi.report.data import Experiment, ModelRuns, Results
-from isi.report.figures import composed
+from isi.report.figures import Chart
 from isi.report.section import Content, Contents, Numbers, of_each_graph
 from isi.report.stats import Difference, Values, by_seed, difference, mean_of, signed
 from isi.report.tables import Column, Estimate
@@ -22,6 +23,8 @@ SEMANTICS = "words and facts"
 WHOLE = "the whole gain"
 #: A property, an initializer of ISI, and the control that differs from it in this property alone.
 _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
+#: What a vector is computed from: the name, the facts, both.
+SIDES = {"es": "name", "rs": "facts", "ers": "both"}
 #: A part of a gain, the model with it, and the model without it.
 Step = tuple[str, str, str]
 #: The gain of each step, in points.
@@ -35,7 +38,7 @@ def answer(results: Results) -> Contents:
     for experiment in results.standalone[:1]:
         scopes = ("all", "given" if experiment.queries is not None else "novel")
         methods = isi(experiment.initializers)
-        means = {scope: _means(experiment, scope) for scope in (*scopes, "known")}
+        means = {scope: _means(experiment, scope) for scope in scopes}
         asked = means[scopes[1]]
         measured = set(means["all"]) & set(asked)
         if not {BASELINE, JOINT} <= measured or not {*methods} & measured:
@@ -44,35 +47,56 @@ def answer(results: Results) -> Contents:
         others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
         gains = {scope: parts(experiment, scope) for scope in scopes}
         wholes = {name: gains["all"].get((WHOLE, name, BASELINE)) for name in methods}
-        ours = stats.values(stats.improvements(experiment.immediate, "all"))
-        theirs = results.paper["immediate"]["improvement_over_xavier"]
+        # the abstract's gain is that of ES
+        first = "es" if "es" in methods else best
         numbers: Numbers = {
             "experiment": experiment,
             "best": best,
             "scopes": scopes,
-            "means": means,
+            "asked": asked,
             "methods": methods,
-            "parts": {scope: composition(gains[scope], best) for scope in scopes},
             "better": [name for name, gain in wholes.items() if gain and gain.low > 0],
+            "first": first,
+            "gain": stats.values(stats.improvements(experiment.immediate, "all")).get(first, nan),
+            "paper_gain": results.paper["immediate"]["improvement_over_xavier"].get(first, nan),
+            "fewer": {
+                scope: mean_of(experiment.fewer_epochs(scope), methods) for scope in CONVERGING
+            },
+            "paper_fewer": results.paper["convergence"]["fewer_epochs_than_xavier"].get(
+                "mean", nan
+            ),
+            "parts": [composition(gains[scope], best) for scope in scopes],
+            "sides": _sides(experiment, scopes[1]),
             "other": None,
-            "epochs": experiment.epochs(),
-            "answered": {},
-            "gains": (mean_of(theirs, methods), mean_of(ours, methods)),
         }
         if others:
-            changes = {}
-            for scope in (*scopes, "known"):
-                cells = experiment.by_grid_point(scope)
-                changes[scope] = difference(by_seed(cells[others[0]], cells[best]))
+            changes = {
+                scope: _changed(experiment, scope, others[0], best)
+                for scope in (scopes[1], "known")
+            }
             numbers["other"] = {"name": others[0], "changes": changes}
-        if experiment.queries is not None:
-            numbers["answered"] = stats.values(experiment.directions["answer"])
-        marked = ("mean", *others[:1], JOINT)
+        marked = (*others[:1], JOINT)
         marks = {
             scope: {name: means[scope][name] for name in marked if name in means[scope]}
             for scope in scopes
         }
         yield Content(numbers, figures={"answer": _drawn(experiment, gains, [best], marks)})
+
+
+def _changed(experiment: ModelRuns, scope: str, first: str, second: str) -> Difference:
+    """The immediate MRR* (points) of ``first`` minus that of ``second``."""
+    cells = experiment.by_grid_point(scope)
+    return difference(by_seed(cells[first], cells[second]))
+
+
+def _sides(experiment: ModelRuns, scope: str) -> Difference | None:
+    """MRR* (points) from the name alone (ES) minus that from the facts alone (RS);
+    None unless ERS, which has both, was run, too.
+    """
+    if not set(SIDES) <= set(experiment.initializers):
+        return None
+    changed = _changed(experiment, scope, "es", "rs")
+    return changed if changed.seeds else None
 
 
 def _means(experiment: ModelRuns, scope: str) -> Values:
@@ -102,13 +126,20 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
             rows.setdefault(key, named)[Column(HALVES[half], form=signed)] = points
     half = "mrr_star_entity" if last == "given" else "mrr_star"
     shown = {"all": gains["all", "mrr_star"], last: gains[last, half]}
-    numbers = {
+    means = _means(experiment, last)
+    best = max(methods, key=lambda name: means.get(name, -1))
+    numbers: Numbers = {
         "names": names,
-        "parts": {
-            scope: {method: composition(of_scope, method) for method in methods}
-            for scope, of_scope in shown.items()
-        },
+        "best": best,
+        "parts": {scope: composition(of_scope, best) for scope, of_scope in shown.items()},
+        "permuted": None,
     }
+    if _TWINS[0] in shown[last] and (WHOLE, "es", BASELINE) in shown[last]:
+        numbers["permuted"] = {
+            "scope": last,
+            "points": shown[last][_TWINS[0]].mean,
+            "gain": shown[last][WHOLE, "es", BASELINE].mean,
+        }
     drawn = _drawn(experiment, shown, methods, {})
     return Content(numbers, {"parts_of_the_gain": rows.values()}, {"parts_of_the_gain": drawn})
 
@@ -164,24 +195,52 @@ def _drawn(
     gains: Mapping[str, Gains],
     methods: Names,
     marks: Mapping[str, Values],
-) -> Canvas:
-    """A bar for each query set and method: Xavier's MRR*, then the parts of the gain;
+) -> Chart:
+    """For each query set Xavier's MRR*, then the parts of each method's gain;
     ``marks``: further models.
     """
-    rows = dict[str, tuple[list[tuple[str, float]], Values, Estimate | None]]()
+    groups = dict[str, list[Bar]]()
     for scope, of_scope in gains.items():
         means = experiment.given_means if scope == "given" else experiment.immediate_means(scope)
         now = _means(experiment, scope)
-        for name in (name for name in methods if {name, BASELINE} <= now.keys()):
-            made = composition(of_scope, name)
-            bars = made["parts"] if made else [(label(name), now[name] - now[BASELINE])]
-            title = (
-                f"{words.capitalized(words.SCOPES[scope])}"
-                f"{f': {label(name)}' if len(methods) > 1 else ''}"
+        if BASELINE not in now:
+            continue
+        bars = {
+            (BASELINE, ""): Bar(label(BASELINE), 0, now[BASELINE], f"{now[BASELINE]:.1f}", BASE)
+        }
+        for name in (name for name in methods if name in now):
+            bars |= _bars(name, of_scope, now, means.get(name), len(methods) > 1)
+        shown = dict(marks.get(scope, {}))
+        if len(methods) == 1:
+            shown = {name: now[name] for name in methods if name in now} | shown
+        others = [
+            Bar(
+                label(name),
+                value,
+                value,
+                f"{value:.1f}",
+                ISI if isi([name]) else INK if name == JOINT else MUTE,
+                mark=True,
             )
-            rows[title] = (
-                [(label(BASELINE), now[BASELINE]), *bars],
-                marks.get(scope, {}),
-                means.get(name),
-            )
-    return composed(rows, experiment.models)
+            for name, value in shown.items()
+        ]
+        groups[words.SCOPES[scope]] = [*bars.values(), *others]
+    return waterfall(groups, only_narrow=len(methods) == 1)
+
+
+def _bars(
+    method: str, gains: Gains, now: Values, mean: Estimate | None, several: bool
+) -> dict[tuple[str, str], Bar]:
+    """The parts of a method's gain, by model and part: equal ones of several methods are one."""
+    made, bars, end = composition(gains, method), dict[tuple[str, str], Bar](), now[BASELINE]
+    listed = made["parts"] if made else [("", now[method] - end)]
+    for number, (part, points) in enumerate(listed):
+        last = number == len(listed) - 1
+        name = ", ".join(filter(None, [label(method), part])) if several and last else part
+        name = name or label(method)
+        text = f"{points:+.1f}".replace("-", "\N{MINUS SIGN}")
+        key = (method if last else "", part)
+        color = ISI if last else MUTE
+        bars[key] = Bar(name, end, end + points, text, color, mean if last else None)
+        end += points
+    return bars

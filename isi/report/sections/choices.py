@@ -9,26 +9,35 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import MaxNLocator
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.models.model import MODELS
+from isi.report import charts
+from isi.report.charts import INK, ISI, PAPER, FigureLayout
 from isi.report.data import Results
-from isi.report.figures import legend, panels, with_band
+from isi.report.figures import Chart, line_over_seeds
 from isi.report.section import Content, Contents
 from isi.report.stats import Values, over_seeds, where
 from isi.report.tables import Column, Rows
-from isi.report.words import HALVES, SCOPES, Names, colour, label
+from isi.report.words import HALVES, SCOPES, Names, label
 
 #: Indicator set sizes, by source (this run, the paper, the rule) and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
 #: A value for each factor that cross-validation varies.
 Setting = Values
-#: Markers of the chosen sizes in figures, by source.
-_MARKS: dict[str, dict[str, Any]] = {
-    "this run": {"marker": "s", "fillstyle": "full", "ms": 5},
-    "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
-    "picked by the rule": {"marker": "*", "fillstyle": "full", "ms": 11},
+#: Dots of the chosen sizes in figures, by source: sizes, from the lowest up.
+_DOTS: dict[str, list[tuple[float, str]]] = {
+    "paper": [(17, ISI), (13, PAPER)],
+    "this run": [(9, ISI)],
+    "picked by the rule": [(11, INK), (7, PAPER)],
 }
+#: The same in the key of figures.
+_KEY = [
+    ("this run", 8, ISI, ISI),
+    ("paper", 12, ISI, PAPER),
+    ("picked by the rule", 8, INK, PAPER),
+]
 #: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
 #: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
 NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
@@ -45,8 +54,6 @@ def indicators(results: Results) -> Contents:
         of_epochs = epochs.assign(value=epochs["epochs"])
         now = _by_size("MRR* (points)", of_points, ("all", "novel"), models, chosen)
         later = _by_size("epochs to convergence", of_epochs, CONVERGING, models, chosen)
-        for panel in later.axes:
-            panel.set_ylim(bottom=0)
         frame = means.rename(index=label, level="model").reset_index()
         yield Content(
             {"chosen": chosen, "models": models},
@@ -139,8 +146,8 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> Rows:
         {
             "initializer": label(model),
             **{who: sizes.get(model) for who, sizes in chosen.items()},
-            Column("MRR*", "picked"): mrr_star[model, size],
-            Column("epochs", "picked"): epochs[model, size],
+            Column("MRR*", "at the picked number"): mrr_star[model, size],
+            Column("epochs", "at the picked number"): epochs[model, size],
             "best MRR*": mrr_star[model].max(),
             "best at": mrr_star[model].idxmax() if mrr_star[model].notna().any() else None,
         }
@@ -150,24 +157,38 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> Rows:
 
 def _by_size(
     ylabel: str, rows: pd.DataFrame, scopes: Names, models: Names, chosen: Chosen
-) -> Canvas:
+) -> Chart:
     """Mean and interval of ``value`` by k, with the chosen sizes; a panel for each scope."""
-    canvas, axes = panels(len(scopes))
-    for panel, scope in zip(axes, scopes, strict=True):
-        for model in models:
-            of_model = where(rows, model=model, scope=scope)
-            style = {"color": colour(model, models), "label": label(model), "lw": 1.4}
-            sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, **style)
-            for who, mark in _MARKS.items():
-                if len(sizes) and model in chosen[who]:
-                    k = chosen[who][model]  # no marker beyond the line
-                    height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
-                    panel.plot(k, height, color=style["color"], ls="", clip_on=False, **mark)
-        panel.set(title=SCOPES[scope], xlabel="indicators k", ylabel=ylabel)
-    for who, mark in _MARKS.items():
-        axes[-1].plot([], [], color="#555555", ls="", label=who, **mark)
-    legend(canvas, axes)
-    return canvas
+    height = 300
+
+    def draw(layout: FigureLayout) -> tuple[Canvas, str]:
+        canvas, axes = charts.panels(layout, len(scopes), height)
+        for panel, scope in zip(axes, scopes, strict=True):
+            ends = []
+            for model in models:
+                of_model = where(rows, model=model, scope=scope)
+                if not len(of_model):
+                    continue
+                sizes, mean, low, high = line_over_seeds(of_model, "k", "value", 1)
+                charts.shaded(panel, sizes, low, high, ISI)
+                charts.line(panel, sizes, mean, model, models, clip_on=False)
+                ends.append((mean[-1], label(model), ISI))
+                for who, marks in _DOTS.items():
+                    k = chosen[who].get(model, nan)
+                    height_there = np.interp(k, sizes, mean, left=nan, right=nan)
+                    for size, color in marks if height_there == height_there else []:
+                        place = np.array([[k, height_there]])
+                        charts.dots(panel, place, size, color, zorder=4, clip_on=False)
+            if rows["value"].min() >= 0 and ylabel.startswith("epochs"):
+                panel.set_ylim(bottom=0)
+            charts.framed(panel, SCOPES[scope], "indicators k", ylabel)
+            panel.set_xlim(0, rows["k"].max())
+            panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+            charts.names(panel, ends, height - 90, layout.width / layout.columns - 80)
+        charts.key(canvas, _KEY)
+        return canvas, charts.in_words(axes)
+
+    return charts.drawn(draw)
 
 
 def cross_validation(results: Results) -> Contents:

@@ -12,8 +12,8 @@ import pandas as pd
 from isi.evaluation.query_sets import CONVERGING
 from isi.graph.graph import MinedSource, new_entities
 from isi.report import stats
+from isi.report.charts import by_epoch
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_epoch
 from isi.report.section import Content, Contents, Figures, Numbers, Tables, of_each_graph
 from isi.report.stats import (
     CELL,
@@ -58,13 +58,11 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     by, paper = ["scope", "size", "model"], results.paper["convergence"]["epochs"]
     groups, of_sizes = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
     of_sizes["triples queried"], of_sizes["sets"] = groups["queries"].mean(), groups.size()
-    heldout = experiment.epochs().get("novel_heldout", {})
-    best = min((name for name in isi(heldout)), key=lambda name: heldout[name], default=None)
     numbers: Numbers = {
         "best": [],
         "rates": None,
         "curves_drawn": len(experiment.curves) > 0,
-        "saved": best and BASELINE in heldout and (heldout[BASELINE], heldout[best], best),
+        "saved": saved(experiment, paper),
     }
     tables: Tables = {
         "table2_convergence": table2(epochs, initializers, paper),
@@ -85,6 +83,28 @@ def convergence(results: Results, experiment: Experiment) -> Content:
         numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGING}
         tables["convergence_by_rate"] = by_rate(by_factor, swept)
     return Content(numbers, tables, figures)
+
+
+def saved(experiment: Experiment, paper: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Epochs from Xavier and from the best of ISI on held-out triples, and over all queries beside
+    the paper's; None if one of the two was not run.
+    """
+    epochs = experiment.epochs()
+    heldout, of_all = (epochs.get(scope, {}) for scope in ("novel_heldout", "all"))
+    best = min((name for name in isi(heldout)), key=lambda name: heldout[name], default=None)
+    if best is None or BASELINE not in heldout:
+        return None
+    of_base = where(experiment.convergence, scope="novel_heldout", model=BASELINE)
+    both = [name for name in (BASELINE, best) if name in of_all and name in paper]
+    return {
+        "base": heldout[BASELINE],
+        "median": float(of_base["epochs"].median()),
+        "best": best,
+        "epochs": heldout[best],
+        "kind": heldout.get("kind_mean"),
+        "of_all": [of_all[name] for name in both],
+        "paper": [paper[name]["mean"] for name in both] if len(both) == 2 else None,
+    }
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Names) -> list[tuple[Any, ...]]:

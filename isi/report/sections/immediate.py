@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
-from isi.report import stats
+from isi.report import charts, stats
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_size, legend, panels
+from isi.report.figures import Chart
 from isi.report.section import Content, Tables, of_each_graph
-from isi.report.stats import LEVEL, Pair, cells_of, compare, pairs_table, where
+from isi.report.stats import LEVEL, Pair, Values, cells_of, compare, pairs_table, where
 from isi.report.tables import Column, Rows
 from isi.report.words import (
     BASELINE,
     HALVES,
     JOINT,
+    SCOPE,
     SCOPES,
     Names,
-    colour,
+    contenders,
     in_order,
     isi,
     label,
@@ -45,22 +45,25 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     of_kinds = stats.over_seeds(queried, ["kind", "model"], HALVES)
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    figure = by_size(
+    figure = charts.by_size(
         runs,
         models,
         ("all", "novel"),
         ("mrr_star", "mrr_star_entity"),
-        len(experiment.entities),
-        of_role(models, "paper", "isi"),
     )
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
         means = stats.over_seeds(where(runs, scope=scopes), by, HALVES)
         return stats.ordered_rows(means, models, scope=scopes)
 
+    asked = experiment.mrr_star.get("novel", {})
+    if experiment.queries is not None:
+        asked = stats.values(experiment.given_means)
     queries = where(runs, model=initializers[0]).groupby("scope")["queries"].sum()
     numbers = {
         "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}),
+        "known": experiment.mrr_star.get("known", {}),
+        "strongest": strongest(asked),
         "gain": stats.values(gains["all"]),
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
     }
@@ -74,7 +77,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         "improvement": stats.by_label(others, {**columns, "paper": paper}, "initializer"),
         "novel_by_kind": stats.ordered_rows(of_kinds, initializers, "initializer", kind=kinds),
         "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),
-        "scopes": by_scope(["scope", "model"]),
+        "scopes": _said_once(by_scope(["scope", "model"])),
         "sessions": by_scope(["session", "scope", "model"]),
     }
     return Content(
@@ -84,26 +87,39 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     )
 
 
-def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Canvas:
+def strongest(asked: Values) -> str | None:
+    """The initializer of the highest MRR* about novel entities, if it is neither the paper's nor a
+    control; else None.
+    """
+    others = of_role(asked, "baseline", "own")
+    best = max(contenders(asked), key=lambda name: asked[name], default=None)
+    return best if best in others else None
+
+
+def _said_once(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows by scope and model without those that are equal by construction: with known candidates
+    alone, a new vector changes nothing.
+    """
+    closed = (rows[SCOPE] == "known_closed") & (rows["model"] != label(JOINT))
+    numbers = rows[closed].drop(columns="model").map(str)
+    if len(numbers.drop_duplicates()) != 1:
+        return rows
+    first = numbers.index[0]
+    kept: pd.DataFrame = rows[~closed | (rows.index == first)]
+    return kept.assign(model=kept["model"].where(kept.index != first, "Any initializer"))
+
+
+def gain_and_cost(runs: pd.DataFrame, initializers: Names) -> Chart:
     """MRR* about novel entities against what known triples lose since novel entities
     are candidates; in points.
     """
     means = 100 * runs.pivot_table("mrr_star", "model", "scope", observed=True)
     means = means.reindex(columns=["known", "known_closed", "novel"])
-    canvas, axes = panels(1, 1, 4.4)
     cost, gain = (means["known_closed"] - means["known"]).to_dict(), means["novel"].to_dict()
-    for model in (name for name in initializers if name in gain):
-        axes[0].plot(
-            cost[model],
-            gain[model],
-            marker="o",
-            ls="",
-            color=colour(model, initializers),
-            label=label(model),
-        )
-    axes[0].set(xlabel="loss of MRR*, known entities", ylabel="MRR*, novel entities")
-    legend(canvas, axes)
-    return canvas
+    points = {name: (cost[name], gain[name]) for name in initializers if name in gain}
+    return charts.named_points(
+        points, "MRR* that earlier knowledge loses (points)", "MRR* about novel entities (points)"
+    )
 
 
 @of_each_graph

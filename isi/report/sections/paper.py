@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
 from isi import config
 from isi.config import value_of
 from isi.initializers.api import INITIALIZERS
-from isi.report import stats
+from isi.report import charts, stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
-from isi.report.figures import by_epoch, legend, panels
+from isi.report.figures import Chart, by_epoch
 from isi.report.section import Content, Contents, Figures, Tables
 from isi.report.sections import choices, queries, run
 from isi.report.sections.finetuning import CURVES, interference_percent, table2
@@ -52,20 +51,35 @@ def paper(results: Results) -> Contents:
     columns = [
         Column(name, title=title, form=shown, any_size=True) for name, title in titles.items()
     ]
-    rows, table = rows_of(results, first), Rows()
-    for row, *of_others in zip(rows, *(rows_of(results, other) for other in others), strict=True):
-        numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
-        table.append(
-            {"where": row.place, "what": row.what}
-            | dict(zip(columns, numbers, strict=True))
-            | {"this run is": row.compared, "note": row.note}
-        )
-    counts = Counter(row.compared for row in rows if "instead" not in row.what)
+    tables = dict[str, Rows]()
+    for name, kind in (("paper_against_this_run", "printed"), ("papers_other_numbers", "others")):
+        tables[name] = Rows()
+        every = [rows_of(results, experiment, kind) for experiment in (first, *others)]
+        for row, *of_others in zip(*every, strict=True):
+            numbers = [row.paper, row.ours, *(other.ours for other in of_others)]
+            cells: dict[Any, Any] = {"where": row.place, "what": row.what}
+            cells |= dict(zip(columns, numbers, strict=True))
+            if kind == "printed":
+                cells["this run is"] = row.compared
+            else:
+                cells["note"] = row.note
+            tables[name].append(cells)
+    rows = rows_of(results, first, "printed")
+    counts = Counter(row.compared for row in rows)
     counts.pop("", None)
+    methods = isi(first.initializers)
+    gains = stats.values(stats.improvements(first.immediate, "all"))
+    theirs = results.paper["immediate"]["improvement_over_xavier"]
     yield Content(
-        {"others": others, "counts": counts},
-        {"paper_against_this_run": table},
-        {"paper_against_this_run": _scatter(rows)},
+        {
+            "others": others,
+            "counts": counts,
+            "methods": methods,
+            "shapes": _shapes(results, first),
+            "gains": (mean_of(theirs, methods), mean_of(gains, methods)),
+        },
+        tables,
+        {"paper_against_this_run": _compared(rows, first.title)},
     )
 
 
@@ -80,20 +94,48 @@ def comparison(paper: float, ours: float) -> str:
     return "larger" if ours > paper else "smaller"
 
 
-def _scatter(rows: Sequence[Row]) -> Canvas:
-    """The paper's results (across) and ours (up) on logarithmic axes,
-    with a colour for each part of the paper.
+def _compared(rows: Sequence[Row], first: str) -> Chart:
+    """The paper's results (rings) and ours (dots): a panel for each unit,
+    a row for each printed result; ``first``: title of the first graph.
     """
-    canvas, (axes,) = panels(1, 1, 4.4, 6.4)
-    for place in dict.fromkeys(row.place for row in rows):
-        pairs = np.array([(row.paper, row.ours) for row in rows if row.place == place])
-        axes.plot(*pairs.T, ls="", marker="o", ms=4, alpha=0.8, label=place)
-    axes.set_xscale("symlog", linthresh=1)
-    axes.set_yscale("symlog", linthresh=1)
-    axes.axline((1, 1), (10, 10), color="#999999", lw=1)
-    axes.set(xlabel="paper", ylabel="this run")
-    legend(canvas, [axes])
-    return canvas
+    groups = dict[str, dict[str, tuple[float, float]]]()
+    for panel, title in config.read(ROWS)["panels"].items():
+        parts = [(row, *row.what.partition(": ")) for row in rows]
+        listed = {
+            whose: (row.paper, row.ours)
+            for row, whose, _, about in parts
+            if about == title.format(first=first)
+        }
+        if any(ours == ours for _, ours in listed.values()):
+            groups[panel] = listed
+    return charts.pairs(groups, ("paper", "this run"))
+
+
+def _shapes(results: Results, experiment: Experiment) -> dict[str, Any]:
+    """What shapes of the paper's results have become: Figures 2a and 2b, and the order of Table 2
+    (equal numbers, as shown, are joined by "=").
+    """
+    epochs, models = experiment.epochs().get("all", {}), results.params.sweep.initializers
+    theirs = {name: of["mean"] for name, of in results.paper["convergence"]["epochs"].items()}
+    ours = {name: epochs[name] for name in theirs if name in epochs}
+    shapes: dict[str, Any] = {"best": {}, "theirs": _order(theirs), "ours": _order(ours)}
+    for swept, runs in results.analysis("sweep", experiment):
+        of_runs = swept.converged(runs, ["model", "k"])
+        means = choices.means_of(where(runs, epoch=0), of_runs, list(models))
+        by_k = means[Column("MRR*", "all")].unstack("model").dropna(axis=1, how="all")
+        of_epochs = means[Column("epochs", "all")]
+        shapes["best"] = {str(name): int(k) for name, k in by_k.idxmax().items()}
+        shapes["fall"] = float((by_k.max() - by_k.iloc[-1]).max())
+        shapes["fewest"], shapes["most"] = float(of_epochs.min()), float(of_epochs.max())
+    return shapes
+
+
+def _order(values: Values) -> str:
+    """Labels by ascending value."""
+    by_value = dict[str, list[str]]()
+    for name in sorted(values, key=lambda name: values[name]):
+        by_value.setdefault(f"{values[name]:.1f}", []).append(label(name))
+    return ", ".join(f"{' = '.join(names)} ({value})" for value, names in by_value.items())
 
 
 def own_graph(results: Results) -> Contents:
@@ -130,8 +172,8 @@ def shown(value: float) -> str:
     return f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
-def rows_of(results: Results, experiment: Experiment) -> list[Row]:
-    """All numbers of the paper beside those of one experiment;
+def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
+    """Numbers of the paper (``printed`` or ``others`` of ``ROWS``) beside those of one experiment;
     the rows do not depend on what was run.
     """
     theirs, ours = _papers(results.paper), _ours(results, experiment)
@@ -141,7 +183,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
         "first": results.standalone[0].title,
     }
     rows = list[Row]()
-    for section, titles, key, *ours_key in config.read(ROWS)["rows"]:
+    for section, titles, key, *ours_key in config.read(ROWS)[kind]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
         parts = titles if isinstance(titles, dict) else {"": titles}
@@ -161,12 +203,16 @@ def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
     """The paper's numbers, and what follows from them."""
     methods, saved = list(paper["indicators"]), paper["convergence"]["fewer_epochs_than_xavier"]
     gained, answers = paper["immediate"]["improvement_over_xavier"], paper["affordances"]
+    moved_epochs = paper["transfer"]["epochs"]
     whose = dict.fromkeys(methods, "isi") | {BASELINE: "xavier"}
     return {
         **paper,
         "means": {"gain": mean_of(gained, methods), "fewer": saved.get("mean")},
         "fewer_epochs": {name: saved.get(name) for name in methods},
         "best_indicators": dict.fromkeys(methods, paper["indicators_degrade_after"]),
+        "inferred_epochs": {
+            name: epochs for name, epochs in moved_epochs.items() if name != BASELINE
+        },
         "judged": {
             name: answers["judged"][who] | {"affordances": answers[who]}
             for name, who in whose.items()
@@ -180,7 +226,7 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     of_source = (other for other in results.extended if other.settings.graph.source == source)
     moved = next(of_source, None)
     gain = stats.values(stats.improvements(experiment.immediate, "all"))
-    fewer = fewer_epochs(experiment)
+    fewer = experiment.fewer_epochs("all")
     transfer = dict[str, Any]()
     if moved:
         transfer = {
@@ -203,15 +249,6 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
         "transfer": transfer,
         "judged": _judged(results, [*methods, BASELINE], experiment, moved),
     }
-
-
-def fewer_epochs(experiment: Experiment) -> Values:
-    """Per cent by which each initializer's mean epochs to convergence are
-    below Xavier's (section 6.2).
-    """
-    epochs = experiment.epochs().get("all", {})
-    base = epochs.get(BASELINE)
-    return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
 def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from isi.report.charts import by_size
 from isi.report.data import Experiment, Results
-from isi.report.figures import by_size
 from isi.report.section import Content, Contents, Tables, of_each
 from isi.report.stats import (
     DIRECTIONS,
@@ -51,17 +51,20 @@ def query_breakdown(results: Results) -> Contents:
 def _breakdown(experiment: Experiment) -> Content:
     models, given, rows = experiment.models, experiment.directions, pd.DataFrame(experiment.queries)
     pairs, by_filter = by_relation(rows), filters(rows)
+    shown = {half: _filters_of(by_filter[half]) for half in HALVES}
     numbers = {
         "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
         "joint": {
             direction: values(estimates).get(JOINT) for direction, estimates in given.items()
         },
     }
-    canvas = by_size(
-        experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities)
+    drawn = by_size(
+        experiment.directed,
+        models,
+        list(DIRECTIONS),
+        ["mrr_star_entity"],
+        list(DIRECTIONS.values()),
     )
-    for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
-        axes.set(title=title, ylabel="MRR* (points)")
     columns = {model: label(model) for model in models if model in pairs}
     pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(
         columns=columns | {"scope": SCOPE}
@@ -74,13 +77,13 @@ def _breakdown(experiment: Experiment) -> Content:
             | {
                 Column(title, half): by_filter[column].get((scope, model, name))
                 for column, half in HALVES.items()
-                for name, title in _FILTERS.items()
+                for name, title in shown[column].items()
             }
             for scope in ("all", "novel")
             for model in models
         ],
     }
-    return Content(numbers, tables, {"directions": canvas})
+    return Content(numbers, tables, {"directions": drawn})
 
 
 def leader(estimates: Estimates) -> tuple[str, float, Values] | None:
@@ -124,6 +127,16 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
     """
     queries = combined(where(rows, scope=["all", "novel"]), ["scope", "filter", *_CELL])
     return 100 * queries.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
+
+
+def _filters_of(values: pd.Series) -> dict[str, str]:
+    """The filters with their titles; one for both if they give equal values, as where no pair of
+    entities has two relations.
+    """
+    of_filters = values.unstack("filter").dropna()
+    if (of_filters["learned"] == of_filters["true"]).all():
+        return {"learned": "either filter"}
+    return _FILTERS
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
-from math import inf
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ def stronger(results: Results) -> Contents:
         listed, tables, above = list(group), Tables(), []
         for runs in listed:
             given, cells = runs.given_means, runs.by_grid_point("given")
-            best = max((given[method].mean for method in isi(runs.initializers)), default=inf)
+            best = max(isi(runs.initializers), key=lambda method: given[method].mean, default=None)
             order = sorted(runs.models, key=lambda model: -given[model].mean)
             reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
             columns = {
@@ -68,13 +68,23 @@ def stronger(results: Results) -> Contents:
                 },
             }
             tables[f"strong_{runs.name}"] = by_label(order, columns)
-            means = {model: given[model].mean for model in order if model != JOINT}
-            stronger = {model: mean for model, mean in means.items() if mean > best}
-            above.append((runs, best, stronger))
+            if best is not None:
+                above.append((runs, given[best].mean, *_above(given, cells, best)))
+            else:
+                above.append((runs, nan, 0, 0))
         ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
         added = [name for name in ran if name not in results.params.initializers]
         numbers = {"added": added, "size": variant.size, "above": above, "reference": REFERENCE}
         yield Content(numbers, tables)
+
+
+def _above(given: Estimates, cells: pd.DataFrame, best: str) -> tuple[int, int]:
+    """How many initializers have a higher mean than ``best``,
+    and for how many of them the interval of the difference excludes zero.
+    """
+    higher = [name for name in given if name != JOINT and given[name].mean > given[best].mean]
+    apart = [difference(by_seed(cells[name], cells[best])).low > 0 for name in higher]
+    return len(higher), sum(apart)
 
 
 def _by_graph(ran: Sequence[ModelRuns], means: Means, variant: str = "") -> Rows:

@@ -21,7 +21,7 @@
     const target = document.getElementById(decoded(location.hash.slice(1)));
     if (!target) return;
     openAround(target);
-    const own = target.querySelector(":scope > details");
+    const own = target.querySelector(":scope > details:not(.words)");
     if (own) own.open = true;
     target.scrollIntoView();
     markRead();
