@@ -42,8 +42,10 @@ answers = predict_target(
 ).df
 print(answers[["tail_label", "score"]].head(3).to_string(index=False))
 
-# %% Train its row alone, then all rows. PyKEEN's own `train` would reset all vectors first
-larger = isi.pykeen.fit_new(larger, more, [("microwave", "at location", "kitchen")], epochs=20)
+# %% Train its row alone, then all rows. PyKEEN's own `train` would reset all vectors first. With
+# three facts or more, `early_stopping` finds the number of epochs by one that is held out
+facts = [("microwave", "at location", "kitchen")]
+larger = isi.pykeen.fit_new(larger, more, facts, epochs=20, early_stopping=False)
 losses = isi.pykeen.train_on(larger, more, epochs=2)
 
 # %% Or a live embedding, to which a robot adds entities and facts

@@ -60,7 +60,14 @@ def fit(done: Inserted, triples: Any = TRIPLES, **changed: Any) -> tuple[np.ndar
         done.entities,
         done.relations,
         triples,
-        **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
+        **{
+            "new": 2,
+            "model": done.model,
+            "epochs": 20,
+            "early_stopping": False,
+            **NAMES,
+            **changed,
+        },
     )
 
 

@@ -88,7 +88,14 @@ def insert_beside_known(facts: Any) -> object:
 def fit_new(facts: Any) -> object:
     larger = np.concatenate([ENTITIES, ENTITIES[:1]])
     return isi.fit_new(
-        larger, LABELS, facts, new=1, entity_names=[*NAMES, "jug"], epochs=1, **ARRAYS
+        larger,
+        LABELS,
+        facts,
+        new=1,
+        entity_names=[*NAMES, "jug"],
+        epochs=1,
+        **ARRAYS,
+        early_stopping=False,
     )[0].tolist()
 
 

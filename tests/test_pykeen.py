@@ -232,7 +232,7 @@ def test_what_is_measured_is_what_pykeen_gets(
     hidden = draws.insert(done.method.initializer, done.options)
     assert hidden is not None
     torch.testing.assert_close(done.model.constrain(hidden[1]), hidden[1])
-    fitted = isi.pykeen.fit_new(larger, more, NEW, epochs=3)
+    fitted = isi.pykeen.fit_new(larger, more, NEW, epochs=3, early_stopping=False)
     rows = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
     fitted.post_parameter_update()
     again = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
@@ -552,7 +552,7 @@ def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: 
     loaded = model_of("rotate", {}, again)
     loaded.load_state(tmp_path / "model.pt")
     assert torch.equal(*(scores(model, more.mapped_triples) for model in (loaded, larger)))
-    trained = isi.pykeen.fit_new(larger, more, new=["cup"], epochs=3)
+    trained = isi.pykeen.fit_new(larger, more, new=["cup"], epochs=3, early_stopping=False)
     assert torch.equal(*(one.relation_representations[0]() for one in (trained, larger)))
     for loop in ("slcwa", "lcwa"):
         before = larger.relation_representations[0]().detach().clone()
@@ -701,7 +701,7 @@ def test_a_model_that_has_just_been_read_in_training_is_copied(name: str, factor
     model.cache = [model.score_hrt(factory.mapped_triples)]  # another tensor with a graph
     terms = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
     larger, more = isi.pykeen.insert(model, factory, NEW, initializer="mean")
-    trained = isi.pykeen.fit_new(larger.train(), more, NEW, epochs=1)
+    trained = isi.pykeen.fit_new(larger.train(), more, NEW, epochs=1, early_stopping=False)
     for copy in (larger, trained):
         kept = [part for part in copy.modules() if isinstance(part, Regularizer)]
         assert len(kept) == len(terms)

@@ -176,6 +176,7 @@ class Case:
                 model=result.model,
                 known_triples=self.train.mapped_triples,
                 loss=result.method.trained_with,
+                early_stopping=not pykeen_rows,  # else random rows with few facts stay random
                 epochs=self.settings.epochs,
                 seed=self.seed,
             )

@@ -158,22 +158,29 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
 #: The initializer whose vector is the prior mean.
 Prior = Literal["soft_hybrid", "soft_rs", "er_avg", "kind_mean", "mean"]
 
-#: Settings for embeddings on which another prior, or more weight on it or on known triples pays,
-#: the best guess first: prior, strength, known_negatives, ratio.
+#: Settings for embeddings on which another prior, or more weight on it or on known triples pays:
+#: prior, strength, known_negatives, ratio. Where the budget allows few, one that hardly harms comes
+#: first, then one with each prior.
 _COMPARED: list[tuple[Prior, float, float, int]] = [
+    ("soft_hybrid", 3.0, 10.0, 3),
     ("soft_rs", 0.3, 1.0, 1),
+    ("er_avg", 3.0, 3.0, 1),
+    ("soft_rs", 3.0, 10.0, 1),
     ("er_avg", 1.0, 2.0, 1),
     ("soft_hybrid", 1.0, 3.0, 3),
-    ("er_avg", 5.0, 5.0, 1),
+    ("er_avg", 3.0, 1.0, 1),
     ("mean", 0.2, 1.0, 1),
-    ("soft_hybrid", 1.0, 10.0, 3),
-    ("soft_hybrid", 3.0, 10.0, 3),
+    ("soft_rs", 3.0, 3.0, 1),
+    ("er_avg", 10.0, 1.0, 1),
     ("soft_hybrid", 1.0, 1.0, 3),
+    ("soft_hybrid", 1.0, 10.0, 3),
+    ("er_avg", 5.0, 5.0, 1),
     ("soft_rs", 1.0, 3.0, 1),
-    ("er_avg", 20.0, 5.0, 1),
+    ("soft_hybrid", 3.0, 3.0, 3),
     ("mean", 1.0, 3.0, 1),
     ("kind_mean", 1.0, 3.0, 1),
-    ("soft_hybrid", 3.0, 3.0, 3),
+    ("mean", 3.0, 3.0, 1),
+    ("er_avg", 20.0, 5.0, 1),
     ("soft_hybrid", 3.0, 30.0, 3),
     ("soft_hybrid", 3.0, 100.0, 3),
 ]

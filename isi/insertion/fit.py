@@ -71,7 +71,8 @@ def fit_new(
             relations per triple, except with ``softmax``.
         loss: the loss that the embedding was trained with (see ``insert``).
         early_stopping: choose the number of epochs, perhaps 0, by the ranks of held-out facts, one
-            of each new entity that has at least three with known entities; then train on all.
+            of each new entity that has at least three with known entities; then train on all. If no
+            new entity has three, the number is 0: training on one or two facts makes vectors worse.
         seed: root seed of batches and negatives.
 
     Returns:
@@ -84,7 +85,8 @@ def fit_new(
         >>> import isi, numpy as np
         >>> entities = np.array([[1.0, 0.0], [0.0, 1.0], [0.1, 0.1]])  # the last one is new
         >>> relations = np.array([[1.0, 1.0]])
-        >>> fitted, _ = isi.fit_new(entities, relations, [(2, 0, 0)], new=1, model="distmult")
+        >>> how = {"model": "distmult", "early_stopping": False}
+        >>> fitted, _ = isi.fit_new(entities, relations, [(2, 0, 0)], new=1, **how)
         >>> bool((fitted[:2] == entities[:2]).all()), bool(fitted[2, 0] > fitted[2, 1])
         (True, True)
     """

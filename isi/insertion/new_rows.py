@@ -217,12 +217,12 @@ class HeldOut:
 
 
 def best_epochs(new: NewRows, triples: np.ndarray, epochs: int) -> int:
-    """Number of epochs after which facts that are held out rank best; all ``epochs`` if no new
-    entity has ``FEWEST`` facts.
+    """Number of epochs after which facts that are held out rank best; 0 if no new entity has
+    ``FEWEST`` facts: training on one or two makes vectors worse (docs/insert_reference.md).
     """
     held_out = held_out_facts(triples, new.known, new.seed)
     if not held_out.any():
-        return epochs
+        return 0
     graph = trained_session(np.concatenate([triples, new.known_triples]), new.theta).graph
     watch = HeldOut(new.theta, graph, torch.from_numpy(np.flatnonzero(held_out)), epochs)
     new.fit(triples[~held_out], epochs, watch)

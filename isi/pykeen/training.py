@@ -59,7 +59,8 @@ def fit_new(
 
     Example:
         >>> larger, more = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")])
-        >>> fitted = isi.pykeen.fit_new(larger, more, [("mug", "in", "kitchen")], epochs=2)
+        >>> how = {"epochs": 2, "early_stopping": False}
+        >>> fitted = isi.pykeen.fit_new(larger, more, [("mug", "in", "kitchen")], **how)
         >>> fitted.num_entities
         5
     """
