@@ -52,10 +52,9 @@ PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
 READS = 4  #: The same of known queries with cross-entropy, and of likely answers.
 STARTED = 0.7  #: Work of an optimum that is sought near another one, by that of the first one.
 #: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
-PRICE = 20.0
-#: Soft RS is named in a warning where it answers so much better than the selected candidate, and
-#: does not lose more than so many times as much.
-BETTER, MUCH = 0.02, 2.0
+PRICE = 10.0
+#: Soft RS is named in a warning where it answers so much better than the selected candidate.
+BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
 REMEMBERED = 16  #: Number of selections that are kept, the last ones.
@@ -92,10 +91,8 @@ class Selection:
                 f" triples falls by {best.loss:.3f} (tolerance {self.tolerance:g};"
                 f" of trained triples from {best.h_old:.3f} to {best.h_cur:.3f})"
             )
-        bearable = MUCH * max(self.tolerance, best.loss)
         for mean in self.candidates:
-            is_rival = mean.initializer == MEANS[0] and mean.loss <= bearable
-            if is_rival and mean.about > best.about + BETTER:
+            if mean.initializer == MEANS[0] and mean.about > best.about + BETTER:
                 sentences.append(
                     f"{mean.initializer} answers questions about new entities better (MRR"
                     f" {mean.about:.3f} against {best.about:.3f} with {best.initializer}), but"
