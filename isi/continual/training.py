@@ -124,7 +124,7 @@ def fit(
         for place in _batches(len(task.facts.triples), recipe.batch_size, rng):
             optimizer.zero_grad()
             loss = loss_of(theta.model, tables, task, recipe, place, rng)
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
         check_finite(tuple(table[None] for table in tables.trained), f"vectors after epoch {epoch}")
         on_epoch(epoch)
@@ -172,7 +172,9 @@ class Tables:
 
     def embedding(self, theta: Embedding, recipe: Recipe) -> Embedding:
         with torch.no_grad():
-            entity, relation = self.all_entities(recipe), self.all_relations(recipe)
+            # without fixed rows, they may be the trained tables themselves
+            entity = self.all_entities(recipe).detach()
+            relation = self.all_relations(recipe).detach()
         return replace(theta, entity=entity[None], relation=relation[None])
 
 

@@ -25,6 +25,7 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
+from isi.report.continual import ContinualRuns
 from isi.report.readings import CaseRuns
 from isi.report.stats import DIRECTIONS, ByScope, Estimates, Values, where
 from isi.report.words import JOINT
@@ -318,6 +319,8 @@ class Results:
     other_graphs: Sequence[VariantRuns] = ()
     #: cases measured under every reading of the paper's metric that were run, by name
     readings: Mapping[str, CaseRuns] = field(default_factory=dict)
+    #: experiments of the third pipeline that were run
+    continual: Sequence[ContinualRuns] = ()
 
     @property
     def standalone(self) -> list[Experiment]:

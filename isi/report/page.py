@@ -4,7 +4,7 @@ headline numbers and curves.
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -127,7 +127,7 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results),
+            foot=foot(results, PAGES[self.name]),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
 
@@ -181,11 +181,11 @@ def marked_up(
     return Markup(marker.text(linked))  # noqa: S704
 
 
-def foot(results: Results) -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the run, the licence."""
+def foot(results: Results, page: Mapping[str, Any]) -> list[str]:
+    """Paragraphs at the foot of a page: its own, or the paper, the run, the licence."""
     cases = [runs.case.title for runs in results.readings.values()]
     graphs = joined([experiment.title for experiment in results.standalone] or cases)
-    return [text.format(graphs=graphs) for text in PAGES["foot"]]
+    return [text.format(graphs=graphs) for text in page.get("foot", PAGES["foot"])]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:
