@@ -31,7 +31,7 @@ __all__ = [
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
     "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
-    "Timeline": ("isi.continual.api", "Timeline"),
+    "Timeline": ("isi.continual.api", "RunnableTimeline"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "fit_new": ("isi.insertion.fit", "fit_new"),

@@ -3,7 +3,7 @@ from isi import continual as continual
 from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
-from isi.continual.api import Timeline as Timeline
+from isi.continual.api import RunnableTimeline as Timeline
 from isi.errors import InputError as InputError
 from isi.insertion.api import insert as insert
 from isi.insertion.fit import fit_new as fit_new

@@ -118,6 +118,14 @@ def code_of(name: str) -> list[Path]:
     return [Path(dep) for dep in STAGES[name]["deps"] if dep.split("/")[0] in ("isi", "stages")]
 
 
+def sections_of(name: str) -> set[Path]:
+    """The modules of sections that pages.yaml names for the page of a stage."""
+    page = read(Path("isi/report/templates/pages.yaml"))[name.removeprefix("report_")]
+    groups = [[page["answer"]] if "answer" in page else [], *page["sections"].values()]
+    modules = {place.partition(".")[0] for group in groups for place in group}
+    return {Path("isi/report/sections", module).with_suffix(".py") for module in modules}
+
+
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_modules_params_name(
     name: str,
@@ -130,8 +138,8 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_m
             assert Path(package) in depended
             added = entry_points_of(package) if name in READING else []
             files = files | closure(*Path(package).rglob("*.py"), *added)
-    if Path("isi/report/section.py") in files:  # pages.yaml names the modules of sections
-        files = files | closure(*Path("isi/report/sections").glob("*.py"))
+    if name.startswith("report"):
+        files = files | closure(*sections_of(name))
     missing = [file for file in files if not any(file.is_relative_to(dep) for dep in depended)]
     starting = Path("stages/__init__.py")
     # more than text

@@ -87,7 +87,9 @@ def main(arguments: list[str]) -> int:
         return run([sys.executable, "-m", "dvc", "repro", *arguments], progress, lock)
     finally:
         lock.mend()
-        names = {name for path in PIPELINES if path.exists() for name in stages(path)}
+        # reading the stages of a pipeline that never ran takes seconds
+        locked = [path for path in PIPELINES if path.with_name("dvc.lock").exists()]
+        names = {name for path in {pipeline, *locked} for name in stages(path)}
         with suppress(OSError):  # no space on the disk
             seconds = {name: took for name, took in progress.seconds.items() if name in names}
             HERE.write_text(json.dumps(seconds, indent=1, sort_keys=True), encoding="utf-8")

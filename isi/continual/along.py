@@ -48,9 +48,9 @@ class Along:
         theta = first_embedding(
             self.timeline, model, dimension, self.schedule, seed, on_epoch=self.on_epoch
         )
-        return self.given(theta, time.process_time() - begun)
+        return self.start_from(theta, time.process_time() - begun)
 
-    def given(self, theta: Embedding, seconds: float = 0.0) -> Step:
+    def start_from(self, theta: Embedding, seconds: float = 0.0) -> Step:
         """The step of an embedding of snapshot 0 that has been trained."""
         cost = {"phase": "trained", "seconds": seconds, "peak_mib": peak_memory()}
         return self._step(0, theta, [evaluate(theta, self.timeline, 0, most=self.most)], [cost])

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from isi.benchmark.evaluation import NamedEmbedding, read
 from isi.config import check, keywords
-from isi.continual import timeline
 from isi.continual.along import Along, Step
 from isi.continual.chain import Growth
 from isi.continual.experiment import ChainTraining, check_name
 from isi.continual.measures import continual_measures
 from isi.continual.strategies import STRATEGIES
+from isi.continual.timeline import Timeline
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS
 from isi.insertion.arguments import checked_model, naming_argument
@@ -47,7 +47,7 @@ TRAINING = {
 class GrownEmbedding:
     """An embedding after the last snapshot of a timeline, and how it came there."""
 
-    timeline: timeline.Timeline
+    timeline: Timeline
     theta: Embedding
     matrix: pd.DataFrame  #: R[i, j] in the columns of ``evaluate``
     #: ``snapshot``, ``phase``, ``seconds`` of one processor without ranking, ``peak_mib``
@@ -80,8 +80,8 @@ class GrownEmbedding:
         return f"{entities:,} entities of dimension {dimension}, {seconds:.1f} s"
 
 
-class Timeline(timeline.Timeline):
-    """A graph that grows (``isi.continual.timeline.Timeline``), and the run along it."""
+class RunnableTimeline(Timeline):
+    """``isi.Timeline``: a graph that grows, and the run along it."""
 
     def run(
         self,
@@ -155,7 +155,7 @@ class Timeline(timeline.Timeline):
             given = read(model, factory, entities, relations, model_options)
             if entity_names is not None or relation_names is not None:
                 given = replace(given, entities=entity_names, relations=relation_names)
-            steps = [along.given(self._first_of(given))]
+            steps = [along.start_from(self._first_of(given))]
         for snapshot in range(1, len(self.snapshots)):
             steps.append(along.next(steps[-1].theta, growth, snapshot, seed))
         return _grown(self, steps)
@@ -189,7 +189,7 @@ def _inverse_rows(model: Model, relation: Tensor) -> Tensor:
     raise InputError("argument 'model'", "", expected)
 
 
-def _grown(timeline: timeline.Timeline, steps: Sequence[Step]) -> GrownEmbedding:
+def _grown(timeline: Timeline, steps: Sequence[Step]) -> GrownEmbedding:
     import pandas as pd
 
     matrix, costs = (

@@ -68,7 +68,7 @@ class Parts:
         tables = io.read_tensors(path, ["entity", "relation"])
         return Embedding(tables["entity"], tables["relation"], InverseRelations(model))
 
-    def keep(self, chains: Sequence[Chain], snapshot: int, place: int, step: Step) -> None:
+    def store(self, chains: Sequence[Chain], snapshot: int, place: int, step: Step) -> None:
         """Write the files of a step of the chain at a place; that of ``matrix``, which says that
         the step is done, last.
         """

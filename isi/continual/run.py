@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from importlib import import_module
 
 from isi.continual.along import Along, Step
 from isi.continual.experiment import Chain, ContinualExperiment
@@ -22,9 +23,11 @@ def run_chains(
 ) -> None:
     """Compute the steps of all chains that ``parts`` lacks, one snapshot after the other.
 
-    A step is kept as soon as it is done, so that what a killed run has finished is not computed
+    A step is stored as soon as it is done, so that what a killed run has finished is not computed
     again.
     """
+    # an optimizer imports it, which would take seconds in each worker and count as training
+    import_module("torch._dynamo")
     first, chains = settings.first(experiment), settings.chains(experiment)
     last = len(along.timeline.snapshots) - 1
     waves = [first, *[chains] * last]
@@ -40,10 +43,10 @@ def run_chains(
             (chain, along, parts.before(chain, snapshot, model), settings, snapshot, root)
             for chain in wave
         ]
-        keep = partial(parts.keep, wave, snapshot)
+        store = partial(parts.store, wave, snapshot)
         name = f"{experiment}, snapshot {snapshot} of {last}"
         if tasks:
-            run_each(step_of, tasks, compute, name, keep, (total - left, total))
+            run_each(step_of, tasks, compute, name, store, (total - left, total))
         left -= len(wave)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -85,7 +85,7 @@ class ContinualRuns:
         is_chain = (of_seed["initializer"] == initializer) & (of_seed["strategy"] == strategy)
         return of_seed[is_chain | (of_seed["i"] == 0)]
 
-    def frames(self) -> Iterator[tuple[dict[str, str | int], pd.DataFrame]]:
+    def frames(self) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
         """The rows of each chain, with its columns."""
         for initializer, strategy in self.chains:
             for seed in range(self.settings.seeds):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,6 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
-from isi.report.continual import ContinualRuns
 from isi.report.readings import CaseRuns
 from isi.report.stats import DIRECTIONS, ByScope, Estimates, Values, where
 from isi.report.words import JOINT
@@ -33,6 +32,9 @@ from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
+
+if TYPE_CHECKING:  # no other page depends on it
+    from isi.report.continual import ContinualRuns
 
 #: Analyses shown for every experiment that params list for them; the others are shown for the first
 #: one alone.
@@ -320,7 +322,7 @@ class Results:
     #: cases measured under every reading of the paper's metric that were run, by name
     readings: Mapping[str, CaseRuns] = field(default_factory=dict)
     #: experiments of the third pipeline that were run
-    continual: Sequence[ContinualRuns] = ()
+    continual: Sequence["ContinualRuns"] = ()
 
     @property
     def standalone(self) -> list[Experiment]:

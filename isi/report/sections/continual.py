@@ -66,11 +66,11 @@ def faults(results: Results) -> Contents:
         yield Content(tables={"faults": rows})
 
 
-def _names(initializer: str, strategy: str) -> dict[Any, Any]:
+def _names(initializer: str, strategy: str) -> dict[str, Any]:
     return {"initializer": name_of(initializer), "strategy": STRATEGIES.get(strategy, strategy)}
 
 
-def _of_default(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[str, Any]]:
+def _of_default(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[Any, Any]]:
     """Values of the strategies of the first initializer, by the name of the chain."""
     first = runs.chains[0][0]
     rows = [(chain, row) for chain, (_, row) in zip(runs.chains, values.iterrows(), strict=True)]
@@ -84,7 +84,7 @@ def _of_default(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[str
 def _beside(
     entry: dict[str, Any],
     theirs: dict[str, list[float]],
-    ours: dict[str, dict[str, Any]],
+    ours: dict[str, dict[Any, Any]],
     runs: ContinualRuns,
 ) -> Rows:
     """Rows of an entry of published numbers, then those of this run."""
