@@ -285,8 +285,8 @@ def _slot_ranks(
     ranks = np.full((len(limits), len(triples)), np.nan)
     for limit, of_limit in zip(limits, ranks, strict=True):
         if limit.candidates:
-            # the answer is tied with itself, and no error either
-            left_out = limit.filtered(known, place) | (other == answer[row])
+            # the queried triple, too, is in each filter: its answer is tied with itself
+            left_out = limit.filtered(known, place)
             no_errors = np.bincount(row, ahead_by_answer * left_out, len(triples))
             of_limit[:] = 1 + ahead[limit.candidates] - no_errors
     return ranks
