@@ -4,7 +4,8 @@
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models;
 ``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion;
-``isi.continual`` has graphs that grow, and the field's measures of them.
+``isi.Timeline`` is a graph that grows, and carries an embedding along; ``isi.continual`` has the
+field's benchmarks and measures of it.
 ``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
 in ``__init__.pyi``).
 """
@@ -17,6 +18,7 @@ from typing import Any
 __all__ = [
     "InputError",
     "LiveEmbedding",
+    "Timeline",
     "check_initializer",
     "check_model",
     "fit_new",
@@ -29,6 +31,7 @@ __all__ = [
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
     "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
+    "Timeline": ("isi.continual.api", "RunnableTimeline"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "fit_new": ("isi.insertion.fit", "fit_new"),

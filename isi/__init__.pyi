@@ -3,6 +3,7 @@ from isi import continual as continual
 from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
+from isi.continual.api import RunnableTimeline as Timeline
 from isi.errors import InputError as InputError
 from isi.insertion.api import insert as insert
 from isi.insertion.fit import fit_new as fit_new
@@ -13,6 +14,7 @@ from isi.pykeen.open import from_pykeen as from_pykeen
 __all__ = [
     "InputError",
     "LiveEmbedding",
+    "Timeline",
     "check_initializer",
     "check_model",
     "fit_new",

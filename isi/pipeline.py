@@ -14,7 +14,11 @@ from isi.errors import InputError
 from isi.tables import paths
 
 #: Pipeline file → params file, which lists the values of the pipeline's matrices.
-PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS}
+PIPELINES = {
+    paths.PIPELINE: paths.PARAMS,
+    paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS,
+    paths.CONTINUAL_PIPELINE: paths.CONTINUAL_PARAMS,
+}
 
 
 def missing(path: Path) -> InputError:
@@ -62,12 +66,12 @@ def matrix_of(entry: Mapping[str, Any]) -> dict[str, str]:
 
 def find(name: str) -> tuple[Path, dict[str, Any]]:
     """The pipeline file that has a stage, and the stage's entry in it."""
-    for pipeline in PIPELINES:
+    first, *others = PIPELINES
+    for pipeline in (first, *filter(Path.exists, others)):
         if name in _stages(pipeline):
             return pipeline, _stages(pipeline)[name]
-    raise InputError(
-        paths.PIPELINE, "stages", f"expected a stage {name!r} here or in {paths.BEYOND_PIPELINE}"
-    )
+    expected = f"expected a stage {name!r} here or in {' or '.join(map(str, others))}"
+    raise InputError(paths.PIPELINE, "stages", expected)
 
 
 def _stages(pipeline: Path) -> dict[str, Any]:

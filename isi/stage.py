@@ -14,18 +14,20 @@ from isi.process import Parser, errors_in_one_line
 from isi.tables import paths
 
 if TYPE_CHECKING:
+    from isi.continual.experiment import ContinualExperiment
     from isi.params import Beyond, Params
 
 
 @dataclass(frozen=True)
 class StageContext:
     """Input of a stage: its name, for the metadata of the files it writes,
-    and the params of both pipelines.
+    and the params of the pipelines.
     """
 
     stage: str
     params: Params
-    beyond: Beyond  #: empty for stages of the first pipeline
+    beyond: Beyond  #: empty for stages of other pipelines than the second
+    continual: Mapping[str, ContinualExperiment]  #: empty but for stages of the third pipeline
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
@@ -65,4 +67,6 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
             raise InputError(of_params, f"{key}.{names[argument]}", expected)
     main = params.load()
     beyond = paths.BEYOND_PARAMS if file == paths.BEYOND_PIPELINE else None
-    return StageContext(name, main, params.load_beyond(main, beyond))
+    continual = paths.CONTINUAL_PARAMS if file == paths.CONTINUAL_PIPELINE else None
+    experiments = params.load_continual(continual)
+    return StageContext(name, main, params.load_beyond(main, beyond), experiments)

@@ -4,18 +4,19 @@ import sys
 
 from isi.errors import at
 from isi.extras.hidden_entities import study_of
-from isi.params import check_names, load, load_beyond
+from isi.params import check_names, load, load_beyond, load_continual
 from isi.process import errors_in_one_line
 from isi.tables import paths
 
 
 def check_params(runs: bool) -> None:
-    """Check the params of both pipelines; ``runs``: also those of the second pipeline alone.
+    """Check the params of all pipelines; ``runs``: also those of the second pipeline alone.
 
     Raises:
         InputError: names the file and the dotted key that is wrong.
     """
     beyond = load_beyond(load(), runs=runs)
+    load_continual()
     for name in beyond.hidden:
         study = study_of(beyond.hidden, name)
         if study.source == "graphs":

@@ -23,7 +23,9 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
     """The keys of params that a pipeline lists for a stage with these arguments,
     by file of params.
     """
-    first, beyond = (parsed(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
+    stages: dict[str, Any] = {}
+    for path in PIPELINES:
+        stages |= parsed(path.read_text(encoding="utf-8"))["stages"]
     values = parsed(paths.PARAMS.read_text(encoding="utf-8"))
 
     def filled(part: re.Match[str]) -> str:
@@ -31,7 +33,7 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
         return names[item] if matrix == "item" else str(value_of(values, part[1]))
 
     keys = defaultdict[Path, list[str]](list)
-    for entry in (first | beyond)[stage].get("params", []):
+    for entry in stages[stage].get("params", []):
         of_files = entry if isinstance(entry, dict) else {str(paths.PARAMS): [entry]}
         for file, patterns in of_files.items():
             keys[Path(file)] += [re.sub(r"\$\{([^}]+)\}", filled, key) for key in patterns]
@@ -44,8 +46,12 @@ def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     """
     context, keys = context_of(stage, names), listed(stage, names)
     params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
+    continual = [key.removeprefix("continual.") for key in keys[paths.CONTINUAL_PARAMS]]
     return replace(
-        context, params=params, beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS])
+        context,
+        params=params,
+        beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]),
+        continual=restricted(context.continual, continual),
     )
 
 

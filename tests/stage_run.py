@@ -49,7 +49,13 @@ def lay_out(folder: Path, changes: dict[str, Any]) -> None:
     for key, value in changes.items():
         change(values, key, value)
     (folder / paths.PARAMS).write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
-    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE, paths.BEYOND_PARAMS):
+    for path in (
+        paths.PIPELINE,
+        paths.BEYOND_PIPELINE,
+        paths.BEYOND_PARAMS,
+        paths.CONTINUAL_PIPELINE,
+        paths.CONTINUAL_PARAMS,
+    ):
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes((ROOT / path).read_bytes())
     (folder / paths.DATA).mkdir()

@@ -31,7 +31,7 @@ HERE = Path(".dvc/tmp/stage_seconds.json")
 NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
-PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
+PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"), Path("continual/dvc.yaml"))
 #: The lines in which DVC begins or skips a stage; the name follows the pipeline file, unless that
 #: is ./dvc.yaml.
 BEGINS = re.compile(
@@ -76,17 +76,20 @@ def main(arguments: list[str]) -> int:
     returns its exit status.
     """
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
-    pipeline = next((path for path in PIPELINES if str(path) in arguments), PIPELINES[0])
+    files = {argument.partition(":")[0] for argument in arguments}
+    pipeline = next((path for path in PIPELINES if str(path) in files), PIPELINES[0])
     allow_no_git()
     lock = LockFile(pipeline.with_name("dvc.lock"))
     lock.mend()
     mend_notes()
-    progress = Progress(stages(pipeline), known)
+    progress = Progress(wanted(stages(pipeline), arguments), known)
     try:
         return run([sys.executable, "-m", "dvc", "repro", *arguments], progress, lock)
     finally:
         lock.mend()
-        names = {name for path in PIPELINES if path.exists() for name in stages(path)}
+        # reading the stages of a pipeline that never ran takes seconds
+        locked = [path for path in PIPELINES if path.with_name("dvc.lock").exists()]
+        names = {name for path in {pipeline, *locked} for name in stages(path)}
         with suppress(OSError):  # no space on the disk
             seconds = {name: took for name, took in progress.seconds.items() if name in names}
             HERE.write_text(json.dumps(seconds, indent=1, sort_keys=True), encoding="utf-8")
@@ -230,6 +233,14 @@ def stages(pipeline: Path) -> list[str]:
     return [
         stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == path
     ]
+
+
+def wanted(names: list[str], arguments: list[str]) -> list[str]:
+    """The stages among names that targets such as ``continual/dvc.yaml:grow@entity`` name; without
+    such targets, all.
+    """
+    targets = {target for argument in arguments if (target := argument.partition(":")[2])}
+    return [name for name in names if not targets or {name, name.partition("@")[0]} & targets]
 
 
 def _stage_names(lock: Path) -> list[str]:

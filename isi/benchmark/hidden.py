@@ -13,7 +13,7 @@ from pydantic import Field
 from isi.benchmark.evaluation import Evaluation, evaluation_of, ranks_frame, read
 from isi.benchmark.graphs import graph_of, unweighted
 from isi.benchmark.split import SplitIds, split_ids
-from isi.config import Count, Fraction, Seed, check
+from isi.config import Fraction, Seed, check
 from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
@@ -83,8 +83,10 @@ class HiddenSplit:
         return self.facts_of(None)
 
     def facts_of(self, number: int | None) -> list[tuple[str, str, str]]:
-        """At most ``number`` facts of each hidden entity, the first ones; None: all."""
-        check(number, Count | None, "", "argument 'number'")  # type: ignore[arg-type]
+        """At most ``number`` facts of each hidden entity, the first ones; None: all. 0: none, as
+        in semi-inductive link prediction from words alone.
+        """
+        check(number, Annotated[int, Field(ge=0)] | None, "", "argument 'number'")  # type: ignore[arg-type]
         return [tuple(row) for row in self.labels(self.ids.insert_triples(number)).tolist()]
 
     @property

@@ -172,7 +172,9 @@ class Tables:
 
     def embedding(self, theta: Embedding, recipe: Recipe) -> Embedding:
         with torch.no_grad():
-            entity, relation = self.all_entities(recipe), self.all_relations(recipe)
+            # without fixed rows, they may be the trained tables themselves
+            entity = self.all_entities(recipe).detach()
+            relation = self.all_relations(recipe).detach()
         return replace(theta, entity=entity[None], relation=relation[None])
 
 

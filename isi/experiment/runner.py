@@ -15,7 +15,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
-from typing import Annotated, Literal, TypeVar, TypeVarTuple
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar, TypeVarTuple
 
 import torch
 from pydantic import Field
@@ -24,7 +24,6 @@ from tqdm import tqdm
 
 from isi.config import Count, Section
 from isi.errors import InputError, at, extra
-from isi.experiment.grid import GridPoints
 from isi.models.stack import NotFinite, mapped
 from isi.process import become_worker
 from isi.tables import paths
@@ -52,6 +51,18 @@ class Compute(Section):
 
 #: Tensors are sent to other processes as arrays: shared memory may run out.
 ForkingPickler.register(Tensor, lambda tensor: (torch.from_numpy, (tensor.numpy(),)))
+
+
+class PointsLike(Protocol):
+    """What a task computes, a data class: models, one for each seed."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def seeds(self) -> Sequence[int]: ...
+
+
+Points = TypeVar("Points", bound=PointsLike)
 REACH = 5  #: Seconds in which a scheduler must answer.
 #: Maximal bytes on a GPU for one model of a stack: batch, scores and slopes as float32 tables,
 #: times two.
@@ -63,26 +74,47 @@ class TaskError(Exception):
 
 
 def run(
-    function: Callable[[GridPoints, *Arguments], Done],
-    tasks: Sequence[tuple[GridPoints, *Arguments]],
+    function: Callable[[Points, *Arguments], Done],
+    tasks: Sequence[tuple[Points, *Arguments]],
     compute: Compute,
     name: str,
 ) -> list[Done]:
     """Results of a function for each task, run as ``compute`` says;
     ``TaskError`` or ``InputError`` once one fails.
     """
+    results = dict[int, Done]()
+    run_each(function, tasks, compute, name, results.__setitem__)
+    return [results[place] for place in range(len(tasks))]
+
+
+def run_each(
+    function: Callable[[Points, *Arguments], Done],
+    tasks: Sequence[tuple[Points, *Arguments]],
+    compute: Compute,
+    name: str,
+    receive: Callable[[int, Done], object],
+    of: tuple[int, int] | None = None,
+) -> None:
+    """Like ``run``, but each result is passed on as soon as it is there, and not held.
+
+    Args:
+        receive: called with the place of the task and its result.
+        of: for the progress: the number of models that are done before these, and that of all.
+    """
     engine = _dask if compute.engine == "dask" else _processes
-    models = sum(len(points.seeds) for points, *_ in tasks)
+    done, total = of or (0, sum(len(points.seeds) for points, *_ in tasks))
     with engine(compute) as executor:
         futures = {
-            executor.submit(run_task, function, task, compute.device): task[0] for task in tasks
+            executor.submit(run_task, function, task, compute.device): place
+            for place, task in enumerate(tasks)
         }
         # it starts a thread: workers come first
-        with tqdm(total=models, desc=name, unit="model", disable=None) as bar:
-            for future in as_completed(futures):
-                points = futures[future]
+        with tqdm(total=total, initial=done, desc=name, unit="model", disable=None) as bar:
+            for future in as_completed(list(futures)):
+                place = futures.pop(future)
+                points = tasks[place][0]
                 try:
-                    future.result()
+                    result = future.result()
                 except (InputError, CancelledError):  # not a fault in the task's code
                     raise
                 except BrokenExecutor as error:
@@ -101,13 +133,13 @@ def run(
                         )
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
+                receive(place, result)
                 bar.update(len(points.seeds))
-    return [future.result() for future in futures]
 
 
 def run_task(
-    function: Callable[[GridPoints, *Arguments], Done],
-    task: tuple[GridPoints, *Arguments],
+    function: Callable[[Points, *Arguments], Done],
+    task: tuple[Points, *Arguments],
     device: str,
 ) -> Done:
     """Run a task on one thread, denormal numbers as zero (they are slow); return CPU tensors.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,9 @@ from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
+
+if TYPE_CHECKING:  # no other page depends on it
+    from isi.report.continual import ContinualRuns
 
 #: Analyses shown for every experiment that params list for them; the others are shown for the first
 #: one alone.
@@ -326,6 +329,8 @@ class Results:
     other_graphs: Sequence[VariantRuns] = ()
     #: cases measured under every reading of the paper's metric that were run, by name
     readings: Mapping[str, CaseRuns] = field(default_factory=dict)
+    #: experiments of the third pipeline that were run
+    continual: Sequence["ContinualRuns"] = ()
 
     @property
     def standalone(self) -> list[Experiment]:

@@ -140,7 +140,11 @@ class Page:
             column_groups=column_groups,
             best_rows=best_rows,
             forms=_FORMS,
-            foot=foot(results, headlines(results) if self.name == "report" else None),
+            foot=foot(
+                results,
+                headlines(results) if self.name == "report" else None,
+                PAGES[self.name].get("foot", PAGES["foot"]),
+            ),
             json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
         )
 
@@ -211,8 +215,8 @@ def headlines(results: Results) -> bytes:
     return f"{json.dumps(metrics(results), indent=2)}\n".encode()
 
 
-def foot(results: Results, numbers: bytes | None) -> list[str]:
-    """Paragraphs at the foot of a page: the paper, the sources and the run, the licence;
+def foot(results: Results, numbers: bytes | None, paragraphs: Sequence[str]) -> list[str]:
+    """Paragraphs at the foot of a page, such as the paper, the sources and the run, the licence;
     ``numbers``: the file of its headline numbers, whose SHA-256 it names.
 
     No commit and no time of the run: equal results make equal pages, also in a later commit.
@@ -229,7 +233,7 @@ def foot(results: Results, numbers: bytes | None) -> list[str]:
     if numbers:
         digits = hashlib.sha256(numbers).hexdigest()[:12]
         about["numbers"] = f"SHA-256 of [the headline numbers]({METRICS}): {digits}. "
-    return [text.format(**about) for text in PAGES["foot"]]
+    return [text.format(**about) for text in paragraphs]
 
 
 def best_rows(table: ReportTable) -> dict[int, set[int]]:

@@ -1,0 +1,91 @@
+"""The steps of an embedding along a timeline: insertion, training and ranking at each snapshot."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isi.continual.chain import Growth, first_embedding, grow
+from isi.continual.matrix import evaluate
+from isi.continual.strategies import Schedule
+from isi.continual.timeline import Timeline
+from isi.continual.training import OnEpoch, silent
+from isi.models.model import Model
+from isi.models.stack import Embedding
+from isi.process import peak_memory, reset_peak_memory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What a chain has after one snapshot."""
+
+    theta: Embedding  #: of the entities of snapshots 0 to i, in the packed form
+    matrix: pd.DataFrame  #: row i of R, before and after the training (``evaluate``)
+    costs: pd.DataFrame  #: ``snapshot``, ``phase``, ``seconds`` and ``peak_mib``
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """What all steps along a timeline share."""
+
+    timeline: Timeline
+    schedule: Schedule
+    words: np.ndarray | None = None  #: of all entities, (E, v)
+    most: int | None = None  #: maximum number of test triples of a snapshot that are ranked
+    on_epoch: OnEpoch = silent
+
+    def first(self, model: Model, dimension: int, seed: int) -> Step:
+        """Train an embedding of snapshot 0 from random vectors, and rank its test set."""
+        reset_peak_memory()
+        begun = time.process_time()
+        theta = first_embedding(
+            self.timeline, model, dimension, self.schedule, seed, on_epoch=self.on_epoch
+        )
+        return self.start_from(theta, time.process_time() - begun)
+
+    def start_from(self, theta: Embedding, seconds: float = 0.0) -> Step:
+        """The step of an embedding of snapshot 0 that has been trained."""
+        cost = {"phase": "trained", "seconds": seconds, "peak_mib": peak_memory()}
+        return self._step(0, theta, [evaluate(theta, self.timeline, 0, most=self.most)], [cost])
+
+    def next(self, before: Embedding, growth: Growth, snapshot: int, seed: int) -> Step:
+        """Insert the entities of a snapshot into the embedding before it, and train; rank the test
+        sets of all snapshots so far after both.
+        """
+        chain = grow(
+            self.timeline,
+            before,
+            growth,
+            self.schedule,
+            start=snapshot,
+            words=self.words,
+            seed=seed,
+            on_epoch=self.on_epoch,
+        )
+        theta = before
+        rows: list[pd.DataFrame] = []
+        costs: list[dict[str, Any]] = []
+        reset_peak_memory()
+        for grown in islice(chain, 2):
+            theta = grown.theta
+            cost = {"phase": grown.phase, "seconds": grown.seconds, "peak_mib": peak_memory()}
+            costs.append(cost)
+            rows.append(evaluate(theta, self.timeline, snapshot, phase=grown.phase, most=self.most))
+            reset_peak_memory()
+        return self._step(snapshot, theta, rows, costs)
+
+    @staticmethod
+    def _step(
+        snapshot: int, theta: Embedding, rows: list[pd.DataFrame], costs: list[dict[str, Any]]
+    ) -> Step:
+        import pandas as pd
+
+        matrix = pd.concat(rows, ignore_index=True)
+        return Step(theta, matrix, pd.DataFrame(costs).assign(snapshot=snapshot))

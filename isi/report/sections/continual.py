@@ -1,0 +1,151 @@
+"""Graphs that grow: what each initializer and strategy gains and harms, beside published numbers,
+and what the faults of published protocols touch.
+"""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.figure import Figure as Canvas
+
+from isi import config
+from isi.report.continual import MEASURES, ContinualRuns, name_of
+from isi.report.data import Results
+from isi.report.figures import legend, panels
+from isi.report.section import Content, Contents
+from isi.report.tables import Rows
+from isi.report.words import TEMPLATES
+
+#: Names of strategies and protocols, and published numbers with their sources.
+ABOUT = config.read(TEMPLATES / "continual.yaml")
+STRATEGIES: dict[str, str] = ABOUT["strategies"]
+_MARKERS = "osD^v<>PX*"
+_OURS = "this run"
+
+
+def grown(results: Results) -> Contents:
+    """Each initializer with each strategy: a table, R[i, j], and gain against harm."""
+    for place, runs in enumerate(results.continual):
+        rows = [
+            _names(*chain) | {name: row[name] for _, name in MEASURES.values()}
+            for chain, (_, row) in zip(runs.chains, runs.measures.iterrows(), strict=True)
+        ]
+        figures = {"matrix": _matrices(runs), "gain_and_harm": _gain_and_harm(runs)}
+        numbers = {"runs": runs, "first": place == 0, "shown": name_of(runs.chains[0][0])}
+        yield Content(numbers, {"grown": rows}, figures, f"_{runs.name}", runs.title)
+
+
+def published_numbers(results: Results) -> Contents:
+    """Numbers that others publish, with those of this run under the same protocol."""
+    after_last, interference = Rows(), Rows()
+    for runs in results.continual:
+        for entry in ABOUT["after_last"]:
+            theirs = entry["rows"].get(runs.settings.timeline, {})
+            ours = _of_default(runs, runs.published(entry["protocol"])) if theirs else {}
+            after_last += _beside(entry, theirs, ours, runs)
+        for entry in ABOUT["interference"]:
+            theirs = entry["rows"].get(runs.settings.timeline, {})
+            ours = _of_default(runs, runs.interference()) if theirs else {}
+            interference += _beside(entry, theirs, ours, runs)
+    tables = {"after_last": after_last, "interference": interference}
+    if any(tables.values()):
+        yield Content({"about": ABOUT}, {name: rows for name, rows in tables.items() if rows})
+
+
+def faults(results: Results) -> Contents:
+    """The share of the queries of each test set that each fault touches, per cent."""
+    rows = Rows()
+    by_timeline = {runs.settings.timeline: runs for runs in results.continual}
+    for name, runs in by_timeline.items():
+        shares = 100 * runs.faults.pivot(index="fault", columns="test", values="share")
+        for fault, words in ABOUT["faults"].items():
+            of_tests = {f"test {test}": share for test, share in shares.loc[fault].items()}
+            rows.append({"benchmark": name, "fault": words} | of_tests)
+    if rows:
+        yield Content(tables={"faults": rows})
+
+
+def _names(initializer: str, strategy: str) -> dict[str, Any]:
+    return {"initializer": name_of(initializer), "strategy": STRATEGIES.get(strategy, strategy)}
+
+
+def _of_default(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[Any, Any]]:
+    """Values of the strategies of the first initializer, by the name of the chain."""
+    first = runs.chains[0][0]
+    rows = [(chain, row) for chain, (_, row) in zip(runs.chains, values.iterrows(), strict=True)]
+    return {
+        ", ".join(_names(*chain).values()): row.to_dict()
+        for chain, row in rows
+        if chain[0] == first
+    }
+
+
+def _beside(
+    entry: dict[str, Any],
+    theirs: dict[str, list[float]],
+    ours: dict[str, dict[Any, Any]],
+    runs: ContinualRuns,
+) -> Rows:
+    """Rows of an entry of published numbers, then those of this run."""
+    first = {"benchmark": runs.title}
+    rows = Rows()
+    for method, values in theirs.items():
+        numbers = {name: 100 * value for name, value in zip(entry["measures"], values, strict=True)}
+        about = {"method": method, "model": entry["model"], "source": entry["source"]}
+        rows.append(first | about | numbers)
+    for method, by_name in ours.items():
+        numbers = {name: by_name[name] for name in entry["measures"]}
+        about = {"method": method, "model": runs.model, "source": _OURS}
+        rows.append(first | about | numbers)
+    protocol = {"protocol": entry["protocol"]}
+    return [row | protocol for row in rows]
+
+
+def _matrices(runs: ContinualRuns) -> Canvas:
+    """R[i, j] after the training on snapshot i, for each strategy of the first initializer."""
+    first = runs.chains[0][0]
+    strategies = runs.settings.strategies_of(first)
+    canvas, axes = panels(len(strategies), 3, 2.6 * -(-len(strategies) // 3))
+    matrices = [runs.score_matrix(first, strategy) for strategy in strategies]
+    highest = np.nanmax(matrices)
+    for panel, strategy, matrix in zip(axes, strategies, matrices, strict=True):
+        panel.imshow(matrix, vmin=0, vmax=highest, cmap="Blues")
+        for (i, j), value in np.ndenumerate(matrix):
+            if not np.isnan(value):
+                colour = "#ffffff" if value > 0.6 * highest else "#000000"
+                panel.text(j, i, f"{value:.0f}", ha="center", va="center", color=colour, size=7)
+        ticks = range(len(matrix))
+        panel.set_xticks(ticks)
+        panel.set_yticks(ticks)
+        panel.grid(visible=False)
+        panel.set(title=STRATEGIES.get(strategy, strategy), xlabel="test set j")
+        panel.set_ylabel("after snapshot i")
+    return canvas
+
+
+def _gain_and_harm(runs: ContinualRuns) -> Canvas:
+    """MRR about new tests against D, a mark for each initializer and strategy."""
+    canvas, (axes,) = panels(1, 1, 4.6)
+    initializers, strategies = (
+        list(dict.fromkeys(names)) for names in zip(*runs.chains, strict=True)
+    )
+    colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
+    (_, gain), (_, harm) = MEASURES["trained"], MEASURES["interference"]
+    for (initializer, strategy), (_, row) in zip(
+        runs.chains, runs.measures.iterrows(), strict=True
+    ):
+        colour = colours[initializers.index(initializer) % len(colours)]
+        marker = _MARKERS[strategies.index(strategy) % len(_MARKERS)]
+        axes.plot(row[harm].mean, row[gain].mean, ls="", marker=marker, color=colour, ms=6)
+    for place, initializer in enumerate(initializers):
+        colour = colours[place % len(colours)]
+        axes.plot([], [], ls="", marker="s", color=colour, label=name_of(initializer))
+    for place, strategy in enumerate(strategies):
+        marker = _MARKERS[place % len(_MARKERS)]
+        name = STRATEGIES.get(strategy, strategy)
+        axes.plot([], [], ls="", marker=marker, color="#777777", label=name)
+    axes.set(title="gain and harm", xlabel="harm: D (points)")
+    axes.set_ylabel("gain: MRR of new tests after training (points)")
+    legend(canvas, [axes])
+    return canvas
