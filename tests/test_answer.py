@@ -198,8 +198,11 @@ def test_another_initializer_is_better_only_if_it_is_and_has_its_price(
     assert lead(item).startswith(f"{label('map')} is better") is better
     assert ("at a price" in lead(item)) is price
     assert ("not significantly" in lead(item)) is not better
-    side = "less" if known < 50 else "more"
-    assert f"It has {asked:.1f}. Earlier knowledge has {abs(known - 50):.1f} points {side}." in item
+    side = "lose" if known < 50 else "gain"
+    assert (
+        f"vector has {asked:.1f}; answers about earlier entities {side} {abs(known - 50):.1f}"
+        in item
+    )
 
 
 @settings(max_examples=15, deadline=None)

@@ -5,6 +5,7 @@ and the significance of differences.
 from collections.abc import Sequence
 from itertools import groupby
 from math import nan
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ from isi.report.words import (
     label,
     of_role,
 )
+
+#: Points of MRR* by which equal rankings may differ: near ties of scores fall either way.
+EQUAL = 0.01
 
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
 #: Maximum number of pairs without significant difference that a sentence names.
@@ -101,10 +105,10 @@ def _said_once(rows: pd.DataFrame) -> pd.DataFrame:
     alone, a new vector changes nothing.
     """
     closed = (rows[SCOPE] == "known_closed") & (rows["model"] != label(JOINT))
-    numbers = rows[closed].drop(columns="model").map(str)
-    if len(numbers.drop_duplicates()) != 1:
+    means = rows.loc[closed].drop(columns=["model", SCOPE]).map(attrgetter("mean"))
+    if not len(means) or (means.max() - means.min() > EQUAL).any():
         return rows
-    first = numbers.index[0]
+    first = means.index[0]
     kept: pd.DataFrame = rows[~closed | (rows.index == first)]
     return kept.assign(model=kept["model"].where(kept.index != first, "Any initializer"))
 

@@ -131,11 +131,11 @@ def _shapes(results: Results, experiment: Experiment) -> dict[str, Any]:
 
 
 def _order(values: Values) -> str:
-    """Labels by ascending value."""
+    """Labels by ascending value; those of equal values, as shown, are joined."""
     by_value = dict[str, list[str]]()
     for name in sorted(values, key=lambda name: values[name]):
         by_value.setdefault(f"{values[name]:.1f}", []).append(label(name))
-    return ", ".join(f"{' = '.join(names)} ({value})" for value, names in by_value.items())
+    return ", ".join(" = ".join(names) for names in by_value.values())
 
 
 def own_graph(results: Results) -> Contents:
