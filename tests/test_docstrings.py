@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import isi
-from isi.continual import Timeline
+from isi.continual.timeline import Timeline
 from isi.initializers.api import INITIALIZERS
 from isi.live.embedding import LiveEmbedding
 from isi.models.model import MODELS
@@ -21,6 +21,7 @@ API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
 NO_EXAMPLE = {
     "isi.benchmark.evaluation.Evaluation",
+    "isi.continual.api.GrownEmbedding",
     "isi.errors.InputError",
     "isi.initializers.api.InitContext",
     "isi.initializers.api.InitResult",

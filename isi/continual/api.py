@@ -136,8 +136,8 @@ class RunnableTimeline(Timeline):
             >>> grown = timeline.run("complex", dimension=8, initializer="er_avg")
             >>> grown.entities.shape, grown.relations.shape
             ((5, 8), (2, 16))
-            >>> grown.matrix.groupby(["phase", "protocol"])["queries"].sum()["trained", "current"]
-            6
+            >>> grown.matrix.query("protocol == 'current'")["queries"].to_list()
+            [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
         """
         settings = {**TRAINING, **(training or {})}
         checked = check(settings, ChainTraining, "", "argument 'training'")
