@@ -1,10 +1,13 @@
 """Figures of the main page: both layouts, names at the ends of lines, values at the mouse."""
 
 import re
+from io import BytesIO
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.image import imread
 
 from isi.report import charts, figures
 from isi.report.charts import NARROW, WIDE, Bar
@@ -93,3 +96,11 @@ def test_pairs_show_what_is_there(values: tuple[float, float]) -> None:
     rings = [patch.get_edgecolor() for patch in chart.wide.axes[0].patches]
     assert len(rings) == 2 * (values[0] == values[0]) + (values[1] == values[1])
     assert "Xavier" in chart.words
+
+
+def test_a_png_has_the_dots_too() -> None:
+    """A path without length is drawn by Agg only if it is not moved onto the pixels."""
+    canvas, (axes,) = figures.panels(1)
+    charts.dots(axes, np.array([[0.3, 0.5], [0.7, 0.5]]), 10, charts.ISI)
+    pixels = imread(BytesIO(rendered(canvas, "png")))[..., :3]
+    assert (np.abs(pixels - to_rgb(charts.ISI)).max(-1) < 0.02).sum() > 100

@@ -169,7 +169,7 @@ def dots(axes: Axes, points: np.ndarray, size: float, color: str, **more: Any) -
     ends = np.stack([points, points + np.array([aside, 0.0])], 1).reshape(-1, 2)
     path = Path(ends, np.tile([Path.MOVETO, Path.LINETO], len(points)))
     path.should_simplify = False
-    style: dict[str, Any] = {"fill": False, "ec": color, "lw": size, "capstyle": "round"} | more
+    style = {"fill": False, "ec": color, "lw": size, "capstyle": "round", "snap": False} | more
     axes.add_patch(PathPatch(path, **style))
     axes.update_datalim(points)
     axes.autoscale_view()
