@@ -199,10 +199,7 @@ def test_another_initializer_is_better_only_if_it_is_and_has_its_price(
     assert ("at a price" in lead(item)) is price
     assert ("not significantly" in lead(item)) is not better
     side = "lose" if known < 50 else "gain"
-    assert (
-        f"vector has {asked:.1f}; answers about earlier entities {side} {abs(known - 50):.1f}"
-        in item
-    )
+    assert f"vector has {asked:.1f}; earlier answers {side} {abs(known - 50):.1f} points" in item
 
 
 @settings(max_examples=15, deadline=None)
@@ -241,7 +238,7 @@ def test_no_sentence_says_the_contrary_of_the_numbers(
     # with no epochs of Xavier there is nothing to save
     assert len(training) <= (takes["xavier"] > 0)
     for one in training:
-        assert "epochs than Xavier" in one
+        assert re.search(r"(more|fewer) epochs", one)
         mean = (takes["es"] + takes["rs"]) / 2
         assert ("saves no training" in lead(one)) == (mean >= takes["xavier"])
     (other,) = (one for one in items if lead(one).startswith(label("map")))

@@ -2,12 +2,12 @@
 and a build without a network.
 """
 
-import importlib
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -141,8 +141,7 @@ def test_a_script_becomes_prose_and_code(tmp_path: Path) -> None:
 def test_the_reference_names_what_there_is(name: str) -> None:
     if ".pykeen." in name:
         pytest.importorskip("pykeen")
-    module, _, attribute = name.rpartition(".")
-    assert getattr(importlib.import_module(module), attribute).__doc__
+    assert resolve_name(name).__doc__
 
 
 def test_the_page_of_initializers_describes_all_with_their_options_and_needs() -> None:

@@ -149,7 +149,7 @@ def line(
     shown = [
         f"{value:g}: {height:.1f}"
         for value, height in zip(values, heights, strict=True)
-        if len(values) <= 14 or value in _EPOCHS
+        if np.isfinite(height) and (len(values) <= 14 or value in _EPOCHS)
     ]
     style = style_of(model, models) | {"solid_capstyle": "round", "solid_joinstyle": "round"} | more
     (made,) = axes.plot(values, heights, label=label(model), **style)
@@ -425,7 +425,8 @@ def waterfall(groups: Mapping[str, Sequence[Bar]], only_narrow: bool = False) ->
     def draw(layout: FigureLayout) -> tuple[Canvas, str]:
         canvas, axes = panels(layout, len(groups), height)
         texts = []
-        for panel, (title, bars) in zip(axes, groups.items(), strict=True):
+        for panel, (title, every) in zip(axes, groups.items(), strict=True):
+            bars = [bar for bar in every if np.isfinite(bar.end)]
             framed(panel, title)
             panel.grid(visible=False)
             panel.spines["bottom"].set_visible(False)
@@ -506,7 +507,8 @@ def pairs(groups: Mapping[str, Mapping[str, tuple[float, float]]], sides: Names)
             panel.set_label("")
             _pairs(panel, title, listed)
             values = [
-                f"{name} {first:g} and {second:.1f}" for name, (first, second) in listed.items()
+                f"{name} {_shown(first, 'g')} and {_shown(second, '.1f')}"
+                for name, (first, second) in listed.items()
             ]
             texts.append(f"{title}, {sides[0]} and {sides[1]}: {', '.join(values)}.")
         key(canvas, [(sides[0], 10, BASE, PAPER), (sides[1], 7, ISI, ISI)])
@@ -521,7 +523,8 @@ def _pairs(panel: Axes, title: str, listed: Mapping[str, tuple[float, float]]) -
     panel.grid(visible=True, axis="x", color=LINE, lw=1, alpha=1)
     for level, (name, (first, second)) in enumerate(listed.items()):
         panel.plot([first, second], [level, level], color=MUTE, lw=1.4, zorder=1)
-        text = valued(f"{name} – paper {first:g}, this run {second:.1f}")
+        ours, theirs = _shown(second, ".1f"), _shown(first, "g")
+        text = valued(f"{name} – paper {theirs}, this run {ours}")
         if first == first:
             dots(panel, np.array([[first, level]]), 13, BASE, zorder=2, clip_on=False, gid=text)
             dots(panel, np.array([[first, level]]), 9, PAPER, zorder=3, clip_on=False)
@@ -531,8 +534,14 @@ def _pairs(panel: Axes, title: str, listed: Mapping[str, tuple[float, float]]) -
     panel.tick_params(axis="y", labelcolor=INK, labelsize=FONT)
     panel.set_ylim(len(listed) - 0.4, -0.6)
     values = np.array([*listed.values(), (0.0, 1.0)])
-    panel.set_xlim(np.nanmin(values) * 1.05, np.nanmax(values) * 1.05)
+    values = values[np.isfinite(values)]
+    panel.set_xlim(values.min() * 1.05, values.max() * 1.05)
     panel.locator_params(axis="x", nbins=5)
+
+
+def _shown(value: float, form: str) -> str:
+    """A number as text; a dash for one that there is not."""
+    return f"{value:{form}}" if np.isfinite(value) else "–"
 
 
 def themed(svg: str) -> str:

@@ -182,7 +182,8 @@ def _by_size(
             if rows["value"].min() >= 0 and ylabel.startswith("epochs"):
                 panel.set_ylim(bottom=0)
             charts.framed(panel, SCOPES[scope], "indicators k", ylabel)
-            panel.set_xlim(0, rows["k"].max())
+            if len(rows):
+                panel.set_xlim(0, rows["k"].max())
             panel.xaxis.set_major_locator(MaxNLocator(integer=True))
             charts.names(panel, ends, height - 90, layout.width / layout.columns - 80)
         charts.key(canvas, _KEY)
