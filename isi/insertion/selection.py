@@ -52,7 +52,7 @@ PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
 READS = 4  #: The same of known queries with cross-entropy, and of likely answers.
 STARTED = 0.7  #: Work of an optimum that is sought near another one, by that of the first one.
 #: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
-PRICE = 10.0
+PRICE = 20.0
 #: Soft RS is named in a warning where it answers so much better than the selected candidate.
 BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
