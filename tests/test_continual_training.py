@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import isi
 from isi.continual.chain import Growth, arrived, extended, first_embedding, grow
 from isi.continual.strategies import STRATEGIES, Arrival, Schedule, unpacked
 from isi.continual.timeline import Timeline
@@ -220,3 +221,8 @@ def test_fixed_rows_stay_the_same_bytes() -> None:
     assert torch.equal(trained.entity[:, :6], of.entity[:, :6])
     assert torch.equal(trained.relation, of.relation)
     assert not torch.equal(trained.entity[:, 6:], of.entity[:, 6:])
+
+
+def test_a_margin_without_negatives_is_refused_wherever_it_is_given() -> None:
+    with pytest.raises(InputError, match=r"training.*negatives"):
+        isi.Timeline.of([([("cup", "in", "hall")], [], [])]).run(training={"loss": "margin"})

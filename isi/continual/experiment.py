@@ -84,12 +84,6 @@ class ChainTraining(Recipe):
 class ContinualExperiment(Section):
     """An entry of ``continual`` in the params of the third pipeline."""
 
-    rules = (
-        (
-            lambda entry: entry.training.loss == "softmax" or entry.training.negatives is not None,
-            "training: the loss margin needs a number of negatives",
-        ),
-    )
     title: str
     timeline: str  #: a name in ``BENCHMARKS``, or a folder below ``data/raw`` as LKGE writes it
     words: Words | None = None  #: word vectors of the entities; null: initializers see none

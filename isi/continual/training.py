@@ -38,6 +38,12 @@ Penalty = Callable[[Tensor, Tensor], Tensor]
 class Recipe(Section):
     """How an embedding is trained: loss, batches, learning rate and regularization."""
 
+    rules = (
+        (
+            lambda recipe: recipe.loss == "softmax" or recipe.negatives is not None,
+            "expected a number of negatives with the loss margin",
+        ),
+    )
     loss: Literal["softmax", "margin"]
     batch_size: Count  #: queries (h, r, ?) with their answers; each triple makes two
     learning_rate: Positive  #: of Adagrad
