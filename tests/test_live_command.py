@@ -289,13 +289,13 @@ def test_a_signal_ends_the_process_while_it_prepares(
         with socket_of(folder, path) as process:
             assert connect(path)({"nearest": "e1"})["nearest"]
             process.send_signal(number)
-            process.communicate(timeout=10)
+            process.communicate(timeout=PATIENCE)
         assert not path.exists()
     else:
         with serving(folder) as (process, ask):
             assert ask({"nearest": "e1"})["nearest"]
             process.send_signal(number)
-            process.communicate(timeout=10)
+            process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
 
 

@@ -339,6 +339,7 @@ async def serve(live: LiveEmbedding, steps: Iterator[Callable[[], object]], sock
                 await asyncio.sleep(0)
             await stopped.wait()
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         with suppress(OSError):
             if socket.stat().st_ino == own:  # else another process serves it by now
                 socket.unlink()
@@ -380,9 +381,10 @@ def _stop_by_signals(loop: asyncio.AbstractEventLoop, stopped: asyncio.Event) ->
     """
 
     def stop(*_: object) -> NoReturn:
-        # where Python ignores exceptions, as in a destructor
+        # Python ignores exceptions in some places, as in a destructor: again after a second
+        signal.setitimer(signal.ITIMER_REAL, 1)
         loop.call_soon_threadsafe(stopped.set)
         raise SystemExit(0)
 
-    for number in STOPPING:
+    for number in (*STOPPING, signal.SIGALRM):
         signal.signal(number, stop)
