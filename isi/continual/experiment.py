@@ -20,7 +20,7 @@ from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import Model, make_model
 from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, at_least, one_of
-from isi.tables.table import Table
+from isi.tables.table import Table, TensorFile
 
 DEFAULT = "default"  #: In place of an initializer's name: the best by the hold-out test.
 _CHAIN = {"initializer": NAME.optional, "strategy": NAME.optional, "seed": FROM_0}
@@ -67,6 +67,9 @@ FAULTS = Table(
     },
     key=["fault", "test"],
 )
+
+#: The first embedding of each seed: ``entity`` (M, E, d), ``relation`` (M, R, 2d).
+FIRST = TensorFile("data/continual/{experiment}/first.safetensors")
 
 
 class ChainTraining(Recipe):

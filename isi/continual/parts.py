@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from isi.continual.along import Step
 from isi.continual.experiment import COSTS, MATRIX, Chain, ContinualExperiment
@@ -100,6 +101,15 @@ class Parts:
             kept += [self._rows(chain, snapshot), self._costs(chain, snapshot)]
         io.keep_only(self.folder, kept)
         return pd.concat(rows, ignore_index=True), pd.concat(costs, ignore_index=True)
+
+    def first(self, experiment: str) -> dict[str, Tensor]:
+        """The tensors of ``FIRST``."""
+        paths = [self._embedding(chain, 0) for chain in self.settings.first(experiment)]
+        embeddings = [io.read_tensors(path, ["entity", "relation"]) for path in paths]
+        return {
+            name: torch.cat([tensors[name] for tensors in embeddings])
+            for name in ("entity", "relation")
+        }
 
     def _files(self, chain: Chain, snapshot: int) -> list[Path]:
         return [kind(chain, snapshot) for kind in (self._embedding, self._costs, self._rows)]
