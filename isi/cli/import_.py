@@ -7,8 +7,9 @@ from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.errors import InputError, at
+from isi.live.checkpoints import checkpoint_reader
 from isi.live.folder import write
-from isi.live.importer import PICKLE, of_tensors, read_labels, tensors_in
+from isi.live.importer import PICKLE, of_tables, read_labels, read_tables, tensors_in
 from isi.models.losses import Loss
 from isi.models.model import MODELS
 
@@ -19,7 +20,8 @@ def import_(
         Parameter(
             help=(
                 "folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt,"
-                " optional train2id.txt), or with entities.txt,"
+                " optional train2id.txt), of PyTorch-BigGraph (checkpoint_version.txt, with the"
+                " names of its preprocessing), of dicee (configuration.json), or with entities.txt,"
                 " relations.txt (one name per line) and optional triples.tsv (names)"
             )
         ),
@@ -28,7 +30,10 @@ def import_(
     out: NewFolder,
     model: Annotated[
         str | None,
-        Parameter(name=["--family", "--model"], help="scoring function; not with --trust-pickle"),
+        Parameter(
+            name=["--family", "--model"],
+            help="scoring function, unless FOLDER or --trust-pickle determines it",
+        ),
     ] = None,
     set: Annotated[
         Settings,
@@ -78,9 +83,16 @@ def import_(
             "",
             "expected no --family, --set, --loss or --tensors: the pickle determines them",
         )
-    labels = read_labels(folder)
-    if trust_pickle:
-        pickled = folder / PICKLE
+    if reader := checkpoint_reader(folder):
+        if trust_pickle or model or tensors:
+            expected = (
+                "expected no --family, --tensors or --trust-pickle: it says which model it holds"
+            )
+            raise InputError(folder, "", expected)
+        with flags(model=folder, model_options="--set"):
+            bundle = reader(folder, settings(set), loss)
+    elif trust_pickle:
+        labels, pickled = read_labels(folder), folder / PICKLE
         if not pickled.is_file():
             raise InputError(pickled, "", "no such file: expected PyKEEN's pickle of a model")
         with at(pickled):
@@ -88,12 +100,14 @@ def import_(
         with flags(model=pickled):
             bundle = of_pickle(pickled, labels)
     else:
+        labels = read_labels(folder)
         files = list(tensors) or tensors_in(folder, labels.form)
         if model not in MODELS.names():
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--family", "", expected)
         with flags(model="--family", model_options="--set"):
-            bundle = of_tensors(labels, str(model), settings(set), files, loss)
+            tables = read_tables(files, str(model))
+            bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     write(out, bundle)
     options, size = (
         ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()),

@@ -10,7 +10,7 @@ import pickle
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = (
     "train2id.txt",
 )
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
+#: The files that identify PyTorch-BigGraph's folder and dicee's (``isi.live.checkpoints``).
+VERSION, CONFIGURATION = "checkpoint_version.txt", "configuration.json"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
 #: Suffixes of tensor files.
 FORMS = (".npy", ".npz", ".safetensors", ".pt", ".pth", ".ckpt")
@@ -62,16 +64,18 @@ class Labels:
     entities: list[str]
     relations: list[str]
     triples: np.ndarray  #: ids; shape: (T, 3), int64
+    kinds: list[str] = field(default_factory=list)  #: of the entities; empty if unknown
 
 
-def of_tensors(
+def of_tables(
     labels: Labels,
     model: str,
     options: Mapping[str, Option],
+    tables: Sequence[np.ndarray],
     files: Sequence[Path],
     loss: Loss | None = None,
 ) -> Bundle:
-    """Make a bundle of labels and tensor files;
+    """Make a bundle of labels and the two tables of tensor files;
     InputError if they do not fit, or if no margin can be estimated.
 
     The margin of a distance model, if not given, lies midway between mean distances of known and
@@ -89,7 +93,7 @@ def of_tensors(
     # for the scores from which the margin is estimated
     defaults = {"squared": False, "margin": 1.0}
     options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
-    bundle = bundle_of(model, options, read_tables(files, model), labels, files, loss)
+    bundle = bundle_of(model, options, tables, labels, files, loss)
     if estimated:
         margin = max(
             1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6
@@ -131,7 +135,8 @@ def bundle_of(
         inserted=[],
     )
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
-    kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
+    kinds = labels.kinds or [""] * len(entities)
+    phrases = [plain(name) for name in labels.entities]
     bundle = LoadedEmbedding(
         manifest, entities, relations, names[0], kinds, phrases, names[1], triples
     )
@@ -218,11 +223,11 @@ def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
         ((file, name),) = tables_named
         with at(file, name):
             of_pykeen = name.endswith(OF_PYKEEN)
-            tables.append(_table(read[file][name], slot, model, of_pykeen))
+            tables.append(table_of(read[file][name], slot, model, of_pykeen))
     return tables
 
 
-def _table(values: np.ndarray, slot: str, model: str, of_pykeen: bool) -> np.ndarray:
+def table_of(values: np.ndarray, slot: str, model: str, of_pykeen: bool = False) -> np.ndarray:
     """A slot's real table. Complex rows become real and imaginary halves,
     or angles if they are RotatE's relations.
     """
@@ -269,18 +274,18 @@ def read_labels(folder: Path) -> Labels:
             [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)],
             1,
         )
-        entities, relations = ([name for (name,) in _lines(path, ["name"])] for path in files[:2])
-        rows = _lines(files[2], ["head", "relation", "tail"]) if files[2].exists() else []
+        entities, relations = ([name for (name,) in rows_of(path, ["name"])] for path in files[:2])
+        rows = rows_of(files[2], ["head", "relation", "tail"]) if files[2].exists() else []
     else:
-        raise InputError(
-            folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}"
-        )
+        forms = (PYKEEN, ENTITY2ID, VERSION, CONFIGURATION)
+        expected = f"expected a folder with {', '.join(forms)} or {ENTITY_NAMES}"
+        raise InputError(folder, "", expected)
     return Labels(
         form, entities, relations, triple_ids(files, entities, relations, list(rows), first)
     )
 
 
-def _lines(path: Path, columns: Sequence[str]) -> list[list[str]]:
+def rows_of(path: Path, columns: Sequence[str]) -> list[list[str]]:
     """The rows of a tab-separated file without a header."""
     with at(path):
         text = path.read_text(encoding="utf-8-sig")

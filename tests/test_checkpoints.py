@@ -1,0 +1,512 @@
+"""``isi import`` of folders that PyTorch-BigGraph and dicee write: the imported model has the
+trainer's scores, and no model is read whose scores it cannot have.
+"""
+
+import json
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch.nn.functional import pairwise_distance
+
+from isi.__main__ import main
+from isi.errors import MissingPackage, at
+from isi.graph.graph import TAIL
+from isi.live import checkpoints
+from isi.live.loaded import LoadedEmbedding, open_bundle
+from tests.small_bundle import BETWEEN, NAMES
+
+Save = Callable[[Path, dict[str, np.ndarray]], None]
+R = len(BETWEEN)
+DIMENSION = 4
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def imported(folder: str, *arguments: str) -> LoadedEmbedding:
+    main(["import", folder, *arguments, "--out", "out"])
+    return open_bundle(Path("out"))
+
+
+def scores(bundle: LoadedEmbedding, relation: str) -> np.ndarray:
+    """Scores of all heads and tails, without a margin; shape (E, E)."""
+    given = torch.arange(len(bundle.entity_names))
+    rows = bundle.scores(given, bundle.relation_names.index(relation), TAIL).numpy()
+    return np.asarray(rows - getattr(bundle.model, "margin", 0.0))
+
+
+def random(*shape: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
+
+
+# PyTorch-BigGraph
+
+
+@pytest.fixture(params=["arrays", "h5py"])
+def save(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Save:
+    """A function that writes arrays as an HDF5 file; where h5py is not installed, as an archive of
+    NumPy's, which replaces ``read_hdf5`` alone.
+    """
+    if request.param == "h5py":
+        h5py = pytest.importorskip("h5py", reason="the extra `hdf5` is not installed")
+
+        def save_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> None:
+            with h5py.File(path, "w") as file:
+                file.attrs["format_version"] = 1
+                for name, array in arrays.items():
+                    file.create_dataset(name, data=array)
+                state = np.frombuffer(b"a state dict of the optimizer", np.dtype("V1"))
+                file.create_dataset("optimizer/state_dict", data=state)
+
+        return save_hdf5
+
+    def save_archive(path: Path, arrays: dict[str, np.ndarray]) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+
+    def read_archive(path: Path, name: str) -> dict[str, np.ndarray]:
+        with at(path), np.load(path) as arrays:
+            return {key: array for key, array in arrays.items() if f"{key}/".startswith(f"{name}/")}
+
+    monkeypatch.setattr(checkpoints, "read_hdf5", read_archive)
+    return save_archive
+
+
+def configured(**changed: Any) -> dict[str, Any]:
+    """The content of ``config.json``: the keys that a reader needs, and some others."""
+    config = {
+        "entities": {"all": {"num_partitions": 2, "featurized": False, "dimension": None}},
+        "relations": [
+            {"name": name, "lhs": "all", "rhs": "all", "operator": "diagonal", "all_negs": False}
+            for name in BETWEEN
+        ],
+        "dimension": DIMENSION,
+        "max_norm": None,
+        "global_emb": False,
+        "comparator": "dot",
+        "bias": False,
+        "loss_fn": "softmax",
+        "dynamic_relations": False,
+        "bucket_order": "inside_out",
+        "entity_path": "data",
+    }
+    return config | changed
+
+
+def write_biggraph(
+    save: Save,
+    config: dict[str, Any],
+    model: dict[str, np.ndarray],
+    vectors: np.ndarray | None = None,
+) -> np.ndarray:
+    """Write the folder ``pbg``, of checkpoint 3, with six entities in two partitions.
+    Returns their vectors.
+    """
+    folder = Path("pbg")
+    folder.mkdir()
+    (folder / "config.json").write_text(json.dumps(config, indent=4), encoding="utf-8")
+    (folder / "checkpoint_version.txt").write_text("3\n", encoding="utf-8")
+    names = json.dumps(BETWEEN, indent=4)
+    (folder / "dynamic_rel_names.json").write_text(names, encoding="utf-8")
+    vectors = random(6, config["dimension"]) if vectors is None else vectors
+    parts = [
+        (kind, part)
+        for kind, settings in config["entities"].items()
+        for part in range(settings["num_partitions"])
+    ]
+    for (kind, part), rows in zip(parts, (slice(0, 4), slice(4, 6)), strict=True):
+        path = folder / f"entity_names_{kind}_{part}.json"
+        path.write_text(json.dumps(NAMES[rows], indent=4), encoding="utf-8")
+        save(folder / f"embeddings_{kind}_{part}.v3.h5", {"embeddings": vectors[rows]})
+    save(folder / "model.v3.h5", {f"model/{name}": array for name, array in model.items()})
+    return vectors
+
+
+def operated(operator: str, vector: np.ndarray, parameters: dict[str, np.ndarray]) -> np.ndarray:
+    """PyTorch-BigGraph's operators."""
+    mapped = vector
+    if operator == "diagonal":
+        mapped = parameters["diagonal"] * vector
+    if operator == "translation":
+        mapped = vector + parameters["translation"]
+    if operator == "complex_diagonal":
+        a, b = np.split(vector, 2)
+        real, imag = parameters["real"], parameters["imag"]
+        mapped = np.concatenate([a * real - b * imag, a * imag + b * real])
+    return mapped
+
+
+def compared(comparator: str, left: np.ndarray, right: np.ndarray) -> float:
+    """PyTorch-BigGraph's comparators."""
+    distance = float(np.square(left - right).sum())
+    if comparator == "dot":
+        return float(left @ right)
+    return -(distance**0.5) if comparator == "l2" else -distance
+
+
+def assert_equal(actual: np.ndarray, expected: list[list[float]], comparator: str) -> None:
+    """Equal up to rounding; ``Distance`` takes no root of less than 1e-6."""
+    least = 1.1e-3 if comparator == "l2" else 1e-5
+    np.testing.assert_allclose(actual, expected, rtol=1e-4, atol=least)
+
+
+WIDTHS: dict[str, dict[str, int]] = {
+    "none": {},
+    "diagonal": {"diagonal": DIMENSION},
+    "translation": {"translation": DIMENSION},
+    "complex_diagonal": {"real": DIMENSION // 2, "imag": DIMENSION // 2},
+}
+EQUAL = [*checkpoints.SCORES.items()]
+#: Diagonals of ones, by the trainer's names.
+ONES = {f"relations/{place}/operator/rhs/diagonal": np.ones(DIMENSION, "f4") for place in range(R)}
+
+
+def margin(model: str) -> list[str]:
+    return ["--set", "margin=2"] if model == "transe" else []
+
+
+@pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
+def test_a_relation_of_biggraph_scores_the_same(
+    save: Save, score: tuple[str, str], model: str
+) -> None:
+    operator, comparator = score
+    parameters = [
+        {
+            name: random(width, seed=10 * place + len(name))
+            for name, width in WIDTHS[operator].items()
+        }
+        for place in range(R)
+    ]
+    config = configured(comparator=comparator)
+    for relation in config["relations"]:
+        relation["operator"] = operator
+    stored = {
+        f"relations/{place}/operator/rhs/{name}": array
+        for place in range(R)
+        for name, array in parameters[place].items()
+    }
+    vectors = write_biggraph(save, config, stored)
+    bundle = imported("pbg", *margin(model))
+    assert bundle.manifest.model_name == model
+    assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
+    assert bundle.entities.tobytes() == vectors.tobytes()
+    for place, relation in enumerate(BETWEEN):
+        expected = [
+            [compared(comparator, x, operated(operator, y, parameters[place])) for y in vectors]
+            for x in vectors
+        ]
+        assert_equal(scores(bundle, relation), expected, comparator)
+
+
+@pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
+def test_dynamic_relations_of_biggraph_have_an_inverse_with_the_score_of_heads(
+    save: Save, score: tuple[str, str], model: str
+) -> None:
+    operator, comparator = score
+    relations = [{"name": "all_edges", "lhs": "all", "rhs": "all", "operator": operator}]
+    parameters = {
+        (side, name): random(R, width, seed=len(side + name) + (side == "lhs"))
+        for side in ("lhs", "rhs")
+        for name, width in WIDTHS[operator].items()
+    }
+    plural = {"diagonal": "diagonals", "translation": "translations"}
+    stored = {
+        f"relations/0/operator/{side}/{plural.get(name, name)}": array
+        for (side, name), array in parameters.items()
+    }
+    config = configured(comparator=comparator, relations=relations, dynamic_relations=True)
+    vectors = write_biggraph(save, config, stored)
+    Path("pbg/triples.tsv").write_text("kettle\thasAffordance\tturn on\n", encoding="utf-8")
+    bundle = imported("pbg", *margin(model))
+    names = ["atLocation", "atLocation_inverse", "hasAffordance", "hasAffordance_inverse"]
+    assert bundle.relation_names == names
+    assert bundle.named_triples() == [
+        ("kettle", "hasAffordance", "turn on"),
+        ("turn on", "hasAffordance_inverse", "kettle"),
+    ]
+    for row, relation in enumerate(BETWEEN):
+        for side, end in (("lhs", ""), ("rhs", "_inverse")):
+            of_row = {name: parameters[side, name][row] for name in WIDTHS[operator]}
+            expected = [
+                [compared(comparator, operated(operator, x, of_row), y) for y in vectors]
+                for x in vectors
+            ]
+            assert_equal(scores(bundle, relation + end), expected, comparator)
+
+
+def test_real_halves_come_first_and_the_tail_is_multiplied(save: Save) -> None:
+    """x = 1 + 2i, y = 5 + 6i, r = 3 + 4i: y r = -9 + 38i, and (1, 2) · (-9, 38) = 67; x r = -5 +
+    10i, and (5, 6) · (-5, 10) = 35.
+    """
+    config = configured(dimension=2)
+    config["relations"] = [{"name": "r", "operator": "complex_diagonal"}]
+    vectors = np.array([[1, 2], [5, 6], *[[0, 0]] * 4], np.float32)
+    half = "relations/0/operator/rhs"
+    stored = {f"{half}/real": np.array([3], "f4"), f"{half}/imag": np.array([4], "f4")}
+    write_biggraph(save, config, stored, vectors)
+    actual = scores(imported("pbg"), "r")
+    assert (actual[0, 1], actual[1, 0]) == (67, 35)
+
+
+def test_types_limits_and_shared_vectors_of_biggraph(save: Save) -> None:
+    """Of two types, with one partition each: a vector of length 5 becomes one of length 2.5, and
+    each type has its own shared vector.
+    """
+    kinds = {kind: {"num_partitions": 1, "featurized": False} for kind in ("thing", "action")}
+    config = configured(dimension=2, entities=kinds, max_norm=2.5, global_emb=True)
+    vectors = np.array([[3, 4], *[[1, 0]] * 5], np.float32)
+    stored = {f"relations/{place}/operator/rhs/diagonal": np.ones(2, "f4") for place in range(R)}
+    stored["entities/thing/global_embedding"] = np.array([10, 20], "f4")
+    stored["entities/action/global_embedding"] = np.array([0, -1], "f4")
+    write_biggraph(save, config, stored, vectors)
+    bundle = imported("pbg")
+    expected = np.array([[11.5, 22], *[[11, 20]] * 3, *[[1, -1]] * 2])
+    np.testing.assert_allclose(bundle.entities, expected, rtol=1e-6)
+    assert bundle.kinds == ["thing"] * 4 + ["action"] * 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "loss"),
+    [
+        ({"loss_fn": "softmax"}, "softmax"),
+        ({"loss_fn": "logistic"}, "logistic"),
+        ({"loss_fn": "ranking"}, "margin"),
+        ({"loss_fn": "of my own"}, None),
+    ],
+)
+def test_the_loss_of_biggraph_is_stored(
+    save: Save, changed: dict[str, str], loss: str | None
+) -> None:
+    write_biggraph(save, configured(**changed), ONES)
+    assert imported("pbg").manifest.trained_with == loss
+    assert imported("pbg", "--loss", "margin").manifest.trained_with == "margin"
+
+
+def with_operator(operator: str) -> dict[str, Any]:
+    return {"relations": [{"name": "r", "operator": operator}]}
+
+
+#: What the line of refusal names, and what ``config.json`` has.
+REFUSED = [
+    (r"config\.json: relations\.0\.operator: .*'affine'", with_operator("affine")),
+    (r"config\.json: relations\.0\.operator: .*'linear'", with_operator("linear")),
+    (r"relations\.0\.operator: .*got translation with dot", with_operator("translation")),
+    (
+        r"relations\.0\.operator: .*got complex_diagonal with l2",
+        with_operator("complex_diagonal") | {"comparator": "l2"},
+    ),
+    (r"config\.json: comparator: .*'cos'", {"comparator": "cos"}),
+    (r"config\.json: bias: ", {"bias": True}),
+    (
+        r"config\.json: entities\.all\.featurized: ",
+        {"entities": {"all": {"num_partitions": 1, "featurized": True}}},
+    ),
+    (
+        r"config\.json: relations: .*complex and distmult",
+        {
+            "relations": [
+                *with_operator("none")["relations"],
+                *with_operator("complex_diagonal")["relations"],
+            ]
+        },
+    ),
+]
+
+
+@pytest.mark.parametrize(("named", "changed"), REFUSED)
+def test_scores_of_biggraph_that_no_model_has_are_refused(
+    named: str, changed: dict[str, Any]
+) -> None:
+    Path("pbg").mkdir()
+    Path("pbg/checkpoint_version.txt").write_text("1\n", encoding="utf-8")
+    Path("pbg/config.json").write_text(json.dumps(configured(**changed)), encoding="utf-8")
+    with pytest.raises(SystemExit, match=named):
+        imported("pbg")
+    assert not Path("out").exists()
+
+
+def test_files_of_biggraph_that_do_not_fit_are_named(save: Save) -> None:
+    write_biggraph(save, configured(), ONES)
+    folder = Path("pbg")
+    with pytest.raises(SystemExit, match="expected no --family"):
+        imported("pbg", "--family", "distmult")
+    save(folder / "model.v3.h5", {})
+    with pytest.raises(SystemExit, match=r"model\.v3\.h5: .*/0/operator/rhs/diagonal.*got none"):
+        imported("pbg")
+    save(folder / "model.v3.h5", {f"model/{name}": rows[:2] for name, rows in ONES.items()})
+    with pytest.raises(SystemExit, match=r"model\.v3\.h5: .*\(4,\), got \(2,\)"):
+        imported("pbg")
+    save(folder / "embeddings_all_1.v3.h5", {"embeddings": random(3, DIMENSION)})
+    with pytest.raises(SystemExit, match=r"all_1\.v3\.h5: embeddings: .*\(2, 4\), got \(3, 4\)"):
+        imported("pbg")
+    (folder / "entity_names_all_0.json").unlink()
+    with pytest.raises(SystemExit, match=r"entity_names_all_0\.json: cannot be read"):
+        imported("pbg")
+    (folder / "checkpoint_version.txt").write_text("", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"checkpoint_version\.txt: expected the number"):
+        imported("pbg")
+
+
+def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingPackage, match=r"isi-kge\[hdf5\]"):
+        checkpoints.read_hdf5(Path("model.v1.h5"), "model")
+
+
+# dicee
+
+
+def write_dicee(
+    model: str,
+    folder: str = "dicee",
+    header: str = "",
+    further: dict[str, torch.Tensor] | None = None,
+    changed: dict[str, Any] | None = None,
+) -> dict[str, torch.Tensor]:
+    """Write the folder of an experiment; returns the state dict of its model."""
+    path = Path(folder)
+    path.mkdir()
+    config = {"model": model, "optim": "Adam", "embedding_dim": DIMENSION, "p": 0, "q": 1}
+    config |= {"scoring_technique": "NegSample", "normalization": None, "loss_fn": "BCELoss"}
+    text = json.dumps(config | (changed or {}), indent=3)
+    (path / "configuration.json").write_text(text, encoding="utf-8")
+    for slot, names in (("entity", NAMES), ("relation", BETWEEN)):
+        rows = [f"{header},{slot}", *(f"{place},{name}" for place, name in enumerate(names))]
+        (path / f"{slot}_to_idx.csv").write_text("\n".join([*rows, ""]), encoding="utf-8")
+    np.save(path / "train_set.npy", np.array([[2, 0, 0], [2, 1, 4]], np.int8))
+    state = {
+        "entity_embeddings.weight": torch.from_numpy(random(6, DIMENSION)),
+        "relation_embeddings.weight": torch.from_numpy(random(R, DIMENSION, seed=1)),
+    }
+    torch.save(OrderedDict(state | (further or {})), path / "model.pt")
+    return state
+
+
+def distmult(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+    return (h * r * t).sum(-1)
+
+
+def complex_product(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+    (h_real, h_imag), (r_real, r_imag), (t_real, t_imag) = (x.chunk(2, -1) for x in (h, r, t))
+    terms = h_real * r_real * t_real + h_real * r_imag * t_imag
+    return (terms + h_imag * r_real * t_imag - h_imag * r_imag * t_real).sum(-1)
+
+
+def transe(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+    return 4 - pairwise_distance(h + r, t, p=2)
+
+
+#: dicee's scores by model, and the options of the algebra.
+DICEE: list[tuple[str, dict[str, int | None], str, Callable[..., torch.Tensor]]] = [
+    ("DistMult", {}, "distmult", distmult),
+    ("Keci", {"p": 0, "q": 0}, "distmult", distmult),
+    ("CMult", {"p": None, "q": None}, "distmult", distmult),
+    ("ComplEx", {}, "complex", complex_product),
+    ("CMult", {"p": 0, "q": 1}, "complex", complex_product),
+    ("TransE", {}, "transe", transe),
+]
+
+
+@pytest.mark.parametrize(("name", "algebra", "model", "score"), DICEE)
+@pytest.mark.parametrize("header", ["", "index"], ids=["pandas", "polars"])
+def test_a_model_of_dicee_scores_the_same(
+    name: str, algebra: dict[str, int | None], model: str, score: Callable[..., Any], header: str
+) -> None:
+    vectors, relations = write_dicee(name, header=header, changed=algebra).values()
+    bundle = imported("dicee")
+    assert bundle.manifest.model_name == model
+    assert bundle.manifest.trained_with == "logistic"
+    assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
+    assert sorted(bundle.named_triples()) == [
+        ("kettle", "atLocation", "kitchen"),
+        ("kettle", "hasAffordance", "turn on"),
+    ]
+    given = torch.arange(6)
+    for place in range(R):
+        expected = score(vectors[:, None], relations[place], vectors[None])
+        torch.testing.assert_close(bundle.scores(given, place, TAIL), expected)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"loss_fn": "LRLoss"}, {"adversarial_temperature": 1.0}], ids=str
+)
+def test_another_loss_of_dicee_is_unknown(changed: dict[str, Any]) -> None:
+    write_dicee("DistMult", changed=changed)
+    assert imported("dicee").manifest.trained_with is None
+    assert imported("dicee", "--loss", "softmax").manifest.trained_with == "softmax"
+
+
+@pytest.mark.parametrize(
+    ("name", "algebra", "named"),
+    [
+        ("Keci", {"p": 0, "q": 1}, r"Keci\(0, 1\)"),
+        ("QMult", {}, "QMult"),
+        ("Pykeen_RotatE", {}, "Pykeen_RotatE"),
+    ],
+)
+def test_models_of_dicee_that_none_equals_are_refused(
+    name: str, algebra: dict[str, int], named: str
+) -> None:
+    write_dicee(name, changed=algebra)
+    with pytest.raises(SystemExit, match=rf"configuration\.json: model: .*got '{named}'"):
+        imported("dicee")
+
+
+def test_normalization_of_dicee_is_refused() -> None:
+    weight = {"normalize_head_entity_embeddings.weight": torch.ones(DIMENSION)}
+    write_dicee("DistMult", further=weight, changed={"normalization": "LayerNorm"})
+    with pytest.raises(SystemExit, match=r"model\.pt: .*alone, got .*normalize_head"):
+        imported("dicee")
+
+
+class Bomb:
+    """An object that creates a folder when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.mkdir, (Path("exploded"),)
+
+
+def test_no_pickle_of_dicee_is_read() -> None:
+    write_dicee("DistMult")
+    table = Path("dicee/entity_to_idx.csv")
+    table.unlink()
+    torch.save(Bomb(), table.with_suffix(".p"))
+    with pytest.raises(
+        SystemExit, match=r"entity_to_idx\.p: a pickle .*to_csv\('entity_to_idx\.csv"
+    ):
+        imported("dicee")
+    write_dicee("DistMult", "other")
+    torch.save(Bomb(), "other/model.pt")
+    with pytest.raises(SystemExit, match=r"other/model\.pt: "):
+        imported("other")
+    assert not Path("exploded").exists()
+
+
+def test_files_of_dicee_that_do_not_fit_are_named() -> None:
+    write_dicee("DistMult")
+    np.save("dicee/train_set.npy", np.array([[0, 0, 1], [0, 2, 1]]))
+    with pytest.raises(SystemExit, match=r"train_set\.npy: row 1: .*2 relations, got \[0, 2, 1\]"):
+        imported("dicee")
+    np.save("dicee/train_set.npy", np.ones(3))
+    with pytest.raises(SystemExit, match=r"train_set\.npy: expected whole numbers"):
+        imported("dicee")
+    Path("dicee/entity_to_idx.csv").write_text(",entity\n0,a\n2,b\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"entity_to_idx\.csv: line 3: expected the id 1"):
+        imported("dicee")
+    Path("dicee/entity_to_idx.csv").write_text(",entity\n0,a\n1,a\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"entity_to_idx\.csv: line 3: expected each name once"):
+        imported("dicee")
+
+
+def test_a_folder_may_have_no_triples() -> None:
+    write_dicee("DistMult")
+    Path("dicee/train_set.npy").unlink()
+    assert imported("dicee").triples.shape == (0, 3)
