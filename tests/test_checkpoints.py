@@ -9,19 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import torch
 from torch.nn.functional import pairwise_distance
 
 from isi.__main__ import main
-from isi.errors import MissingPackage, at
+from isi.errors import MissingPackage
 from isi.graph.graph import TAIL
 from isi.live import checkpoints
 from isi.live.loaded import LoadedEmbedding, open_bundle
 from tests.small_bundle import BETWEEN, NAMES
 
-Save = Callable[[Path, dict[str, np.ndarray]], None]
 R = len(BETWEEN)
 DIMENSION = 4
 
@@ -50,34 +50,14 @@ def random(*shape: int, seed: int = 0) -> np.ndarray:
 # PyTorch-BigGraph
 
 
-@pytest.fixture(params=["arrays", "h5py"])
-def save(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Save:
-    """A function that writes arrays as an HDF5 file; where h5py is not installed, as an archive of
-    NumPy's, which replaces ``read_hdf5`` alone.
-    """
-    if request.param == "h5py":
-        h5py = pytest.importorskip("h5py", reason="the extra `hdf5` is not installed")
-
-        def save_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> None:
-            with h5py.File(path, "w") as file:
-                file.attrs["format_version"] = 1
-                for name, array in arrays.items():
-                    file.create_dataset(name, data=array)
-                state = np.frombuffer(b"a state dict of the optimizer", np.dtype("V1"))
-                file.create_dataset("optimizer/state_dict", data=state)
-
-        return save_hdf5
-
-    def save_archive(path: Path, arrays: dict[str, np.ndarray]) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
-
-    def read_archive(path: Path, name: str) -> dict[str, np.ndarray]:
-        with at(path), np.load(path) as arrays:
-            return {key: array for key, array in arrays.items() if f"{key}/".startswith(f"{name}/")}
-
-    monkeypatch.setattr(checkpoints, "read_hdf5", read_archive)
-    return save_archive
+def save(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write an HDF5 file as PyTorch-BigGraph does."""
+    with h5py.File(path, "w") as file:
+        file.attrs["format_version"] = 1
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array)
+        state = np.frombuffer(b"a state dict of the optimizer", np.dtype("V1"))
+        file.create_dataset("optimizer/state_dict", data=state)
 
 
 def configured(**changed: Any) -> dict[str, Any]:
@@ -102,7 +82,6 @@ def configured(**changed: Any) -> dict[str, Any]:
 
 
 def write_biggraph(
-    save: Save,
     config: dict[str, Any],
     model: dict[str, np.ndarray],
     vectors: np.ndarray | None = None,
@@ -174,9 +153,7 @@ def margin(model: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
-def test_a_relation_of_biggraph_scores_the_same(
-    save: Save, score: tuple[str, str], model: str
-) -> None:
+def test_a_relation_of_biggraph_scores_the_same(score: tuple[str, str], model: str) -> None:
     operator, comparator = score
     parameters = [
         {
@@ -193,7 +170,7 @@ def test_a_relation_of_biggraph_scores_the_same(
         for place in range(R)
         for name, array in parameters[place].items()
     }
-    vectors = write_biggraph(save, config, stored)
+    vectors = write_biggraph(config, stored)
     bundle = imported("pbg", *margin(model))
     assert bundle.manifest.model_name == model
     assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
@@ -208,7 +185,7 @@ def test_a_relation_of_biggraph_scores_the_same(
 
 @pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
 def test_dynamic_relations_of_biggraph_have_an_inverse_with_the_score_of_heads(
-    save: Save, score: tuple[str, str], model: str
+    score: tuple[str, str], model: str
 ) -> None:
     operator, comparator = score
     relations = [{"name": "all_edges", "lhs": "all", "rhs": "all", "operator": operator}]
@@ -223,7 +200,7 @@ def test_dynamic_relations_of_biggraph_have_an_inverse_with_the_score_of_heads(
         for (side, name), array in parameters.items()
     }
     config = configured(comparator=comparator, relations=relations, dynamic_relations=True)
-    vectors = write_biggraph(save, config, stored)
+    vectors = write_biggraph(config, stored)
     Path("pbg/triples.tsv").write_text("kettle\thasAffordance\tturn on\n", encoding="utf-8")
     bundle = imported("pbg", *margin(model))
     names = ["atLocation", "atLocation_inverse", "hasAffordance", "hasAffordance_inverse"]
@@ -242,7 +219,7 @@ def test_dynamic_relations_of_biggraph_have_an_inverse_with_the_score_of_heads(
             assert_equal(scores(bundle, relation + end), expected, comparator)
 
 
-def test_real_halves_come_first_and_the_tail_is_multiplied(save: Save) -> None:
+def test_real_halves_come_first_and_the_tail_is_multiplied() -> None:
     """x = 1 + 2i, y = 5 + 6i, r = 3 + 4i: y r = -9 + 38i, and (1, 2) · (-9, 38) = 67; x r = -5 +
     10i, and (5, 6) · (-5, 10) = 35.
     """
@@ -251,12 +228,12 @@ def test_real_halves_come_first_and_the_tail_is_multiplied(save: Save) -> None:
     vectors = np.array([[1, 2], [5, 6], *[[0, 0]] * 4], np.float32)
     half = "relations/0/operator/rhs"
     stored = {f"{half}/real": np.array([3], "f4"), f"{half}/imag": np.array([4], "f4")}
-    write_biggraph(save, config, stored, vectors)
+    write_biggraph(config, stored, vectors)
     actual = scores(imported("pbg"), "r")
     assert (actual[0, 1], actual[1, 0]) == (67, 35)
 
 
-def test_types_limits_and_shared_vectors_of_biggraph(save: Save) -> None:
+def test_types_limits_and_shared_vectors_of_biggraph() -> None:
     """Of two types, with one partition each: a vector of length 5 becomes one of length 2.5, and
     each type has its own shared vector.
     """
@@ -266,7 +243,7 @@ def test_types_limits_and_shared_vectors_of_biggraph(save: Save) -> None:
     stored = {f"relations/{place}/operator/rhs/diagonal": np.ones(2, "f4") for place in range(R)}
     stored["entities/thing/global_embedding"] = np.array([10, 20], "f4")
     stored["entities/action/global_embedding"] = np.array([0, -1], "f4")
-    write_biggraph(save, config, stored, vectors)
+    write_biggraph(config, stored, vectors)
     bundle = imported("pbg")
     expected = np.array([[11.5, 22], *[[11, 20]] * 3, *[[1, -1]] * 2])
     np.testing.assert_allclose(bundle.entities, expected, rtol=1e-6)
@@ -282,10 +259,8 @@ def test_types_limits_and_shared_vectors_of_biggraph(save: Save) -> None:
         ({"loss_fn": "of my own"}, None),
     ],
 )
-def test_the_loss_of_biggraph_is_stored(
-    save: Save, changed: dict[str, str], loss: str | None
-) -> None:
-    write_biggraph(save, configured(**changed), ONES)
+def test_the_loss_of_biggraph_is_stored(changed: dict[str, str], loss: str | None) -> None:
+    write_biggraph(configured(**changed), ONES)
     assert imported("pbg").manifest.trained_with == loss
     assert imported("pbg", "--loss", "margin").manifest.trained_with == "margin"
 
@@ -333,8 +308,8 @@ def test_scores_of_biggraph_that_no_model_has_are_refused(
     assert not Path("out").exists()
 
 
-def test_files_of_biggraph_that_do_not_fit_are_named(save: Save) -> None:
-    write_biggraph(save, configured(), ONES)
+def test_files_of_biggraph_that_do_not_fit_are_named() -> None:
+    write_biggraph(configured(), ONES)
     folder = Path("pbg")
     with pytest.raises(SystemExit, match="expected no --family"):
         imported("pbg", "--family", "distmult")

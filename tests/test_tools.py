@@ -438,7 +438,9 @@ def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:
 )
 def test_misses_of_the_default_by_hand(changed: dict[str, Any], missed: dict[str, float]) -> None:
     pytest.importorskip("pykeen")
-    from tools.hidden import Means, misses
+    from tools.hidden import Means, harmful, misses
 
-    met = Means("all", 0.5, 0.51, "map", 0.5, 0.01, 0.012)
-    assert misses(replace(met, **changed)) == pytest.approx(missed)
+    met = Means("all", 0.5, 0.51, "map", 0.05, 0.5, 0.01, 0.012)
+    means = replace(met, **changed)
+    assert misses(means) == pytest.approx(missed)
+    assert harmful({"a graph": [means, replace(means, best_loss=0.02)]}) == ("known ends" in missed)

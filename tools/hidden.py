@@ -124,6 +124,7 @@ class Means:
     known_ends: float  #: MRR with the default
     best: float  #: the highest MRR of known ends with a named initializer
     best_named: str  #: that initializer
+    best_loss: float  #: what the MRR of earlier triples loses with it
     retrained: float  #: MRR of known ends after training from scratch
     loss: float  #: of the default
     estimated: float  #: the loss that the selection of the default expects
@@ -141,6 +142,7 @@ def means_of(mrr: pd.DataFrame, results: pd.DataFrame, settings: Hidden) -> list
                 known_ends=ends["insert"],
                 best=ends[best],
                 best_named=best,
+                best_loss=loss(mrr, best, number).mean(),
                 retrained=ends.get("retrained", np.nan),
                 loss=loss(mrr, "insert", number).mean(),
                 estimated=estimated(results, number),
@@ -149,13 +151,17 @@ def means_of(mrr: pd.DataFrame, results: pd.DataFrame, settings: Hidden) -> list
     return means
 
 
+def most_lost(facts: str) -> float:
+    """The bar of what earlier triples lose."""
+    return MOST_LOST if facts == ALL else MOST_LOST_OF_FEW
+
+
 def differences(means: Means) -> dict[str, float]:
     """By bar: the loss above its bar; the estimated minus the real loss; the MRR of known ends
     minus that of the best initializer, and minus that after training from scratch.
     """
-    most = MOST_LOST if means.facts == ALL else MOST_LOST_OF_FEW
     by_bar = {
-        "loss": means.loss - most,
+        "loss": means.loss - most_lost(means.facts),
         "estimate": means.estimated - means.loss,
         "known ends": means.known_ends - means.best,
         "retraining": means.known_ends - means.retrained,
@@ -167,7 +173,7 @@ def misses(means: Means) -> dict[str, float]:
     """The ``differences`` of the bars that the default misses."""
     low, high = sorted([means.estimated, means.loss])
     is_missed = {
-        "loss": means.loss > (MOST_LOST if means.facts == ALL else MOST_LOST_OF_FEW),
+        "loss": means.loss > most_lost(means.facts),
         "estimate": high > SMALL and high > RATIO * low,
         "known ends": means.best - means.known_ends > BELOW_BEST,
         "retraining": means.known_ends < means.retrained,
@@ -225,7 +231,19 @@ def summary(studies: Mapping[str, pd.DataFrame], means: Mapping[str, list[Means]
         largest = max(missed, default=None)
         end = "" if largest is None else f", at most by {largest[0]:.3f} ({largest[1]})"
         sentences.append(f"{words} in {len(missed)} of {number} rows{end}.")
+        if bar == "known ends":
+            sentences.append(
+                f"In {harmful(means)} of these, that initializer exceeds the bar of the loss."
+            )
     return " ".join(sentences)
+
+
+def harmful(means: Mapping[str, list[Means]]) -> int:
+    """In how many rows the best initializer of known ends has a bar's more MRR than the default,
+    but a loss above its bar.
+    """
+    rows = [row for rows in means.values() for row in rows]
+    return sum("known ends" in misses(row) and row.best_loss > most_lost(row.facts) for row in rows)
 
 
 def every_method(
