@@ -10,18 +10,59 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure as Canvas
 
 from isi import config
+from isi.continual.experiment import DEFAULT
 from isi.report.continual import MEASURES, ContinualRuns, name_of
 from isi.report.data import Results
-from isi.report.figures import legend, panels
+from isi.report.figures import panels
 from isi.report.section import Content, Contents
 from isi.report.tables import Rows
-from isi.report.words import TEMPLATES
+from isi.report.words import BASELINE, TEMPLATES
 
 #: Names of strategies and protocols, and published numbers with their sources.
 ABOUT = config.read(TEMPLATES / "continual.yaml")
 STRATEGIES: dict[str, str] = ABOUT["strategies"]
 _MARKERS = "osD^v<>PX*"
 _OURS = "this run"
+
+
+def carried(results: Results) -> Contents:
+    """For each experiment: what the default gains right after insertion, what it costs, and what
+    training all rows on new facts alone would cost.
+    """
+    rows = Rows()
+    for runs in results.continual:
+        row = _at_a_glance(runs)
+        if row:
+            rows.append({"benchmark": runs.title} | row)
+    if rows:
+        yield Content({"first": rows[0]}, {"carried": rows})
+
+
+def _at_a_glance(runs: ContinualRuns) -> dict[str, Any]:
+    """A row of the table ``carried``; nothing without the chains that it compares."""
+    at_once, base, harm = (MEASURES[name][1] for name in ("at_once", "base", "interference"))
+    inserted = {
+        initializer: runs.measures.loc[(initializer, strategy)]
+        for initializer, strategy in runs.chains
+        if strategy == "insert"
+    }
+    if not {DEFAULT, BASELINE} <= set(inserted):
+        return {}
+    named = {name: row[at_once].mean for name, row in inserted.items() if name != DEFAULT}
+    best = max(named, key=named.__getitem__)
+    row = {
+        "new tests: Xavier": inserted[BASELINE][at_once],
+        "new tests: default": inserted[DEFAULT][at_once],
+        "new tests: best named": inserted[best][at_once],
+        "best named": name_of(best),
+        "D of the default": inserted[DEFAULT][harm],
+        "base test: before": inserted[DEFAULT][MEASURES["base_before"][1]],
+        "base test: default": inserted[DEFAULT][base],
+    }
+    if (BASELINE, "finetune") in runs.chains:
+        trained = runs.measures.loc[(BASELINE, "finetune")]
+        row["base test: Xavier, all rows trained"] = trained[base]
+    return row
 
 
 def grown(results: Results) -> Contents:
@@ -125,19 +166,22 @@ def _matrices(runs: ContinualRuns) -> Canvas:
 
 
 def _gain_and_harm(runs: ContinualRuns) -> Canvas:
-    """MRR about new tests against D, a mark for each initializer and strategy."""
+    """MRR about new tests against what the base test loses, a mark for each initializer and
+    strategy.
+    """
     canvas, (axes,) = panels(1, 1, 4.6)
     initializers, strategies = (
         list(dict.fromkeys(names)) for names in zip(*runs.chains, strict=True)
     )
     colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
-    (_, gain), (_, harm) = MEASURES["trained"], MEASURES["interference"]
+    gain, before, after = (MEASURES[name][1] for name in ("trained", "base_before", "base"))
     for (initializer, strategy), (_, row) in zip(
         runs.chains, runs.measures.iterrows(), strict=True
     ):
         colour = colours[initializers.index(initializer) % len(colours)]
         marker = _MARKERS[strategies.index(strategy) % len(_MARKERS)]
-        axes.plot(row[harm].mean, row[gain].mean, ls="", marker=marker, color=colour, ms=6)
+        harm = row[before].mean - row[after].mean
+        axes.plot(harm, row[gain].mean, ls="", marker=marker, color=colour, ms=6)
     for place, initializer in enumerate(initializers):
         colour = colours[place % len(colours)]
         axes.plot([], [], ls="", marker="s", color=colour, label=name_of(initializer))
@@ -145,7 +189,7 @@ def _gain_and_harm(runs: ContinualRuns) -> Canvas:
         marker = _MARKERS[place % len(_MARKERS)]
         name = STRATEGIES.get(strategy, strategy)
         axes.plot([], [], ls="", marker=marker, color="#777777", label=name)
-    axes.set(title="gain and harm", xlabel="harm: D (points)")
+    axes.set(title="gain and harm", xlabel="harm: what the base test loses in the end (points)")
     axes.set_ylabel("gain: MRR of new tests after training (points)")
-    legend(canvas, [axes])
+    canvas.legend(loc="outside lower center", ncols=3)
     return canvas
