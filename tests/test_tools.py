@@ -126,7 +126,11 @@ def test_a_params_file_that_was_edited_in_a_workspace_stays(
 
 def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
     """It also shares no code with the other tools."""
-    listed = {"verify": {"tools.recomputed"}, "recomputed": set()}
+    listed = {
+        "verify": {"tools.recomputed", "tools.recomputed_matrix"},
+        "recomputed": set(),
+        "recomputed_matrix": set(),
+    }
     for name, allowed in listed.items():
         nodes = list(ast.walk(ast.parse((ROOT / f"tools/{name}.py").read_text(encoding="utf-8"))))
         imported = {

@@ -107,6 +107,21 @@ def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
     }
 
 
+def snapshot(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """Median time of one core and memory of a snapshot of FBinc-M; ratios are of an epoch over all
+    entities, by isi and by PyKEEN.
+    """
+    of = dict(zip(rows["what"], rows["seconds"], strict=True))
+    epoch = "an epoch, all entities"
+    return {
+        "": rows["what"],
+        "ms": _figures(1000 * rows["seconds"]),
+        "of an epoch": _figures(rows["seconds"] / of[epoch]),
+        "of PyKEEN's epoch": _figures(rows["seconds"] / of[f"{epoch}, PyKEEN"]),
+        "peak MiB": _count(rows["peak_mib"]),
+    }
+
+
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """MRR of each model, trained by isi and by PyKEEN."""
     measured = {
@@ -144,6 +159,7 @@ TABLES = {
     "growth": growth,
     "insert": insert,
     "mining": mining,
+    "snapshot": snapshot,
     "umls": umls,
     "thor_u": thor_u,
     "live": live,

@@ -1,15 +1,18 @@
-"""Recompute numbers of the pipeline and the report from the pipeline's tables alone, and compare.
+"""Recompute numbers of the pipelines and their reports from the pipelines' tables alone, and
+compare.
 
 Code that shares nothing with the library computes mean epochs to convergence, MRR* under every
 reading of the metric from the terms of single queries and, for ANALOGY alone, initial vectors of
-some initializers and MRR* right after insertion at random grid points. Run it in the folder of
-dvc.yaml.
+some initializers and MRR* right after insertion at random grid points. Of graphs that grow, it
+computes R[i, j] by the first embedding and by the mean of its vectors, for ComplEx alone, and what
+the report shows of R. Run it in the folder of dvc.yaml.
 """
 
 import argparse
 import csv
 import sys
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +31,23 @@ from tools.recomputed import (
     readings_there,
     there,
 )
+from tools.recomputed_matrix import (
+    FirstEmbedding,
+    GrowingGraph,
+    MatrixTable,
+    Settings,
+    chains_of,
+    plain_steps,
+    published,
+)
 
 #: A novel entity is not compared if scores of the last indicator and of the next entity differ by
 #: less than this.
 UNDECIDED = 1e-5
+#: The model of which R[i, j] is computed again.
+MODEL = "complex"
+#: Bounds of the numbers of a row of R that is missing: no number lies between them.
+NO_ROW = np.full(5, np.inf), np.full(5, np.inf)
 
 
 @dataclass
@@ -240,6 +256,92 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
     return checks
 
 
+def check_matrix(experiment: str, settings: Settings, check: Check) -> str:
+    """Compare R[i, j] of the first embeddings, and of the chains that insert the mean, with the
+    table of an experiment; returns what is left open.
+    """
+    graph, table = GrowingGraph(settings["timeline"]), MatrixTable.read(experiment)
+    steps, most = plain_steps(settings, graph.last), settings["most_tests"]
+    skipped, widest = set[int](), 0.0
+    for seed, first in enumerate(FirstEmbedding.read(experiment)):
+        skipped |= {j for j in range(len(graph.tests)) if not first.can_rank(graph.ranked(j, most))}
+        rows = {i: first.matrix_row(graph, i, most) for i in {i for *_, i in steps}}
+        for step in steps:
+            initializer, strategy, phase, i = step
+            chain = f"{initializer} {strategy}" if initializer else "first embedding"
+            ours, theirs = rows[i], table.step(step, seed)
+            groups = {*ours, *(group for group in theirs if group[1] not in skipped)}
+            for group in sorted(groups):
+                protocol, j, slot, kind = group
+                where = f"{protocol}, {chain}, {phase}, {experiment}, seed {seed}, R[{i}, {j}]"
+                lowest, highest = ours.get(group, NO_ROW)
+                stored = theirs.get(group, NO_ROW[0])
+                here = np.clip(stored, lowest, highest)
+                check.compare(f"{where}, {slot}, {kind} answers", here, stored)
+                if group in ours:
+                    widest = max(widest, float((highest - lowest).max()))
+    left_open = f"R[i, j] of {experiment}: rounding of scores leaves {widest:.0e} open at most"
+    tests = ", ".join(map(str, sorted(skipped)))
+    return f"{left_open}; test sets not ranked, for their new relations: {tests or 'none'}."
+
+
+def check_published(experiment: str, settings: Settings, check: Check) -> None:
+    """Compare the tables of the report of graphs that grow with what follows from R[i, j]."""
+    table, chains = MatrixTable.read(experiment), chains_of(settings)
+    grown = shown(f"grown_{experiment}")
+    check.compare(f"lines of table grown, {experiment}", len(chains), len(grown))
+    lines = [("grown", *line) for line in zip(chains, grown, strict=False)]
+    # beside the numbers of each source that others publish: all strategies of an initializer
+    beside = [chain for chain in chains if chain[0] == chains[0][0]]
+    for name in ("after_last", "interference"):
+        ours = [
+            line
+            for line in shown(name)
+            if (line["benchmark"], line["source"]) == (settings["title"], "this run")
+        ]
+        lines += [(name, *line) for line in zip(cycle(beside), ours, strict=False)]
+    for name, chain, line in lines:
+        by_seed = [
+            published(table.chain(*chain, seed), name, line)
+            for seed in sorted(set(table.columns["seed"]))
+        ]
+        for column in by_seed[0]:
+            here = np.mean([numbers[column] for numbers in by_seed])
+            where = f"{column}, table {name}, {' '.join(chain)}, {experiment}"
+            check.compare(where, here, line[column] or np.nan)
+
+
+def shown(table: str) -> list[dict[str, str]]:
+    """Lines of a table of the report of graphs that grow; none if there is no such table."""
+    path = Path(f"reports/continual/tables/{table}.csv")
+    if not path.exists():
+        return []
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def verify_grown(continual: dict[str, Settings]) -> list[Check]:
+    """Compare R[i, j] of the experiments that have run, and the report's tables; print what is
+    skipped.
+    """
+    matrix, measures = Check("R[i, j]", 1e-6), Check("continual measures", 6e-3)
+    absent, others = list[str](), list[str]()
+    for experiment, settings in continual.items():
+        if not Path(f"data/continual/{experiment}/matrix.parquet").exists():
+            absent.append(experiment)
+            continue
+        if settings["model"] == MODEL:
+            print(check_matrix(experiment, settings, matrix))
+        else:
+            others.append(experiment)
+        if shown(f"grown_{experiment}"):
+            check_published(experiment, settings, measures)
+    if absent:
+        print(f"Not computed again: R[i, j] of {', '.join(absent)}, which have not run.")
+    if others:
+        print(f"Not computed again: R[i, j] of {', '.join(others)}, of other models than {MODEL}.")
+    return [matrix, measures]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
@@ -250,10 +352,18 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the choice of grid points")
     given = parser.parse_args()
+    yaml = YAML(typ="safe", pure=True)
+    have_grown = Path("data/continual").exists()
+    checks = []
     try:
-        checks = verify(
-            YAML(typ="safe", pure=True).load(Path("params.yaml")), given.cells, given.seed
-        )
+        if Path("data/graph").exists() or not have_grown:
+            checks += verify(yaml.load(Path("params.yaml")), given.cells, given.seed)
+        else:
+            print("Not computed again: the first pipeline, which has not run.")
+        if have_grown:
+            checks += verify_grown(yaml.load(Path("continual/params.yaml"))["continual"])
+        else:
+            print("Not computed again: graphs that grow, which have not run.")
     except OSError as error:
         sys.exit(f"verify: {error}")
     print(

@@ -1,0 +1,268 @@
+"""``make verify`` on a tiny graph that grows: it computes the same, and finds altered numbers."""
+
+import shutil
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from isi.continual import Timeline, continual_measures
+from isi.continual.experiment import FIRST, MATRIX
+from isi.tables import paths
+from tests import small_continual, stage_run
+from tests.small_continual import FOLDER, NAME
+from tools.recomputed_matrix import (
+    TIE,
+    FirstEmbedding,
+    GrowingGraph,
+    MatrixTable,
+    plain_steps,
+    wins_of,
+)
+from tools.verify import Check, main, verify_grown
+
+INITIALIZERS: dict[str, Any] = {"mean": {}, "er_avg": {}}
+PAIRS = {"mean": ["insert", "replay"], "er_avg": ["insert"]}
+SETTINGS = small_continual.ENTRY | {"initializers": INITIALIZERS, "pairs": PAIRS}
+TABLES = Path("reports/continual/tables")
+
+
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project after a run and its report."""
+    folder = tmp_path_factory.mktemp("grown")
+    stage_run.lay_out(folder, {"compute.workers": 1})
+    small_continual.lay_out(folder, initializers=INITIALIZERS, pairs=PAIRS)
+    with chdir(folder):
+        stage_run.run(f"grow {NAME}")
+        stage_run.run("report_continual")
+        write_published()
+    return folder
+
+
+@pytest.fixture
+def copied(grown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copy of it is the current folder."""
+    folder = tmp_path / "copied"
+    shutil.copytree(grown, folder, symlinks=True)
+    monkeypatch.chdir(folder)
+
+
+def write_published() -> None:
+    """Write the tables that stand beside published numbers, as if there were any of this timeline;
+    the library computes them.
+    """
+    matrix = MATRIX.read_text(experiment=NAME)
+    rows = []
+    for strategy in PAIRS["mean"]:
+        by_seed = []
+        for seed in range(SETTINGS["seeds"]):
+            of_seed = matrix[matrix["seed"] == seed]
+            is_chain = (of_seed["initializer"] == "mean") & (of_seed["strategy"] == strategy)
+            measured = continual_measures(of_seed[is_chain | (of_seed["i"] == 0)])
+            by_seed.append(measured.set_index(["measure", "protocol"])["value"])
+        value = 100 * pd.concat(by_seed, axis=1).mean(axis=1)
+        about = {"benchmark": SETTINGS["title"], "source": "this run"}
+        after_last = {name: value[f"mean {name}", "incde"] for name in ("mrr", "hits@1", "hits@10")}
+        of_meor = {
+            name: value.xs(f"{name} trained").item() for name in ("H_cur", "H_old", "D", "A_TN")
+        }
+        rows.append((about | after_last | {"protocol": "incde"}, about | of_meor))
+    for name, lines in zip(("after_last", "interference"), zip(*rows, strict=True), strict=True):
+        frame = pd.DataFrame([{"benchmark": "Other", "source": "theirs"}, *lines])
+        frame.round(2).to_csv(TABLES / f"{name}.csv", index=False)
+
+
+def verified() -> tuple[Check, Check]:
+    matrix, measures = verify_grown({NAME: SETTINGS})
+    return matrix, measures
+
+
+@pytest.mark.usefixtures("copied")
+def test_other_code_computes_the_same_from_the_tables_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    matrix, measures = verified()
+    assert matrix.disagreements == measures.disagreements == []
+    table = pd.read_parquet(MATRIX.path(experiment=NAME))
+    plain = table["initializer"].isna() | (table["initializer"] == "mean")
+    alone = (table["strategy"] != "replay") | ((table["i"] == 1) & (table["phase"] == "inserted"))
+    assert matrix.number == (plain & alone).sum() > 200
+    # per chain 5, per line of after_last 3, of interference 4; and the number of lines
+    assert measures.number == 3 * 5 + 2 * 3 + 2 * 4 + 1
+    assert f"R[i, j] of {NAME}: " in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("copied")
+def test_experiments_that_have_not_run_or_have_another_model_are_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    matrix, measures = verify_grown({"later": SETTINGS, NAME: SETTINGS | {"model": "transe_l1"}})
+    assert matrix.number == 0 < measures.number
+    lines = capsys.readouterr().out.splitlines()
+    assert ["later, which have not run" in lines[0], f"{NAME}, of other" in lines[1]] == [True] * 2
+
+
+@pytest.mark.usefixtures("copied")
+def test_the_command_needs_no_other_pipeline(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["verify"])
+    for change, disagreements in ((0.0, 0), (1e-4, 1)):
+        alter_matrix("mrr", change, i=0)
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == disagreements
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0] == "Not computed again: the first pipeline, which has not run."
+        (of_matrix,) = (line for line in lines if line.startswith(f"{'R[i, j]':18}"))
+        assert of_matrix.split()[-1] == str(disagreements)
+
+
+def alter_matrix(column: str, change: float, **values: Any) -> str:
+    """Add to a number of the first row with these values; where it is."""
+    path = MATRIX.path(experiment=NAME)
+    table = pd.read_parquet(path)
+    alike = np.logical_and.reduce([table[name] == value for name, value in values.items()])
+    place = table.index[alike][0]
+    table.loc[place, column] += change
+    table.to_parquet(path)
+    row = table.loc[place]
+    return f"R[{row['i']}, {row['j']}], {row['slot']}, {row['answer']} answers"
+
+
+@pytest.mark.usefixtures("copied")
+@pytest.mark.parametrize(
+    ("column", "change", "values"),
+    [
+        ("mrr", 1e-4, {"protocol": "lkge", "initializer": "mean", "strategy": "insert", "i": 2}),
+        ("hits@3", -1e-4, {"protocol": "old", "initializer": "mean", "phase": "inserted"}),
+        ("queries", 1, {"protocol": "current", "i": 0, "seed": 1}),
+        ("hits@10", 1e-3, {"protocol": "revisiting", "strategy": "replay", "phase": "inserted"}),
+    ],
+)
+def test_an_altered_number_of_the_matrix_is_named(
+    column: str, change: float, values: dict[str, Any]
+) -> None:
+    where = alter_matrix(column, change, **values)
+    (line,) = verified()[0].disagreements
+    assert line.startswith(f"R[i, j], {values['protocol']}, ")
+    assert where in line
+
+
+@pytest.mark.usefixtures("copied")
+def test_a_missing_row_and_one_too_many_disagree() -> None:
+    path = MATRIX.path(experiment=NAME)
+    table = pd.read_parquet(path)
+    table[1:].to_parquet(path)
+    assert len(verified()[0].disagreements) == 1
+    more = table.iloc[:1].assign(j=7)
+    pd.concat([table, more]).to_parquet(path)
+    assert len(verified()[0].disagreements) == 1
+
+
+@pytest.mark.usefixtures("copied")
+def test_another_first_embedding_disagrees() -> None:
+    path = FIRST.path(experiment=NAME)
+    tables = load_file(path)
+    save_file(tables | {"entity": tables["entity"][::-1].copy()}, path)
+    assert len(verified()[0].disagreements) > 20
+
+
+@pytest.mark.usefixtures("copied")
+@pytest.mark.parametrize(
+    ("name", "column", "line"), [(f"grown_{NAME}", "D", 1), ("interference", "A_TN", 2)]
+)
+def test_an_altered_number_of_the_report_is_named(name: str, column: str, line: int) -> None:
+    table = pd.read_csv(TABLES / f"{name}.csv")
+    table[column] += 0.02 * (table.index == line)
+    table.to_csv(TABLES / f"{name}.csv", index=False)
+    (disagreement,) = verified()[1].disagreements
+    table_name = name.removesuffix(f"_{NAME}")
+    expected = f"continual measures, {column}, table {table_name}, mean replay, {NAME}: "
+    assert disagreement.startswith(expected)
+
+
+@pytest.mark.usefixtures("copied")
+def test_ids_and_samples_are_those_of_the_library() -> None:
+    own, graph = Timeline.from_folder(FOLDER), GrowingGraph(str(FOLDER))
+    assert graph.entities == own.entities.tolist()
+    assert graph.relations == own.relations.tolist()
+    for snapshot, test in zip(own.snapshots, graph.tests, strict=True):
+        assert test.tolist() == snapshot.test.tolist()
+
+
+def test_the_packed_benchmarks_are_read_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(paths.RAW.resolve().parent.parent)
+    own, graph = Timeline.benchmark("FBinc-S"), GrowingGraph("FBinc-S")
+    assert graph.entities == own.entities.tolist()
+    assert graph.tests[0].tolist() == own.snapshots[0].test.tolist()
+
+
+def test_scores_at_the_edge_of_a_tie_may_fall_either_way() -> None:
+    answer, largest = 0.0, 2.0
+    gaps = np.array([0.5, 1 - 1e-3, 1 + 1e-3, 2.0, -0.5, -1 + 1e-3, -2.0]) * TIE * largest
+    scores = np.array([[answer, *gaps, -largest]])
+    fewest, most = wins_of(scores, np.array([0]))[:, 0].tolist()
+    assert fewest == [0.5, 0.5, 0.5, 0.5, 1, 0.5, 0, 0, 0]
+    assert most == [0.5, 0.5, 1, 1, 1, 0.5, 0.5, 0, 0]
+
+
+def test_ranks_of_a_complex_embedding_by_hand(tmp_path: Path) -> None:
+    """(cup, in, e) scores 1, 5, 4, 2 for the known e, and 3 for the new ones: their mean."""
+    write_snapshots(
+        tmp_path, ["cup in hall", "cup in attic", "cup in den"], ["mug in loft", "", ""]
+    )
+    graph = GrowingGraph(str(tmp_path))
+    entity = np.array([[1.0, 0.0], [5.0, 0.0], [4.0, 0.0], [2.0, 0.0]], np.float32)
+    first = FirstEmbedding(entity, np.array([[1.0, 0.0, 1.0, 0.0]], np.float32))
+    row = first.matrix_row(graph, 1, None)
+    expected = {
+        "lkge": 2,  # attic is ahead: valid.txt is not read
+        "incde": 1,
+        "revisiting": 3,  # mug and loft are ahead
+        "current": 3,
+        "old": 1,
+    }
+    for protocol, rank in expected.items():
+        for numbers in row[protocol, 0, "tail", "old"]:
+            hits = [float(rank <= k) for k in (1, 3, 10)]
+            assert numbers.tolist() == [1, pytest.approx(1 / rank), *hits]
+
+
+def write_snapshots(folder: Path, *snapshots: list[str]) -> None:
+    """Write snapshots of at most one triple in each split."""
+    for number, lines in enumerate(snapshots):
+        (folder / str(number)).mkdir()
+        for split, line in zip(("train", "valid", "test"), lines, strict=True):
+            text = line.replace(" ", "\t") + "\n" if line else ""
+            (folder / str(number) / f"{split}.txt").write_text(text, encoding="utf-8")
+
+
+def test_test_sets_with_later_relations_are_left_out(tmp_path: Path) -> None:
+    write_snapshots(tmp_path, ["cup in hall", "", "hall in cup"], ["mug on cup", "", "mug on hall"])
+    first = FirstEmbedding(np.ones((2, 2), np.float32), np.ones((1, 4), np.float32))
+    row = first.matrix_row(GrowingGraph(str(tmp_path)), 1, None)
+    assert {j for _, j, _, _ in row} == {0}
+
+
+def test_what_is_computed_again_of_a_chain() -> None:
+    steps = plain_steps(SETTINGS | {"pairs": "all"}, 2)
+    assert len(steps) == len(set(steps))
+    assert set(steps) == {
+        (None, None, "trained", 0),
+        *(("mean", "insert", phase, i) for phase in ("inserted", "trained") for i in (1, 2)),
+        ("mean", "replay", "inserted", 1),
+    }
+
+
+def test_means_are_weighted_by_queries() -> None:
+    columns = {"queries": np.array([3, 1]), "mrr": np.array([0.5, 0.1]), "j": np.array([0, 1])}
+    table = MatrixTable(columns)
+    assert table.mean() == pytest.approx(0.4)
+    assert table.where(j=1).mean() == pytest.approx(0.1)
+    assert np.isnan(table.where(j=2).mean())
