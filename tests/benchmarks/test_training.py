@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from typing import Any
 from unittest.mock import patch
 
@@ -162,8 +163,17 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
         model=model, triples_factory=factory, optimizer=optimizer, negative_sampler_kwargs=sampling
     )
 
+    epochs = count(1)
+
     def epoch() -> None:
-        loop.train(factory, num_epochs=1, batch_size=params.training.batch_size, use_tqdm=False)
+        number = next(epochs)  # of all epochs; the loop goes on from those that it has done
+        loop.train(
+            factory,
+            num_epochs=number,
+            batch_size=params.training.batch_size,
+            continue_training=number > 1,
+            use_tqdm=False,
+        )
 
     scored = len(observations) * (1 + params.negatives.ratio)
     time_batches(

@@ -41,11 +41,10 @@ def carried(results: Results) -> Contents:
 def _at_a_glance(runs: ContinualRuns) -> dict[str, Any]:
     """A row of the table ``carried``; nothing without the chains that it compares."""
     at_once, base, harm = (MEASURES[name][1] for name in ("at_once", "base", "interference"))
-    inserted = {
-        initializer: runs.measures.loc[(initializer, strategy)]
-        for initializer, strategy in runs.chains
-        if strategy == "insert"
+    by_chain: dict[tuple[str, str], Any] = {
+        chain: row for chain, (_, row) in zip(runs.chains, runs.measures.iterrows(), strict=True)
     }
+    inserted = {name: row for (name, strategy), row in by_chain.items() if strategy == "insert"}
     if not {DEFAULT, BASELINE} <= set(inserted):
         return {}
     named = {name: row[at_once].mean for name, row in inserted.items() if name != DEFAULT}
@@ -59,9 +58,8 @@ def _at_a_glance(runs: ContinualRuns) -> dict[str, Any]:
         "base test: before": inserted[DEFAULT][MEASURES["base_before"][1]],
         "base test: default": inserted[DEFAULT][base],
     }
-    if (BASELINE, "finetune") in runs.chains:
-        trained = runs.measures.loc[(BASELINE, "finetune")]
-        row["base test: Xavier, all rows trained"] = trained[base]
+    if (BASELINE, "finetune") in by_chain:
+        row["base test: Xavier, all rows trained"] = by_chain[BASELINE, "finetune"][base]
     return row
 
 
