@@ -81,11 +81,11 @@ def published_numbers(results: Results) -> Contents:
     for runs in results.continual:
         for entry in ABOUT["after_last"]:
             theirs = entry["rows"].get(runs.settings.timeline, {})
-            ours = _of_default(runs, runs.published(entry["protocol"])) if theirs else {}
+            ours = _by_name(runs, runs.published(entry["protocol"])) if theirs else {}
             after_last += _beside(entry, theirs, ours, runs)
         for entry in ABOUT["interference"]:
             theirs = entry["rows"].get(runs.settings.timeline, {})
-            ours = _of_default(runs, runs.interference()) if theirs else {}
+            ours = _by_name(runs, runs.interference()) if theirs else {}
             interference += _beside(entry, theirs, ours, runs)
     tables = {"after_last": after_last, "interference": interference}
     if any(tables.values()):
@@ -109,15 +109,10 @@ def _names(initializer: str, strategy: str) -> dict[str, Any]:
     return {"initializer": name_of(initializer), "strategy": STRATEGIES.get(strategy, strategy)}
 
 
-def _of_default(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[Any, Any]]:
-    """Values of the strategies of the first initializer, by the name of the chain."""
-    first = runs.chains[0][0]
-    rows = [(chain, row) for chain, (_, row) in zip(runs.chains, values.iterrows(), strict=True)]
-    return {
-        ", ".join(_names(*chain).values()): row.to_dict()
-        for chain, row in rows
-        if chain[0] == first
-    }
+def _by_name(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[Any, Any]]:
+    """Values of each chain, by its name."""
+    rows = zip(runs.chains, values.iterrows(), strict=True)
+    return {", ".join(_names(*chain).values()): row.to_dict() for chain, (_, row) in rows}
 
 
 def _beside(
