@@ -35,7 +35,7 @@ def carried(results: Results) -> Contents:
         if row:
             rows.append({"benchmark": runs.title} | row)
     if rows:
-        yield Content({"first": rows[0]}, {"carried": rows})
+        yield Content({"first": rows[0], "last": rows[-1]}, {"carried": rows})
 
 
 def _at_a_glance(runs: ContinualRuns) -> dict[str, Any]:
