@@ -2,6 +2,7 @@
 and what the faults of published protocols touch.
 """
 
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -153,7 +154,8 @@ def _matrices(runs: ContinualRuns) -> Canvas:
         panel.set_xticks(ticks)
         panel.set_yticks(ticks)
         panel.grid(visible=False)
-        panel.set(title=STRATEGIES.get(strategy, strategy), xlabel="test set j")
+        title = fill(STRATEGIES.get(strategy, strategy), 26)
+        panel.set(title=title, xlabel="test set j")
         panel.set_ylabel("after snapshot i")
     return canvas
 
