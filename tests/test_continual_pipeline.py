@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 from contextlib import chdir
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -159,13 +160,41 @@ def test_published_numbers_stand_beside_ours_with_protocol_and_model(
         rows = pd.DataFrame(content.tables[name])
         assert {"benchmark", "method", "model", "source", "protocol"} < set(rows)
         ours = rows[rows["source"] == "this run"]
-        assert len(ours) == 2
+        assert len(ours) == len(runs.chains) == 3
         assert set(ours["model"]) == {"complex, d = 4"}
         assert set(rows["protocol"]) == {protocol}
     last = pd.DataFrame(content.tables["after_last"]).set_index("method")
     assert last.loc["IncDE", ["mrr", "hits@1", "hits@10"]].tolist() == pytest.approx(
         [25.3, 15.1, 44.8]
     )
+
+
+def test_the_page_opens_with_the_default_against_random_vectors(
+    one: tuple[Path, dict[str, bytes]],
+) -> None:
+    with chdir(one[0]):
+        (settings,) = load_continual().values()
+        runs = ContinualRuns.read(NAME, settings)
+        params = load()
+    assert not list(sections.carried(Results(params, {}, {}, continual=[runs])))  # no Xavier
+    changes = {"initializers": {"xavier": {}, "default": {}}, "pairs": "all"}
+    changes["strategies"] = {"insert": {}}
+    matrix, costs = (
+        frame.assign(initializer=frame["initializer"].replace("er_avg", "xavier"))
+        for frame in (runs.matrix, runs.costs)
+    )
+    renamed = replace(
+        runs, settings=settings.model_copy(update=changes), matrix=matrix, costs=costs
+    )
+    (content,) = sections.carried(Results(params, {}, {}, continual=[renamed]))
+    (row,) = content.tables["carried"]
+    at_once, base = "new tests, at once", "base test, in the end"
+    measured = runs.measures
+    assert row["new tests: Xavier"].mean == measured.loc["er_avg", "insert"][at_once].mean
+    assert row["new tests: default"].mean == measured.loc["default", "insert"][at_once].mean
+    assert row["base test: default"].mean == measured.loc["default", "insert"][base].mean
+    assert row["best named"] == "Xavier"
+    assert "base test: Xavier, all rows trained" not in row
 
 
 def test_dvc_runs_the_pipeline_and_runs_nothing_again(tmp_path: Path, dvc: Dvc) -> None:
@@ -186,7 +215,7 @@ def test_dvc_runs_the_pipeline_and_runs_nothing_again(tmp_path: Path, dvc: Dvc) 
     (of_folder,) = (
         dep for dep in lock["stages"]["report_continual"]["deps"] if dep["path"] == "data/continual"
     )
-    assert of_folder["nfiles"] == 3  # without the parts of a killed run
+    assert of_folder["nfiles"] == 4  # without the parts of a killed run
     assert list((tmp_path / PARTS).glob("*.parquet"))
     assert stages_run(dvc(tmp_path, "repro", target)) == set()
 
