@@ -7,7 +7,7 @@ from isi.experiment import final_model
 from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run
 from isi.experiment.store import TRAINING_LOG, Store
-from isi.live.folder import MODEL, Bundle, Manifest, WordSource, write
+from isi.live.bundle import MODEL, Bundle, Manifest, WordSource, write
 from isi.stage import StageContext, stage
 from isi.tables import paths
 from isi.tables.table import as_text

@@ -22,47 +22,35 @@ from cyclopts.validators import Number
 
 from isi.errors import InputError, cut, short
 from isi.process import errors_in_one_line
-from isi.tables import paths
 
-DEFAULT = paths.final_model("ai2thor")  #: The embedding that the pipeline trains for the commands.
+HOME = Path("home")  #: The folder that commands use by default.
 MOST = 200  #: Longest message about the command line, in characters.
 #: By command: its module and function, and the description that ``--help`` shows.
 COMMANDS = {
-    "train": ("train:train", "Train an embedding of your own triples or scenes."),
-    "insert": (
-        "entity:insert",
-        "Insert new entities by their facts and words, and report predictions about them.",
-    ),
-    "observe": ("entity:observe", "Add facts of known or inserted entities."),
+    "train": ("train:train", "Train a home on your triples or scenes, or a home again."),
+    "tell": ("entity:tell", "Tell facts; what is not known yet is inserted."),
+    "insert": ("entity:insert", "Insert an entity; report what is predicted about it."),
+    "observe": ("entity:observe", "Tell facts of entities that are known."),
     "move": ("entity:move", "Replace facts by one: what was moved is in one place."),
     "remove": ("entity:remove", "Take inserted entities or facts back."),
     "undo": ("entity:undo", "Take the last change back."),
-    "compact": ("entity:compact", "Leave out of the journal what later changes have taken back."),
-    "history": ("entity:history", "List all changes since training."),
+    "history": ("entity:history", "List changes, or facts not seen for long."),
     "ask": (
         "entity:ask",
-        "Rank the answers to (HEAD, RELATION, ?), (?, RELATION, TAIL) or (HEAD, ?, TAIL).",
+        "Rank answers: (HEAD, RELATION, ?), (?, RELATION, TAIL), (HEAD, ?, TAIL).",
     ),
-    "nearest": ("entity:nearest", "List the entities with the most similar vectors, by cosine."),
-    "explain": (
-        "entity:explain",
-        "Explain an insertion: repeat it without each part of its input.",
-    ),
-    "interference": (
-        "entity:interference",
-        "Measure how far inserted entities push known answers down.",
-    ),
-    "live": ("live:live", "Read facts and questions as JSON lines, and answer them at once."),
-    "import": (
-        "import_:import_",
-        "Convert an embedding that another tool has trained into a bundle.",
-    ),
-    "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
-    "graph": ("graph:graph", "Build a graph from your own scenes or triples, and describe it."),
-    "continual": (
-        "continual:continual",
-        "Describe a graph that grows, and what published protocols count wrongly.",
-    ),
+    "explain": ("entity:explain", "Explain an insertion: repeat it without each of its parts."),
+    "live": ("live:live", "Answer facts and questions in JSON lines, at once."),
+    "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
+    "export": ("export:export", "Write a graph and predictions for other tools."),
+    "graph": ("graph:graph", "Build a graph of scenes or triples, and describe it."),
+    "continual": ("continual:continual", "Describe a benchmark of graphs that grow."),
+}
+#: Commands of before, and what to type instead.
+GONE = {
+    "compact": "a home needs no compaction",
+    "interference": "tell and insert print it; in Python, home.interference()",
+    "nearest": "isi explain NAME; in Python, home.nearest(NAME)",
 }
 
 
@@ -100,8 +88,13 @@ def _check_folder(_: object, path: Path | None) -> None:
 
 FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 #: Parameters that several commands have.
-Embedding = Annotated[
-    Path, Parameter(help="folder of a bundle, written by --out, isi import or the pipeline")
+HomeFolder = Annotated[
+    Path,
+    Parameter(
+        name=["--home", "--embedding"],
+        env_var="ISI_HOME",
+        help="folder of a home, as isi train or isi import writes it",
+    ),
 ]
 Top = Annotated[
     int, Parameter(validator=FROM_ONE, help="maximum number of answers per query, or neighbours")
@@ -111,9 +104,6 @@ Settings = Annotated[
     tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)
 ]
 NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]
-Out = Annotated[
-    Path | None, Parameter(validator=_check_folder, help="folder for the enlarged bundle")
-]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -131,6 +121,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         )
         for command, (function, about) in COMMANDS.items():
             app.command(f"{__name__}.{function}", name=command, help=about)
+        if tokens and tokens[0] in GONE:
+            raise InputError(tokens[0], "", f"is no command any more: {GONE[tokens[0]]}")
         name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
         with errors_in_one_line(name):
             try:

@@ -1,14 +1,13 @@
-"""Commands about entities of a bundle, one for each verb of ``LiveEmbedding``:
-insert, observe, remove, undo, ask, ...
+"""Commands about a home, one for each verb of ``LiveEmbedding``: tell, move, remove, undo, ask, ...
 
 A command imports its modules when it runs, so that ``--help`` does not wait for PyTorch. An
-``InputError`` refuses a broken bundle or an unknown name.
+``InputError`` refuses a broken home or an unknown name.
 """
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
 from io import StringIO
@@ -17,31 +16,100 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
+from isi.cli import FROM_ZERO, HOME, HomeFolder, Json, Settings, Top, flags, settings, show
 from isi.config import check, read, value_of
 from isi.errors import InputError, at
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.insertion.interference import Interference
     from isi.live.answers import Answer, Answers
+    from isi.live.changes import Effect
     from isi.live.embedding import LiveEmbedding
     from isi.live.explain import Explanation, Report
-    from isi.live.journal import Effect
 
 FEW = 5  #: Queries, notes and indicators in a text, unless ``--verbose``.
 LISTED = 20  #: Names of entities in a text.
-Fact = Annotated[
+Facts = Annotated[
     tuple[tuple[str, str, str], ...],
     Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat"),
 ]
+Confidence = Annotated[float | None, Parameter(help="how far the facts are believed, up to 1")]
+Definition = Annotated[str | None, Parameter(help="a sentence, for the word vector")]
+Kind = Annotated[str | None, Parameter(help="default: what the facts, else the words suggest")]
+New = Annotated[bool, Parameter(help="insert a name that looks like a known one")]
+Initializer = Annotated[str | None, Parameter(help="default: the best for hidden known entities")]
+Options = Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")]
+RandomSeed = Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")]
 Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
-DryRun = Annotated[bool, Parameter(help="print the effect and write nothing")]
+DryRun = Annotated[bool, Parameter(help="print the effect and change nothing")]
 Source = Annotated[str | None, Parameter(help="what reported it, for the history")]
+Time = Annotated[str | None, Parameter(help="when it was seen, as 2026-11-25T09:30; default: now")]
+
+
+def tell(
+    head: Annotated[str | None, Parameter(help="head of a fact")] = None,
+    relation: Annotated[str | None, Parameter(help="relation of the fact")] = None,
+    tail: Annotated[str | None, Parameter(help="tail of the fact")] = None,
+    *,
+    fact: Facts = (),
+    from_: Annotated[
+        tuple[Path, ...], Parameter(name="--from", help="triples, scenes, ...: all their facts")
+    ] = (),
+    entity: Annotated[
+        tuple[str, ...], Parameter(help="a new entity by its words alone; may repeat")
+    ] = (),
+    definition: Definition = None,
+    kind: Kind = None,
+    confidence: Confidence = None,
+    new: New = False,
+    initializer: Initializer = None,
+    set: Options = (),
+    seed: RandomSeed = 0,
+    time: Time = None,
+    source: Source = None,
+    dry_run: DryRun = False,
+    home: HomeFolder = HOME,
+    top: Top = 5,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Tell facts: what is not known is inserted, what is known is seen once more.
+    A relation is new if two or more facts have it.
+    """
+    one = (head, relation, tail)
+    if relation is not None and tail is None:
+        raise InputError("", "", "expected HEAD RELATION TAIL, or --fact HEAD RELATION TAIL")
+    if head is not None and relation is None:
+        raise InputError("", "", f"expected HEAD RELATION TAIL, or --entity {head!r} for its words")
+    facts: list[Any] = [*([one] if tail is not None else []), *fact]
+    if not (facts or from_ or entity):
+        raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
+    about: dict[str, Any] = {
+        "definition": definition,
+        "kind": kind,
+        "initializer": initializer,
+        "options": _options(initializer, set),
+        "seed": seed,
+    }
+    with changing(home, dry_run) as live, flags(initializer="--initializer", options="--set"):
+        if from_:
+            listed, kinds = _from_files(live, from_)
+            facts += listed
+            about["kind"] = kind or kinds
+        effect = live.tell(
+            facts,
+            entities=entity,
+            confidence=confidence,
+            new=new or bool(from_),  # names in files are exact
+            time=time,
+            source=source,
+            **about,
+        )
+        _show_effect(live, effect, top, verbose, json)
 
 
 def insert(
-    name: str | None = None,
+    name: str,
     *,
     fact: Annotated[
         tuple[tuple[str, str], ...],
@@ -52,93 +120,59 @@ def insert(
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
-    from_: Annotated[
-        tuple[Path, ...],
-        Parameter(
-            name="--from", help="triples, scenes, ...: insert what is new, count what is known"
-        ),
-    ] = (),
-    definition: Annotated[
-        str | None, Parameter(help="definition in a sentence, for the word vector")
-    ] = None,
-    kind: Annotated[
-        str | None, Parameter(help="default: the kind that the facts, else the words suggest")
-    ] = None,
-    new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False,
+    definition: Definition = None,
+    kind: Kind = None,
+    confidence: Confidence = None,
+    new: New = False,
     upsert: Annotated[
         bool, Parameter(help="if NAME is known already, add the facts alone")
     ] = False,
-    initializer: Annotated[
-        str | None, Parameter(help="default: the best for hidden known entities")
-    ] = None,
-    set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = (),
-    vectors: Annotated[
-        Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")
-    ] = None,
-    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")] = 0,
+    initializer: Initializer = None,
+    set: Options = (),
+    seed: RandomSeed = 0,
+    time: Time = None,
     source: Source = None,
-    out: Out = None,
     dry_run: DryRun = False,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     top: Top = 5,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Insert an entity, or what is new in files,
-    and report what the embedding predicts about it.
-    """
-    if (name is None) == (not from_) or (from_ and (fact or inverse_fact or definition or kind)):
-        raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
-    if set and initializer is None:
-        raise InputError("--set", "", "expected an --initializer: --set gives its options")
-    options = _options_in_params(initializer) | settings(set)
-    request = {
-        "initializer": initializer,
-        "options": options,
-        "seed": seed,
-        "new": new,
-        "source": source,
-    }
-    with (
-        changing(embedding, out, dry_run, vectors, json) as live,
-        flags(initializer="--initializer", options="--set"),
-    ):
-        if name is None:
-            names, facts, kinds = _from_files(live, from_)
-            effect = live.insert(names, facts, kind=kinds, **request)  # type: ignore[arg-type]
-            summary(live, effect, json)
-        else:
-            about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
-            effect = live.insert(
-                name,
-                about,
-                definition=definition,
-                kind=kind,
-                upsert=upsert,
-                **request,  # type: ignore[arg-type]
-            )
-            if effect.inserted:
-                report = live.report(name, top)
-                show(asdict(report), True) if json else print(*in_words(report, verbose), sep="\n")
-            else:
-                summary(live, effect, json)
+    """Insert an entity by its facts and words, and report what is predicted about it."""
+    about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+    with changing(home, dry_run) as live, flags(initializer="--initializer", options="--set"):
+        effect = live.insert(
+            name,
+            about,
+            definition=definition,
+            kind=kind,
+            confidence=confidence,
+            new=new,
+            upsert=upsert,
+            initializer=initializer,
+            options=_options(initializer, set),
+            seed=seed,
+            time=time,
+            source=source,
+        )
+        _show_effect(live, effect, top, verbose, json)
 
 
 def observe(
-    fact: Fact = (),
+    fact: Facts = (),
     *,
     new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False,
+    confidence: Confidence = None,
+    time: Time = None,
     source: Source = None,
-    out: Out = None,
     dry_run: DryRun = False,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
-    """Add facts of known or inserted entities;
-    inserted ones get a new vector from all their facts.
-    """
-    with changing(embedding, out, dry_run, json=json) as live:
-        summary(live, live.observe(list(fact), upsert=new, source=source), json)
+    """Tell facts of entities that are known."""
+    with changing(home, dry_run) as live:
+        stamp: dict[str, Any] = {"time": time, "source": source, "confidence": confidence}
+        summary(live, live.observe(list(fact), upsert=new, **stamp), json)
 
 
 def move(
@@ -149,85 +183,76 @@ def move(
     instead_of: Annotated[
         str | None, Parameter(help="replace the fact with this tail alone; default: all")
     ] = None,
+    time: Time = None,
     source: Source = None,
-    out: Out = None,
     dry_run: DryRun = False,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
-    with changing(embedding, out, dry_run, json=json) as live:
-        summary(live, live.move(head, relation, tail, instead_of=instead_of, source=source), json)
+    with changing(home, dry_run) as live:
+        effect = live.move(head, relation, tail, instead_of=instead_of, time=time, source=source)
+        summary(live, effect, json)
 
 
 def remove(
     entity: tuple[str, ...] = (),
     *,
-    fact: Fact = (),
+    fact: Facts = (),
+    time: Time = None,
     source: Source = None,
-    out: Out = None,
     dry_run: DryRun = False,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
-    with changing(embedding, out, dry_run, json=json) as live:
-        summary(live, live.remove(list(entity), list(fact), source=source), json)
+    with changing(home, dry_run) as live:
+        summary(live, live.remove(list(entity), list(fact), time=time, source=source), json)
 
 
-def undo(
-    *, out: Out = None, dry_run: DryRun = False, embedding: Embedding = DEFAULT, json: Json = False
-) -> None:
+def undo(*, dry_run: DryRun = False, home: HomeFolder = HOME, json: Json = False) -> None:
     """Take the last change back; the next time, the one before."""
-    with changing(embedding, out, dry_run, json=json) as live:
+    with changing(home, dry_run) as live:
         summary(live, live.undo(), json)
 
 
-def compact(*, embedding: Embedding = DEFAULT) -> None:
-    """Leave out of the journal what later changes have taken back; the state stays."""
-    if embedding.resolve().is_relative_to(paths.FINAL_MODELS.resolve()):
-        raise InputError(
-            embedding, "", "expected a folder of your own: the pipeline writes this one"
-        )
-    with open_folder(embedding, journal=True) as live:
-        gone = live.compact()
-        print(f"changes left out of the journal: {gone:,}; {len(live.changes):,} are left")
-
-
-def history(*, embedding: Embedding = DEFAULT, json: Json = False) -> None:
-    """List all changes since training, those that were undone included."""
-    from isi.live.journal import history
-
-    changes = history(_existing(embedding))
-    listed = [
-        {
-            "change": each.do,
-            "entities": list(each.entities),
-            "facts": each.facts,
-            "replaced": each.replaced,
-            "time": each.time and f"{each.time:%Y-%m-%d %H:%M:%S %Z}",
-            "source": each.source,
-        }
-        for each in changes
-    ]
-    show({"changes": listed}, json)
-
-
-def interference(
-    entity: Annotated[tuple[str, ...], Parameter(help="inserted entities; default: all")] = (),
+def history(
     *,
-    embedding: Embedding = DEFAULT,
-    top: Top = 5,
+    stale: Annotated[
+        str | None, Parameter(help="list facts that were not seen for so long: 30d, 12h")
+    ] = None,
+    home: HomeFolder = HOME,
     json: Json = False,
 ) -> None:
-    """Measure how far inserted entities push known answers down."""
-    live = open_folder(embedding)
-    measured = live.interference(entity, show=top)
-    if measured is None:
-        raise InputError(embedding, "", "expected inserted entities and known triples")
-    show(asdict(measured), json)
+    """List all changes, those that were undone included; or facts that may have changed."""
+    from isi.live.stream import AGE
+
+    live = open_home(home)
+    if stale is not None:
+        with at("--stale"):
+            age = AGE.validate_python(stale)
+        rows = [
+            {"fact": row.fact, "count": row.count, "last_seen": row.last_seen, "source": row.source}
+            for row in live.stale(age)
+        ]
+        show({"stale": rows}, json)
+        return
+    listed = [
+        {
+            "change": f"{each.verb}{' (undone)' * each.undone}",
+            "inserted": each.inserted,
+            "removed": each.removed,
+            "added": each.added,
+            "seen": each.seen,
+            "lost": each.lost,
+            "time": each.time,
+            "source": each.source,
+        }
+        for each in live.history
+    ]
+    show({"changes": listed}, json)
 
 
 def ask(
@@ -235,13 +260,18 @@ def ask(
     relation: Annotated[str | None, Parameter(help="relation of the query")] = None,
     tail: Annotated[str | None, Parameter(help="tail of the query")] = None,
     *,
+    new: Annotated[bool, Parameter(help="leave out what is known")] = False,
+    among: Annotated[
+        tuple[str, ...],
+        Parameter(consume_multiple=True, show_default=False, help="rank these entities alone"),
+    ] = (),
     from_: Annotated[
         Path | None,
         Parameter(
             name="--from", help="table of queries: head, relation, tail; ? is what is asked for"
         ),
     ] = None,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     top: Top = 10,
     json: Json = False,
 ) -> None:
@@ -250,20 +280,22 @@ def ask(
     """
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
-    live = open_folder(embedding)
+    live = open_home(home)
     ranked: list[Answers] = []
+    candidates = list(among) or None
     if from_ is None:
         with flags(ask="", entity="ENTITY", relation="RELATION"):
-            ranked.append(live.ask(head, relation, tail, top))
+            ranked.append(live.ask(head, relation, tail, top, new=new, among=candidates))
     else:
         for line, query in _queries(from_):
             with at(from_, f"line {line}"):
-                ranked.append(live.ask(*query, top=top))
+                ranked.append(live.ask(*query, top=top, new=new, among=candidates))
     if json:
         rows = [asdict(answers) | {"sure": answers.sure} for answers in ranked]
         show(rows[0] if from_ is None else {"results": rows}, True)
         return
     for answers in ranked:
+        print(*answers.notes, sep="\n", end="\n" * bool(answers.notes))
         print(
             " ".join(answers.query) + ("" if answers.sure else ": I do not know; the best guesses")
         )
@@ -283,37 +315,18 @@ def _queries(file: Path) -> Iterator[tuple[int, tuple[str | None, str | None, st
         yield line, (head, relation, tail)
 
 
-def nearest(
-    entity: Annotated[str, Parameter(help="entity whose nearest neighbours are listed")],
-    *,
-    embedding: Embedding = DEFAULT,
-    top: Top = 10,
-    json: Json = False,
-) -> None:
-    """List the other entities by the cosine of their vectors with the entity's."""
-    live = open_folder(embedding)
-    with flags(entity="ENTITY"):
-        neighbours = live.nearest(entity, top)
-    kinds = dict(zip(live.now.entity_names, live.now.kinds, strict=True))
-    rows = [
-        {"entity": name, "kind": kinds[name] or None, "cosine": cosine}
-        for name, cosine in neighbours
-    ]
-    show({"entity": entity, "nearest": rows}, json)
-
-
 def explain(
     entity: Annotated[str, Parameter(help="an inserted entity")],
     *,
-    embedding: Embedding = DEFAULT,
+    home: HomeFolder = HOME,
     top: Top = 5,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Explain an insertion: its indicators, and the effect of each fact,
+    """Explain an insertion: its indicators, the nearest entities, and the effect of each fact,
     of the words and of each indicator.
     """
-    live = open_folder(embedding)
+    live = open_home(home)
     with flags(entity="ENTITY"):
         explanation = live.explain(entity, top)
     show(asdict(explanation), True) if json else print(
@@ -321,30 +334,42 @@ def explain(
     )
 
 
+def _show_effect(live: LiveEmbedding, effect: Effect, top: int, verbose: bool, json: bool) -> None:
+    """Print what a change did; of one new entity, what is predicted about it."""
+    if len(effect.inserted) != 1:
+        summary(live, effect, json)
+        return
+    report = live.report(effect.inserted[0], top)
+    if json:
+        show(asdict(effect) | {"report": asdict(report)}, True)
+        return
+    print(*in_words(report, verbose), *_mrr_in_words(live), *_notes(effect, report), sep="\n")
+
+
+def _notes(effect: Effect, report: Report) -> list[str]:
+    """Sentences that the report has not."""
+    return [note for note in effect.notes if note not in report.notes]
+
+
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
     """The report of an insertion as sentences, the most important first."""
     most = None if verbose else FEW
     kind = f" as {report.kind}" if report.kind else ""
-    yield (
-        f"{report.entity} is inserted{kind}; most like "
-        f"{_joined([each.entity for each in report.indicators[:3]])}"
-    )
-    for answers in [
+    alike = _joined([each.entity for each in report.indicators[:3]])
+    yield f"{report.entity} is inserted{kind}; most like {alike}"
+    shown = [
         each for each in report.answers if verbose or each.sure or each.query[0] == report.entity
-    ][:most]:
+    ]
+    for answers in shown[:most]:
         best = ", ".join(map(_with_mark, answers.answers if answers.sure else answers.answers[:1]))
-        yield (
-            f"  {' '.join(answers.query)}: "
-            f"{best if answers.sure else f'I do not know; the best guess is {best}'}"
-        )
+        guess = best if answers.sure else f"I do not know; the best guess is {best}"
+        yield f"  {' '.join(answers.query)}: {guess}"
     if report.unsupported:
         listed = (
             f"{' '.join(triple)} ({_percent(likely)})"
             for triple, likely in report.unsupported[:most]
         )
         yield f"predicted without support of a similar entity: {'; '.join(listed)}"
-    yield from mrr_in_words(report.interference_of_all)
-    yield from _falls_in_words(report, verbose)
     yield from report.notes[:most]
     if verbose:
         options = ", ".join(f"{key} {value}" for key, value in report.options.items())
@@ -374,62 +399,45 @@ def why_in_words(explanation: Explanation, verbose: bool) -> Iterator[str]:
 
 
 def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
-    """Print what a change did, and the interference of all insertions."""
-    measured = live.interference()
+    """Print what a change did."""
     if json:
-        show(asdict(effect) | {"interference_of_all": measured and asdict(measured)}, True)
+        show(asdict(effect), True)
         return
     lines = list[str]()
-    for change in ("inserted", "updated", "removed"):
+    for change in ("inserted", "updated", "removed", "relations"):
         if names := getattr(effect, change):
             more = f" and {len(names) - LISTED:,} more" if len(names) > LISTED else ""
-            lines.append(f"{change}: {', '.join(names[:LISTED])}{more}")
+            label = "new relations" if change == "relations" else change
+            lines.append(f"{label}: {', '.join(names[:LISTED])}{more}")
     if effect.facts:
         lines.append(f"facts added: {effect.facts:,}")
     if effect.lost:
         lines.append(f"facts removed: {len(effect.lost):,}")
-    lines = lines or ["nothing has changed"]
     if effect.known:
-        lines.append(f"facts that were known already: {effect.known:,}")
-    print(*lines, *mrr_in_words(measured), *effect.notes, sep="\n")
+        lines.append(f"facts seen again: {effect.known:,}")
+    has_vectors = effect.inserted or effect.updated
+    measured = list(_mrr_in_words(live)) if has_vectors else []
+    print(*(lines or ["nothing has changed"]), *measured, *effect.notes, sep="\n")
 
 
-def mrr_in_words(of_all: Interference | None) -> Iterator[str]:
-    if of_all:
+def _mrr_in_words(live: LiveEmbedding) -> Iterator[str]:
+    """What all insertions cost earlier knowledge."""
+    if measured := live.interference():
         yield (
-            f"MRR of known triples: {of_all.h_old:.3f} before all insertions, "
-            f"{of_all.h_cur:.3f} now"
+            f"MRR of known triples: {measured.h_old:.3f} before all insertions, "
+            f"{measured.h_cur:.3f} now"
         )
 
 
-def _falls_in_words(report: Report, verbose: bool) -> Iterator[str]:
-    """How often the new entity alone ranks above a known answer, if ever;
-    if ``verbose``, the answers that fall most.
+def _options(initializer: str | None, given: Sequence[str]) -> dict[str, Any]:
+    """The options of an initializer: those of ``--set``, then those under ``initializers`` in
+    ``params.yaml``, which is there in a project's folder.
     """
-    alone = report.interference
-    if not alone or not alone.above[0]:
-        return
-    yield (
-        f"{report.entity} ranks above the known answer in {alone.above[0]:.1%} "
-        f"of {alone.queries:,} queries of known triples"
-    )
-    for change in alone.changes if verbose else ():
-        yield (
-            f"  {' '.join(map(str, change.query))}: {change.answer} falls "
-            f"from rank {change.rank_old:g} to {change.rank_cur:g}"
-        )
-
-
-def _options_in_params(initializer: str | None) -> dict[str, Any]:
-    """The options of an initializer under ``initializers`` in ``params.yaml``;
-    empty outside a project's folder.
-    """
+    if given and initializer is None:
+        raise InputError("--set", "", "expected an --initializer: --set gives its options")
     values = read(paths.PARAMS) if initializer and paths.PARAMS.exists() else {}
-    return check(
-        value_of(values, f"initializers.{initializer}") or {},
-        dict[str, Any],
-        f"initializers.{initializer}",
-    )
+    key = f"initializers.{initializer}"
+    return check(value_of(values, key) or {}, dict[str, Any], key) | settings(given)
 
 
 def _with_mark(best: Answer) -> str:
@@ -447,72 +455,34 @@ def _joined(names: Sequence[str]) -> str:
 
 def _from_files(
     live: LiveEmbedding, files: Sequence[Path]
-) -> tuple[list[str], list[list[str]], dict[str, str]]:
-    """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
+) -> tuple[list[list[str]], Mapping[str, str]]:
+    """The facts of files, and the kinds of new names that the home has."""
     from isi.graph.files import read_graph
-    from isi.live.names import same_name
 
     tables, _ = read_graph(files)
-    kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    names = [
-        name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)
-    ]
-    return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
+    known, kinds = live.now.known_entities, {*live.base.kinds}
+    entities = tables.entities[["entity", "kind"]].astype(str).itertuples(index=False)
+    new = {name: kind for name, kind in entities if kind in kinds and known.same(name) is None}
+    return facts, new
 
 
 @contextmanager
-def changing(
-    path: Path, out: Path | None, dry_run: bool, vectors: Path | None = None, json: bool = False
-) -> Iterator[LiveEmbedding]:
-    """Open a bundle for a change; then write it to ``out``,
-    or to its own folder unless the pipeline wrote this.
-    """
-    pipeline = paths.FINAL_MODELS.resolve()
-    if out and out.resolve().is_relative_to(pipeline):
-        raise InputError(
-            "--out",
-            "",
-            f"expected a folder outside of {paths.FINAL_MODELS}, which the pipeline writes",
-        )
-    in_place = not (
-        dry_run
-        or path.resolve().is_relative_to(pipeline)
-        or (out and out.resolve() != path.resolve())
-    )
-    if vectors and in_place:
-        raise InputError(
-            "--vectors", "", "expected --out FOLDER: the vectors of all entities' names change"
-        )
+def changing(path: Path, dry_run: bool) -> Iterator[LiveEmbedding]:
+    """Open a home for a change, or a copy of it in memory."""
     printed = StringIO()  # a command that cannot write prints no result
-    with open_folder(path, vectors, journal=in_place) as live, redirect_stdout(printed):
-        before = len(live.changes)
+    with open_home(path, dry_run) as live, redirect_stdout(printed):
         yield live
-        if out and not in_place and not dry_run:
-            live.save(out)
     print(printed.getvalue(), end="")
-    if not json and (len(live.changes) > before or not in_place):
-        written = path if in_place else out
-        hint = "" if dry_run else ": --out FOLDER writes it"
-        print(f"written: {written}" if written and not dry_run else f"nothing is written{hint}")
+    if dry_run:
+        print("nothing is written")
 
 
-def _existing(path: Path) -> Path:
-    """The folder; an ``InputError`` says how to get the default one where it is missing."""
-    if path == DEFAULT and not path.exists():
-        here = "not trained yet: run `dvc repro train_final`"
-        away = f"no such folder in {Path.cwd()}: run this in the folder of the project"
-        raise InputError(
-            path,
-            "",
-            f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR",
-        )
-    return path
-
-
-def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) -> LiveEmbedding:
-    """Open the bundle of a folder. An ``InputError`` refuses a missing or broken one."""
-    _existing(path)
+def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:
+    """Open the home of a folder. An ``InputError`` refuses a missing or broken one."""
+    if path == HOME and not path.exists():
+        expected = f"no such folder in {Path.cwd()}: name a home by --home DIR or ISI_HOME"
+        raise InputError(path, "", f"{expected}; isi train makes one")
     # what is imported stays: without the collector, the imports and the end take 0.2 s less
     gc.disable()
     import torch
@@ -522,4 +492,4 @@ def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) 
     gc.freeze()
     gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_live(path, vectors=vectors, journal=journal)
+    return open_live(path, "memory" if dry_run else "full")

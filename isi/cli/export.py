@@ -21,7 +21,7 @@ from cyclopts import Parameter
 
 from isi import config
 from isi.cli import FROM_ZERO
-from isi.cli.entity import open_folder
+from isi.cli.entity import open_home
 from isi.errors import InputError, extra, suggestion
 from isi.graph.graph import (
     ENTITIES,
@@ -135,7 +135,7 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
     """The known triples of a bundle, each with count 1,
     and ``most`` predictions per head and relation.
     """
-    opened, name = open_folder(folder).now, folder.resolve().name
+    opened, name = open_home(folder).now, folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])

@@ -1,4 +1,4 @@
-"""``isi import``: converts an embedding that another tool has trained into a bundle."""
+"""``isi import``: makes a home of an embedding that another tool, or the pipeline, has trained."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,9 +7,12 @@ from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
 from isi.errors import InputError, at
+from isi.live.bundle import Bundle
 from isi.live.checkpoints import checkpoint_reader
-from isi.live.folder import write
+from isi.live.convert import is_old, trained_and_changes
+from isi.live.home import Home, check_free
 from isi.live.importer import PICKLE, of_tables, read_labels, read_tables, tensors_in
+from isi.live.phrases import with_words
 from isi.models.losses import Loss
 from isi.models.model import MODELS
 
@@ -21,7 +24,8 @@ def import_(
             help=(
                 "folder of PyKEEN (training_triples), of OpenKE (entity2id.txt, relation2id.txt,"
                 " optional train2id.txt), of PyTorch-BigGraph (checkpoint_version.txt, with the"
-                " names of its preprocessing), of dicee (configuration.json), or with entities.txt,"
+                " names of its preprocessing), of dicee (configuration.json), of the pipeline"
+                " (embedding.json), or with entities.txt,"
                 " relations.txt (one name per line) and optional triples.tsv (names)"
             )
         ),
@@ -53,6 +57,9 @@ def import_(
             )
         ),
     ] = None,
+    vectors: Annotated[
+        Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
+    ] = None,
     tensors: Annotated[
         tuple[Path, ...],
         Parameter(
@@ -74,16 +81,22 @@ def import_(
         ),
     ] = False,
 ) -> None:
-    """Read an embedding, check it, and write a bundle.
+    """Read an embedding, check it, and make it a home.
     An ``InputError`` names the missing or wrong file or tensor.
     """
+    check_free(out)
     if trust_pickle and (model or set or tensors or loss):
         raise InputError(
             "--trust-pickle",
             "",
             "expected no --family, --set, --loss or --tensors: the pickle determines them",
         )
-    if reader := checkpoint_reader(folder):
+    bundle: Bundle
+    if is_old(folder):
+        if trust_pickle or model or tensors or set or loss:
+            raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
+        bundle = trained_and_changes(folder)[0]
+    elif reader := checkpoint_reader(folder):
         if trust_pickle or model or tensors:
             expected = (
                 "expected no --family, --tensors or --trust-pickle: it says which model it holds"
@@ -108,7 +121,8 @@ def import_(
         with flags(model="--family", model_options="--set"):
             tables = read_tables(files, str(model))
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
-    write(out, bundle)
+    bundle = with_words(bundle, vectors)
+    Home.create(bundle, out).close()
     options, size = (
         ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()),
         bundle.sizes(),

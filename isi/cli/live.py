@@ -4,30 +4,30 @@ and answers requests in lines of JSON (``isi.live.stream``).
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from isi.cli import HOME
+
 
 def live(
-    folder: Annotated[Path, Parameter(help="folder of a bundle; its journal lists the changes")],
+    home: Annotated[Path, Parameter(help="folder of a home")] = HOME,
     *,
     socket: Annotated[
         Path | None, Parameter(help="Unix socket to serve, in place of standard input")
     ] = None,
-    vectors: Annotated[
-        Path | None, Parameter(help="word2vec or GloVe file, for the vectors of all phrases")
-    ] = None,
+    durability: Annotated[
+        Literal["full", "normal"],
+        Parameter(help="normal: faster; a loss of power may take the last changes"),
+    ] = "full",
 ) -> None:
     """Answer requests until the input ends, or until SIGTERM or Ctrl-C."""
-    import asyncio
-
     import torch
 
     from isi.live.embedding import open_live
-    from isi.live.stream import answer_input, serve
+    from isi.live.stream import answer_input, prepared_beside, serve
 
     torch.set_num_threads(1)  # so that equal requests have equal answers
-    with open_live(folder, vectors=vectors, journal=True) as opened, suppress(SystemExit):
-        steps = opened.groups.preparation()
-        asyncio.run(serve(opened, steps, socket)) if socket else answer_input(opened, steps)
+    with open_live(home, durability) as live, prepared_beside(live), suppress(SystemExit):
+        serve(live, socket) if socket else answer_input(live)

@@ -6,19 +6,22 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from isi.cli import FROM_ONE, FROM_ZERO, NewFolder, Settings, flags, settings, show
+from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, settings, show
+from isi.errors import InputError
 
 
 def train(
     files: Annotated[
         tuple[str, ...],
         Parameter(
-            name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room"
+            name="FILE",
+            required=True,
+            help="triples, scenes or houses (ROOM=FILE: in a room), or a home",
         ),
     ] = (),
     /,
     *,
-    out: NewFolder,
+    out: NewFolder | None = None,
     entities: Annotated[
         Path | None,
         Parameter(
@@ -36,6 +39,9 @@ def train(
     budget: Annotated[
         float, Parameter(help="seconds for comparing models, by an estimate of the work")
     ] = 60,
+    vectors: Annotated[
+        Path | None, Parameter(help="word2vec or GloVe file, for the word vectors of names")
+    ] = None,
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of everything random")] = 0,
     reader: Annotated[
         str | None, Parameter(help="name of a reader; default: guessed from the file")
@@ -45,33 +51,53 @@ def train(
         int, Parameter(validator=FROM_ONE, help="drop triples with fewer observations")
     ] = 1,
 ) -> None:
-    """Read files as ``isi graph`` does, train an embedding of their graph, and write a bundle."""
+    """Read files as ``isi graph`` does, train an embedding of their graph, and make it a home.
+    FILE may be a home: it is trained again on all that holds.
+    """
     import torch
 
     from isi.graph.files import read_graph
-    from isi.live.folder import write
-    from isi.live.train import described, train_bundle
+    from isi.live.embedding import LiveEmbedding, open_live
+    from isi.live.home import Home, check_free
+    from isi.live.phrases import with_words
+    from isi.live.train import described, is_home, train_again, train_bundle
 
-    torch.set_num_threads(1)  # so that equal commands write equal bytes
-    tables, read = read_graph(files, reader, settings(set), min_count, seed)
-    note = ""
-    if entities:
-        tables, note = described(tables, entities)
+    torch.set_num_threads(1)  # so that equal commands train equal vectors
     options = {
         "model": model,
         "learning_rate": learning_rate,
         "dimension": dimension,
         "budget": budget,
     }
-    with flags(**{name: f"--{name.replace('_', '-')}" for name in options}):
+    names = flags(**{name: f"--{name.replace('_', '-')}" for name in options})
+    again = next((Path(file) for file in files if is_home(Path(file))), None)
+    if again is not None:
+        if len(files) > 1 or out or entities or reader or set or min_count > 1:
+            expected = "expected no other FILE and no option of files: a home is trained as it is"
+            raise InputError(again, "", expected)
+        with open_live(again) as live, names:
+            print(train_again(live, vectors, **options, seed=seed))
+            live.prepare(progress=True)
+        print(f"The home is trained again on all that holds: {again}")
+        return
+    if out is None:
+        raise InputError("--out", "", "expected a folder for the home")
+    check_free(out)
+    tables, read = read_graph(files, reader, settings(set), min_count, seed)
+    note = ""
+    if entities:
+        tables, note = described(tables, entities)
+    with names:
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
-    write(out, bundle)
+    bundle = with_words(bundle, vectors)
+    with LiveEmbedding(bundle, Home.create(bundle, out)) as live:
+        live.prepare(progress=True)
     show(read)
     if note:
         print(f"Warning: {entities}: {note}.")
     print(summary)
     head, relation, tail = map(shlex.quote, bundle.named_triples()[0])
-    folder = shlex.quote(str(out))
-    print(f"The embedding is in {out}. Ask it, or insert an entity that it lacks:")
-    print(f"  isi ask {head} {relation} --embedding {folder}")
-    print(f"  isi insert 'NEW NAME' --fact {relation} {tail} --embedding {folder}")
+    folder = "" if out == HOME else f" --home {shlex.quote(str(out))}"
+    print(f"The home is in {out}. Ask it, or tell it of something new:")
+    print(f"  isi ask {head} {relation}{folder}")
+    print(f"  isi tell 'NEW NAME' {relation} {tail}{folder}")

@@ -12,15 +12,17 @@ wrong, and vectors trained together with the answers flatter them.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
-from isi.live.loaded import Fact, LoadedEmbedding, Query, answers_in
+from isi.live.bundle import Fact
+from isi.live.loaded import LoadedEmbedding, Query, answers_in
 
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers
 #: about hidden objects of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
@@ -60,6 +62,7 @@ class Answers:
 
     query: Fact  #: names, with ``?`` in place of the answer
     answers: list[Answer]
+    notes: list[str] = field(default_factory=list)  #: which known name a name was taken for
 
     @property
     def sure(self) -> bool:
@@ -80,50 +83,44 @@ def answer(
     query: Query,
     most: int,
     curve: Curve | None,
-    given: Collection[Fact] = (),
+    *,
+    new: bool = False,
+    among: Collection[int] | None = None,
     indicators: Collection[int] | None = None,
 ) -> Answers:
-    """The ``most`` best answers. ``given``: facts that were added;
+    """The ``most`` best answers.
+
+    ``new``: without what is known; ``among``: ids of the candidates, if they are named;
     ``indicators``: ids, for ``Answer.shared_by``.
     """
-    entities, scores = opened.ranked(query)
-    names = opened.entity_names
-    known_answers = torch.tensor(sorted(opened.answers(query)))
-    known = torch.isin(entities, known_answers).tolist()
-    first_inserted = len(names) - len(opened.manifest.inserted)
-    is_given = [
-        known[place] and completed(opened, query, row) in given
-        for place, row in enumerate(entities.tolist())
-    ]
+    entities, scores = opened.ranked(query, among)
+    names, rows = opened.entity_names, entities.numpy()
+    known = np.isin(rows, list(opened.answers(query)))
+    added = opened.triples[len(opened.triples) - opened.added :]
+    given = np.isin(rows, list(answers_in(added, query)))
     usual = opened.candidates(query.relation, HEAD + TAIL - query.slot)
-    if query.given not in usual and not any(known):
+    if query.given not in usual and not known.any():
         curve = torch.zeros_like  # no known triple asks this of its kind
-    order = sorted(range(len(entities)), key=lambda place: (not is_given[place], not known[place]))[
-        :most
-    ]
-    shared = (
-        {}
-        if indicators is None
-        else {row: opened.answers(query._replace(given=row)) for row in indicators}
-    )
-    rows = [
-        Answer(
-            names[row],
-            place + 1,
-            scores[place].item(),
-            probability,
-            is_given[place],
-            known[place],
-            row >= first_inserted,
-            None
-            if indicators is None
-            else [names[other] for other, answers in shared.items() if row in answers],
+    order = np.lexsort([~known, ~given])
+    order = order[~known[order]][:most] if new else order[:most]
+    shared = {row: opened.answers(query._replace(given=row)) for row in indicators or ()}
+    probabilities = _probabilities(curve, scores[order])
+    listed = list[Answer]()
+    for place, probability in zip(order.tolist(), probabilities, strict=True):
+        row = int(rows[place])
+        sharing = [names[other] for other, answers in shared.items() if row in answers]
+        best = Answer(
+            entity=names[row],
+            rank=place + 1,
+            score=scores[place].item(),
+            probability=probability,
+            given=bool(given[place]),
+            known=bool(known[place]),
+            inserted=row >= len(names) - opened.inserted,
+            shared_by=None if indicators is None else sharing,
         )
-        for place, row, probability in zip(
-            order, entities[order].tolist(), _probabilities(curve, scores[order]), strict=True
-        )
-    ]
-    return Answers(opened.named(query), rows)
+        listed.append(best)
+    return Answers(opened.named(query), listed)
 
 
 def answer_relation(
@@ -132,11 +129,12 @@ def answer_relation(
     tail: int,
     most: int,
     curve_of: Callable[[int], Curve | None],
-    given: Collection[Fact] = (),
+    new: bool = False,
 ) -> Answers:
-    """The relations between two entities: known ones, then the most probable.
+    """The relations between two entities: known ones (unless ``new``), then the most probable.
     Kinds that do not fit: probability 0.
     """
+    added = opened.triples[len(opened.triples) - opened.added :]
     names, labels = opened.entity_names, opened.relation_names
     scores = opened.embedding.score_relations(torch.tensor([[head]]), torch.tensor([[tail]]))[0, 0]
     rows = []
@@ -148,11 +146,11 @@ def answer_relation(
         )
         (probability,) = _probabilities(curve_of(relation), scores[[relation]]) if fits else [0.0]
         known = tail in opened.answers(Query(head, relation, TAIL))
-        fact = (names[head], labels[relation], names[tail])
+        if known and new:
+            continue
+        given = tail in answers_in(added, Query(head, relation, TAIL))
         score = scores[relation].item()
-        rows.append(
-            Answer(labels[relation], place + 1, score, probability, fact in given, known, False)
-        )
+        rows.append(Answer(labels[relation], place + 1, score, probability, given, known, False))
     rows.sort(key=lambda row: (not row.given, not row.known, -(row.probability or 0.0)))
     return Answers((names[head], "?", names[tail]), rows[:most])
 

@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field, PositiveInt
 from isi.config import Option, Positive
 from isi.errors import InputError, at, cut, extra, short
 from isi.insertion.inverses import both_ways
-from isi.live.folder import COLUMNS, TEXTS, TRIPLES, Bundle, triple_ids
+from isi.live.bundle import COLUMNS, TEXTS, TRIPLES, Bundle, triple_ids
 from isi.live.importer import (
     CONFIGURATION,
     VERSION,

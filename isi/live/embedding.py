@@ -1,68 +1,126 @@
-"""A live embedding: a bundle to which entities and facts are added, from which they are removed,
-and that answers.
+"""A live embedding: a trained one that is told of entities and facts, and answers.
 
-The rows of known entities never change. The vector of an inserted entity is a function of its
+The rows of trained entities never change. The vector of an inserted entity is a function of its
 facts: it is computed again from all of them whenever one comes or goes, in whatever order they
 came. Inserted entities are no indicators of each other. Those that share a fact are inserted
-together (``isi.insertion.engine``).
+together (``isi.insertion.engine``). What holds is what the tables of the home say
+(``isi.live.home``); this object is what is derived from them.
 """
 
 from __future__ import annotations
 
-from collections import ChainMap
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
-from datetime import datetime
-from functools import cached_property, partial
+import warnings
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, Literal, Self
+from threading import RLock
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import numpy as np
 import torch
+from tqdm import tqdm
 
+from isi.config import Count, check
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import TripleForms
 from isi.insertion.interference import Interference, measure
-from isi.live import folder as folders
-from isi.live import journal as journals
-from isi.live import stored
+from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
+from isi.live.bundle import Bundle, Fact, NewEntity, Record, Text
+from isi.live.changes import Change, Effect, Time, changes_of, names_in, told
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
-from isi.live.folder import Bundle
-from isi.live.groups import EntityGroups, InsertedEntity, with_rows
-from isi.live.journal import (
-    Alteration,
-    Change,
-    Effect,
-    Journal,
-    Line,
-    NewEntity,
-    Selected,
-)
-from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
-from isi.live.names import check_new, find, known_as
-from isi.live.phrases import SAME, phrase_vectors
-from isi.live.stored import StoredVector
-from isi.names import bare, clean, plain
+from isi.live.groups import Computed, EntityGroups, Given, InsertedEntity, stored
+from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
+from isi.live.loaded import LoadedEmbedding, Query
+from isi.live.names import KnownNames, check_new
+from isi.live.phrases import SAME, phrase_vectors, with_words
+from isi.names import clean, plain
 
-#: Changes, after which the computed vectors are written, in case the process is killed.
-STORED_EVERY = 100
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Stamp(Record):
+    """When a change was made, and what reported it."""
+
+    time: Time | None = None
+    source: Text | None = None
+
+
+@dataclass
+class Pending:
+    """A change while it is made."""
+
+    number: int
+    time: str
+    source: str | None
+    inserted: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    relations: list[str] = field(default_factory=list)
+    added: list[Fact] = field(default_factory=list)
+    seen: list[Fact] = field(default_factory=list)
+    lost: list[Fact] = field(default_factory=list)
+    touched: set[str] = field(default_factory=set)  #: names whose input may have changed
+    training: bool = False  #: whether facts of training came or went
+    notes: list[str] = field(default_factory=list)
+    result: Effect = field(default_factory=Effect)  #: when it is made
+
+    @property
+    def is_empty(self) -> bool:
+        lists = self.inserted, self.removed, self.added, self.seen, self.lost
+        return not any(lists)
+
+    def finish(self, updated: Sequence[str]) -> None:
+        self.result = Effect(
+            inserted=self.inserted,
+            updated=list(updated),
+            removed=self.removed,
+            relations=self.relations,
+            facts=len(self.added),
+            lost=self.lost,
+            known=len(self.seen),
+            notes=list(dict.fromkeys(self.notes)),
+        )
+
+
+class _NothingChanged(Exception):
+    """Ends a transaction that would write nothing but a line of the history."""
+
+
+def one_at_a_time(
+    method: Callable[Concatenate[Any, P], R],
+) -> Callable[Concatenate[Any, P], R]:
+    """A method that one thread runs at a time, after what other processes have changed is taken
+    over.
+    """
+
+    @wraps(method)
+    def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        with self._lock:
+            self._take_over()
+            return method(self, *args, **kwargs)
+
+    return locked
 
 
 class LiveEmbedding:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and
     ``isi.from_pykeen`` make one.
 
-    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores
-    of known names are ignored. An ``InputError`` refuses an unknown name, and changes nothing.
+    Facts are triples of names in any form that ``isi.insert`` accepts, perhaps with a fourth part,
+    their confidence. An ``InputError`` refuses what cannot be done, and changes nothing; a change
+    that returns is durable. Threads may share the object.
 
     Example:
         >>> import isi
         >>> facts = [(name, "in", "kitchen") for name in ("cup", "pan", "fork")]
         >>> facts += [(name, "in", "bedroom") for name in ("bed", "lamp", "desk")]
         >>> home = isi.train(facts, model="distmult", dimension=4)
-        >>> home.insert("mug", {"in": "kitchen"}).inserted
+        >>> home.tell([("mug", "in", "kitchen")]).inserted
         ['mug']
         >>> home.ask("mug", "in").answers[0].entity
         'kitchen'
@@ -70,59 +128,83 @@ class LiveEmbedding:
         ['mug']
     """
 
-    def __init__(
-        self,
-        bundle: Bundle,
-        lines: Sequence[Line] | None = None,
-        folder: Path | None = None,
-        vectors: Path | None = None,
-        journal: Journal | None = None,
-    ) -> None:
-        """Use ``isi.open``. ``lines``: those of the journal;
-        None: the bundle's own records of insertions.
+    def __init__(self, bundle: Bundle, home: Home | None = None) -> None:
+        """Use ``isi.open``, ``isi.train`` or ``isi.from_pykeen``.
+
+        ``home``: of the bundle; None: one in memory.
         """
-        opened = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
-        records = opened.manifest.inserted
-        listed = list(journals.from_records(opened)) if lines is None else list(lines)
-        numbered = [
-            (line, number) for number, line in enumerate(listed, 1) if isinstance(line, Change)
-        ]
-        self.folder, self.changes = folder, [change for change, _ in numbered]
-        known = opened.part(np.arange(len(opened.entities) - len(records)))
-        added = _added_later(self.changes, known)
-        #: what the folder's other files have and the embedding was not trained on
-        self._written_facts = (
-            [fact for fact in known.named_triples() if fact in added] if added else []
-        )
-        self._written_entities = len(records)
-        known = replace(known, triples=known.triples_without(added))
-        phrases = phrase_vectors(known, vectors)
-        self._words = known.words  #: as ``save`` writes them
-        if phrases and vectors:
-            manifest = known.manifest.model_copy(update={"words": phrases.origin})
-            known, self._words = replace(known, manifest=manifest), phrases.known
-        #: the known entities, with the triples that the embedding was trained on
-        self.base: LoadedEmbedding = (
-            known if phrases is None else replace(known, words=phrases.known)
-        )
-        chosen = {(line.facts, line.words): line for line in listed if isinstance(line, Selected)}
-        self._listed = len(chosen)  # choices that are in the journal, or pending
-        self.groups = EntityGroups(self.base, phrases, chosen)
+        self._lock = RLock()
+        loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
+        loaded = with_words(loaded)
+        self.home = home or Home.create(loaded)
+        self._now: LoadedEmbedding | None = None
+        self._known_triples: np.ndarray | None = None
+        self._known_names: KnownNames | None = None
+        self._load(loaded)
+
+    def _load(self, base: LoadedEmbedding) -> None:
+        """Derive everything from the tables."""
+        self.base = base  #: the trained entities, with the triples of training
+        self.groups = EntityGroups(base, phrase_vectors(base), self.home)
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
-        self.groups.stored = stored.read(folder) if folder else {}
-        file = folder / folders.JOURNAL if folder and lines is not None else None
-        self.additions = journals.replayed(
-            self.changes, self.base, file, [number for _, number in numbered]
-        )
-        self._rows = self.groups.insert_groups(self.additions, self.additions.entities.keys())
-        self._rows = {name: self._rows[name] for name in self.additions.entities}
-        self._fact_ids = self._ids_now(self.additions.facts)
-        self._journal, self._pending, self._on_disk = journal, list[Line](), len(lines or ())
-        self._unchanged = len(self.changes)
-        self._append(self.changes if lines is None else [])
+        self._version, self._vectors_file = self.home.version(), self.home.vectors_file
+        self._last = self._last_change()
+        self._rows = dict[str, InsertedEntity]()
+        self._read_rows(0)
+        if missing := set(self._rows_in_order()) - self._rows.keys():
+            self._insert_missing(missing)
 
     # -- changes -----------------------------------------------------------------------------------
 
+    @one_at_a_time
+    def tell(
+        self,
+        facts: Any = (),
+        *,
+        entities: str | Sequence[str] = (),
+        definition: str | Mapping[str, str] | None = None,
+        kind: str | Mapping[str, str] | None = None,
+        initializer: str | None = None,
+        options: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        confidence: float | None = None,
+        new: bool = False,
+        time: datetime | str | float | None = None,
+        source: str | None = None,
+    ) -> Effect:
+        """Tell facts: what is not known yet is inserted, and what is known is seen once more.
+
+        A relation that is not known is new if two or more of the facts have it.
+
+        Args:
+            facts: triples by name; a fourth part is a confidence.
+            entities: further new entities, which are inserted by their words alone.
+            definition: a sentence for the word vector; by name for several entities. So is
+                ``kind``; without it, the kind follows from the facts, or else from the most similar
+                words.
+            initializer: None: the best for hidden known entities with as many facts. ``options``
+                replace its defaults.
+            seed: of a random initializer.
+            confidence: how far the facts are believed, above 0 and at most 1; MAP weighs them by
+                it.
+            new: insert names that look like known ones ("Forks" beside "fork"), too.
+            time: when it was seen; None: now. Without a zone, it is local time. ``source``: what
+                reported it.
+
+        Example:
+            >>> effect = home.tell([("mug", "in", "kitchen"), ("lamp", "in", "bedroom")])
+            >>> effect.inserted, effect.facts, effect.known
+            (['mug'], 1, 1)
+        """
+        listed = _cleaned(told(facts, confidence))
+        about = _about(definition, kind, initializer, options, seed)
+        with self._changing("tell", time, source) as change:
+            self._insert_entities(change, _names(entities), listed, about, new=new)
+            self._add_relations(change, listed)
+            self._add_facts(change, listed)
+        return change.result
+
+    @one_at_a_time
     def insert(
         self,
         entities: str | Sequence[str],
@@ -133,26 +215,19 @@ class LiveEmbedding:
         initializer: str | None = None,
         options: Mapping[str, Any] | None = None,
         seed: int = 0,
+        confidence: float | None = None,
         new: bool = False,
         upsert: bool = False,
-        time: datetime | None = None,
+        time: datetime | str | float | None = None,
         source: str | None = None,
     ) -> Effect:
-        """Insert one or more new entities with their facts.
+        """``tell`` that names the new entities, so that no other unknown name is accepted.
 
         Args:
             entities: a name, or several.
             facts: triples; for one entity also its tails by relation,
                 ``{"atLocation": "kitchen"}``.
-            definition: a sentence for the word vector; by name for several entities. So is
-                ``kind``; without it, the kind follows from the facts, or else from the most similar
-                words.
-            initializer: None: the best for hidden known entities with as many facts. ``options``
-                replace its defaults.
-            seed: of a random initializer.
-            new: insert a name that looks like a known one ("Forks" beside "fork").
             upsert: of an entity that is known already, only the facts are added.
-            time: when it was observed; None: now. ``source``: what reported it.
 
         Example:
             >>> facts = [("mug", "in", "kitchen"), ("sofa", "in", "bedroom")]
@@ -160,89 +235,53 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts
             (['mug', 'sofa'], 2)
         """
-        names = [entities] if isinstance(entities, str) else list(entities)
-        for argument, each in {"definition": definition, "kind": kind}.items():
-            if isinstance(each, Mapping) and (others := each.keys() - set(names)):
-                raise InputError(
-                    argument,
-                    "",
-                    f"expected names of the entities to insert, got {min(others)!r:.80}",
-                )
+        names = _names(entities)
         if isinstance(facts, Mapping) and not any(
-            isinstance(tails, Mapping) for tails in facts.values()
+            isinstance(each, Mapping) for each in facts.values()
         ):
+            if len(names) != 1 and facts:
+                expected = "expected one entity, or facts by name: tails by relation are of one"
+                raise InputError("facts", "", expected)
             facts = dict.fromkeys(names, facts)
-        present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
-        names = [name for name in names if name not in present]
-        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), dict[str, NewEntity]()
-        spellings = dict[str, str]()
-        for name in names:
-            first = spellings.setdefault(bare(name), clean(name))
-            if first != clean(name):
-                raise InputError(
-                    repr(name)[:80],
-                    "",
-                    f"expected each new entity once: {first!r:.80} is the same name",
-                )
-            words = self.groups.words(name, NewEntity())
-            same = words.nearest is not None and (words.cosine or 0.0) > SAME
-            check_new(
-                name,
-                self.now.entity_names,
-                self.base.entity_names[words.nearest or 0] if same else None,
-                new,
-            )
-            text, named = (
-                each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
-            )
-            of_kind = named and find(named, kinds, "kind", "a kind")
-            with at(repr(name)[:80]):
-                about[clean(name)] = NewEntity(
-                    definition=text,
-                    kind=of_kind,
-                    initializer=initializer,
-                    options=dict(options or {}),
-                    seed=seed,
-                )
-        listed = self.now.facts(facts, list(about))
-        added = self.now.unknown(listed)
-        do: Literal["insert", "observe"] = "insert" if about else "observe"
-        change = _checked_change(do, entities=about, facts=added, time=time, source=source)
-        notes = [f"{name} is known: its facts alone are added" for name in present]
-        return self._change(change, len(listed) - len(added), notes)
+        listed = _cleaned(told(facts, confidence))
+        about = _about(definition, kind, initializer, options, seed)
+        with self._changing("insert", time, source) as change:
+            present = [name for name in names if self._known.same(name) is not None]
+            if present and not upsert:
+                refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
+                raise InputError(repr(present[0])[:80], "", refused)
+            absent = [name for name in names if name not in present]
+            change.notes += [f"{name} is known: its facts alone are added" for name in present]
+            self._refuse_unknown(listed, absent)
+            self._insert_entities(change, absent, {}, about, new=new)
+            self._add_facts(change, listed)
+        return change.result
 
+    @one_at_a_time
     def observe(
         self,
-        facts: TripleForms,
+        facts: Any,
         *,
         upsert: bool = False,
-        time: datetime | None = None,
+        confidence: float | None = None,
+        time: datetime | str | float | None = None,
         source: str | None = None,
     ) -> Effect:
-        """Add facts between known or inserted entities.
-        Inserted ones get a new vector from all their facts.
-
-        ``upsert``: insert entities that are not known yet. ``time`` and ``source`` are as in
-        ``insert``.
+        """``tell`` of entities that are known, unless ``upsert``.
 
         Example:
             >>> home.observe([("lamp", "in", "kitchen")]).facts
             1
-            >>> home.observe([("mug", "in", "kitchen")], upsert=True).inserted
-            ['mug']
         """
         if upsert:
-            ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
-            unknown = dict[str, str]()  # in its first spelling
-            for end in dict.fromkeys(ends):
-                if not known_as(end, self.now.entity_ids):
-                    unknown.setdefault(bare(end), end)
-            return self.insert(list(unknown.values()), facts, time=time, source=source)
-        listed = self.now.facts(facts)
-        added = self.now.unknown(listed)
-        change = _checked_change("observe", facts=added, time=time, source=source)
-        return self._change(change, len(listed) - len(added))
+            return self.tell(facts, confidence=confidence, time=time, source=source)
+        listed = _cleaned(told(facts, confidence))
+        with self._changing("observe", time, source) as change:
+            self._refuse_unknown(listed, ())
+            self._add_facts(change, listed)
+        return change.result
 
+    @one_at_a_time
     def move(
         self,
         head: str,
@@ -250,7 +289,7 @@ class LiveEmbedding:
         tail: str,
         *,
         instead_of: str | None = None,
-        time: datetime | None = None,
+        time: datetime | str | float | None = None,
         source: str | None = None,
     ) -> Effect:
         """Replace the facts with this head and relation by one fact:
@@ -263,162 +302,180 @@ class LiveEmbedding:
             >>> home.move("lamp", "in", "kitchen").lost
             [('lamp', 'in', 'bedroom')]
         """
-        ((head, relation, tail),) = self.now.facts([(head, relation, tail)])
-        ids = self.now.entity_ids
-        query = Query(ids[head], self.now.relation_ids[relation], TAIL)
-        tails = [self.now.entity_names[row] for row in sorted(self.now.answers(query))]
-        if instead_of is not None:
-            old = self._entity(instead_of)
-            if old not in tails:
-                place = f"{head} {relation} {old}"
-                raise InputError("", place, "expected a fact that holds, which is to be replaced")
-            gone = [old]
-        else:
-            gone = tails
-        replaced = [(head, relation, old) for old in gone if old != tail]
-        facts = [] if tail in tails else [(head, relation, tail)]
-        change = _checked_change("move", facts=facts, replaced=replaced, time=time, source=source)
-        return self._change(change, int(tail in tails))
+        (fact,) = listed = _cleaned({(head, relation, tail): None})
+        with self._changing("move", time, source) as change:
+            self._refuse_unknown(listed, ())
+            rows = self.home.facts_of(fact[0])
+            old = [row for row in rows if row.fact[:2] == fact[:2]]
+            if instead_of is not None:
+                old = [row for row in old if row.tail == clean(instead_of)]
+                if not old:
+                    expected = "expected a fact that holds, which is to be replaced"
+                    raise InputError("", " ".join([*fact[:2], instead_of]), expected)
+            self._take_facts(change, [row for row in old if row.fact != fact])
+            self._add_facts(change, listed)
+        return change.result
 
+    @one_at_a_time
     def remove(
         self,
         entities: str | Sequence[str] = (),
-        facts: TripleForms = (),
+        facts: Any = (),
         *,
-        time: datetime | None = None,
+        time: datetime | str | float | None = None,
         source: str | None = None,
     ) -> Effect:
         """Take inserted entities back with all their facts, or single facts.
 
         A fact that the embedding was trained on is retracted: it is no answer any more, and vectors
         of inserted entities are computed without it. ``undo`` brings it back, and so does
-        ``observe``.
+        ``tell``.
 
         Example:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names = [
-            self._inserted(name) for name in ([entities] if isinstance(entities, str) else entities)
-        ]
-        listed = self.now.facts(facts)
-        for fact in self.now.unknown(listed):
-            raise InputError("", " ".join(fact), "expected a fact that holds")
-        about = dict.fromkeys(names, NewEntity())
-        return self._change(
-            _checked_change("remove", entities=about, facts=listed, time=time, source=source)
-        )
+        names, listed = _names(entities), list(_cleaned(told(facts)))
+        with self._changing("remove", time, source) as change:
+            self._refuse_unknown(listed, ())
+            for fact in listed:
+                row = self.home.fact(fact)
+                if row is None or row.status == "retracted":
+                    raise InputError("", " ".join(fact), "expected a fact that holds")
+                self._take_facts(change, [row])
+            for name in [self._inserted(self._entity(name)) for name in names]:
+                self._remove_entity(change, name)
+        return change.result
 
-    def undo(self, *, time: datetime | None = None, source: str | None = None) -> Effect:
+    @one_at_a_time
+    def undo(
+        self, *, time: datetime | str | float | None = None, source: str | None = None
+    ) -> Effect:
         """Take the last change back, a second time the one before;
-        an ``InputError`` if there is none.
+        an ``InputError`` if there is none since training.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"})
+            >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> home.undo().removed
             ['mug']
         """
-        if not self.additions.done:
-            raise InputError("undo", "", "there is no change to take back")
-        return self._change(_checked_change("undo", time=time, source=source))
+        with self._changing("undo", time, source) as change:
+            target = self.home.last_to_undo()
+            if target is None:
+                raise InputError("undo", "", "there is no change to take back")
+            self._reverse(change, target)
+            self.home.put_back(change.number, target)
+        return change.result
 
     @property
     def history(self) -> list[Change]:
-        """All changes since training, those that were undone included.
+        """All changes since the first training, that included, and those that were undone.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"})
-            >>> [(change.do, change.added) for change in home.history]
-            [('insert', [('mug', 'in', 'kitchen')])]
+            >>> effect = home.tell([("mug", "in", "kitchen")])
+            >>> [(change.verb, change.added) for change in home.history]
+            [('train', []), ('tell', [('mug', 'in', 'kitchen')])]
         """
-        return list(self.changes)
+        with self._lock:
+            return changes_of(self.home)
 
-    def compact(self) -> int:
-        """Leave out of the journal what later changes have taken back;
-        the number of lines that are gone.
-
-        The state stays, with the time and source of each fact. ``undo`` then reaches the changes
-        that remain.
+    @one_at_a_time
+    def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
+        """The facts that hold and were not seen for some time before ``since`` (None: now), the
+        oldest first. One that was not seen since training counts as seen then.
 
         Example:
-            >>> effect = home.insert("mug", {"in": "kitchen"})
-            >>> effect = home.undo()
-            >>> home.compact(), home.history
-            (2, [])
+            >>> from datetime import timedelta
+            >>> [row.fact for row in home.stale(timedelta(days=30))]
+            []
         """
-        if self.folder and not self._journal:
-            raise InputError(
-                "compact", "", "expected an embedding that was opened with journal=True"
-            )
-        changes = journals.compacted(self.changes, self._written_facts)
-        lines: list[Line] = [*self.groups.selected.values(), *changes]
-        gone = len(self.changes) - len(changes)
-        # without lines, the entities in the folder count
-        is_unread = self._written_entities and not lines
-        if gone < 0 or is_unread or changes == self.changes:
-            return 0
-        if self._journal:
-            self._journal.replace(lines)
-            self._listed = len(self.groups.selected)
-        self.changes, self.additions = changes, journals.additions_of(changes)
-        self._number_facts()
-        return gone
+        trained = "(SELECT max(time) FROM change WHERE verb = 'train')"
+        last = f"coalesce(last_seen, {trained})"
+        before = as_text((since or now()) - age)
+        rows = self.home.facts(f"status <> 'retracted' AND {last} < ?", before)
+        return sorted(rows, key=lambda row: row.last_seen or "")
 
-    def prepare(self) -> None:
-        """Choose initializers and fit curves now, in some seconds,
-        so that no later call waits for that.
+    def prepare(self, progress: bool = False) -> None:
+        """Choose initializers and fit the curves of probabilities now, in some seconds, so that no
+        later insertion waits for that. The choices are stored.
 
         Without it, the first insertion with a number of facts makes the choice for this number.
-        ``save`` keeps the choices.
         """
-        for step in self.groups.preparation():
-            step()
+        with self._lock:
+            self._take_over()
+            waiting = self.groups.preparation()
+        bar = tqdm(waiting, "initializers", leave=False, disable=None if progress else True)
+        for conditions in bar:
+            with self._lock:
+                self._take_over()
+                self.groups.choice(conditions)
 
     # -- answers -----------------------------------------------------------------------------------
 
+    @one_at_a_time
     def ask(
         self,
         head: str | None = None,
         relation: str | None = None,
         tail: str | None = None,
         top: int = 10,
+        *,
+        new: bool = False,
+        among: Sequence[str] | None = None,
     ) -> Answers:
         """The best answers to a query with one missing part: tail, head or relation.
         Facts stand first.
 
         An answer has a calibrated probability where known entities allow it; ``Answers.sure`` is
-        false where the best one is below ``LIKELY``.
+        false where the best one is below ``LIKELY``. Of a name that is not known, the only known
+        one that differs in case, or in spaces and hyphens between letters, is meant; then
+        ``Answers.notes`` says so.
+
+        Args:
+            top: number of answers.
+            new: leave out what is known: where else could it be?
+            among: rank these entities alone.
 
         Example:
             >>> first = home.ask("cup", "in").answers[0]
             >>> first.entity, first.rank, first.known
             ('kitchen', 1, True)
+            >>> home.ask("cup", "in", new=True, among=["kitchen", "bedroom"]).answers[0].entity
+            'bedroom'
             >>> home.ask(head="cup", tail="kitchen").answers[0].entity
             'in'
         """
+        check(top, Count, "", "argument 'top'")
         if (head is None) + (relation is None) + (tail is None) != 1:
             raise InputError(
                 "ask", "", "expected two of head, relation and tail: the third one is the answer"
             )
-        now, given = self.now, self.additions.facts
+        now, notes = self.now, list[str]()
         first, last = (
-            None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail)
+            None if name is None else now.entity_ids[self._queried(name, notes)]
+            for name in (head, tail)
         )
         if relation is None:
+            if among is not None:
+                raise InputError("argument 'among'", "", "expected a query for entities")
             ends = first or 0, last or 0
             # of an inserted entity if there is one
             curve_of = partial(self._curve, max(ends), slot=TAIL)
-            return answer_relation(now, *ends, top, curve_of, given)
-        label = now.relation_ids[find(relation, now.relation_ids, "relation", "a relation")]
+            return replace(answer_relation(now, *ends, top, curve_of, new), notes=notes)
+        known = now.known_relations.queried(relation, "relation", "a relation", notes.append)
+        label = now.relation_ids[known]
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
-        return self.ask_query(query, top)
+        ids = None
+        if among is not None:
+            ids = [now.entity_ids[self._queried(name, notes)] for name in among]
+        best = answer(now, query, top, self._curve(*query), new=new, among=ids)
+        return replace(best, notes=notes)
 
-    def ask_query(
-        self, query: Query, top: int, indicators: Collection[int] | None = None
-    ) -> Answers:
-        """The answers to a query by ids; with ``Answer.shared_by`` if ``indicators`` are given."""
-        return answer(self.now, query, top, self._curve(*query), self.additions.facts, indicators)
+    def _ask_query(self, query: Query, top: int, indicators: Collection[int]) -> Answers:
+        """The answers to a query by ids, with ``Answer.shared_by``."""
+        return answer(self.now, query, top, self._curve(*query), indicators=indicators)
 
+    @one_at_a_time
     def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
         """The ``number`` other entities with the highest cosine to an entity, and these cosines.
 
@@ -426,12 +483,12 @@ class LiveEmbedding:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
-        row = self.now.entity_ids[self._entity(entity)]
-        return [
-            (self.now.entity_names[other], cosine)
-            for other, cosine in self.now.nearest(row, number)
-        ]
+        check(number, Count, "", "argument 'number'")
+        names = self.now.entity_names
+        row = self.now.entity_ids[self._queried(entity)]
+        return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
 
+    @one_at_a_time
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators,
         and the effect of each part of its input.
@@ -442,8 +499,10 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
-        return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
+        check(top, Count, "", "argument 'top'")
+        return explain(self._snapshot(entity), top)
 
+    @one_at_a_time
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity,
         with the ``top`` best answers to each query.
@@ -454,19 +513,15 @@ class LiveEmbedding:
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
-        name = self._inserted(entity)
-        return report(
-            self._snapshot(),
-            self._rows[name],
-            top,
-            self.ask_query,
-            interference=self.interference([name], show=top),
-            interference_of_all=self.interference(show=top),
-        )
+        check(top, Count, "", "argument 'top'")
+        return report(self._snapshot(entity), top, self._ask_query)
 
-    def _snapshot(self) -> Snapshot:
-        return Snapshot(self.now, self.groups, self.additions)
+    def _snapshot(self, entity: str) -> Snapshot:
+        name = self._inserted(self._queried(entity))
+        given = self._given([name])
+        return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
 
+    @one_at_a_time
     def interference(
         self, entities: Sequence[str] = (), most: int = 256, show: int = 5
     ) -> Interference | None:
@@ -485,7 +540,7 @@ class LiveEmbedding:
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
             return None
-        chosen = [now.entity_ids[self._inserted(name)] for name in entities]
+        chosen = [now.entity_ids[self._inserted(self._queried(name))] for name in entities]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
             part.embedding,
@@ -502,6 +557,11 @@ class LiveEmbedding:
     # -- state -------------------------------------------------------------------------------------
 
     @property
+    def folder(self) -> Path | None:
+        """Of the home; None in memory."""
+        return self.home.folder
+
+    @property
     def inserted(self) -> dict[str, InsertedEntity]:
         """The inserted entities by name, in order.
 
@@ -512,7 +572,21 @@ class LiveEmbedding:
         """
         return dict(self._rows)
 
-    @cached_property
+    @property
+    def facts(self) -> list[StoredFact]:
+        """The facts that hold: those of training, then those that were added, with count,
+        confidence, times and source.
+
+        Example:
+            >>> effect = home.tell([("mug", "in", "kitchen")], source="camera", confidence=0.8)
+            >>> row = home.facts[-1]
+            >>> row.fact, row.status, row.confidence, row.source
+            (('mug', 'in', 'kitchen'), 'added', 0.8, 'camera')
+        """
+        with self._lock:
+            return self.home.facts("status <> 'retracted'")
+
+    @property
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3).
 
@@ -520,28 +594,62 @@ class LiveEmbedding:
             >>> home.known_triples.shape
             (6, 3)
         """
-        return self.groups.known_triples(self.additions)
+        if self._known_triples is None:
+            retracted = self.home.facts("status = 'retracted'")
+            self._known_triples = self.base.triples_without([row.fact for row in retracted])
+        return self._known_triples
 
-    @cached_property
+    @property
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
-        base, rows = self.base, list(self._rows.values())
-        names, words = [row.record.entity for row in rows], base.words
-        return replace(
-            base,
-            manifest=base.manifest.model_copy(update={"inserted": [row.record for row in rows]}),
-            entities=np.concatenate([base.entities, *(row.vector[None] for row in rows)]),
-            entity_names=base.entity_names + names,
-            kinds=base.kinds + [row.kind for row in rows],
-            phrases=base.phrases + [plain(name) for name in names],
-            words=None if words is None else with_rows(words, [row.words.vector for row in rows]),
-            triples=np.concatenate([self.known_triples, self._fact_ids]),
-            retracted=base.ids_of(self.additions.retracted),
-        )
+        with self._lock:
+            if self._now is None:
+                self._now = self._as_it_is(self._rows)
+            return self._now
 
-    def save(self, folder: str | Path | None = None) -> None:
-        """Append the changes, and the choices of initializers, to the journal of the folder that
-        was opened, or write all into another folder.
+    def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
+        """The bundle with inserted entities, and what the tables say holds."""
+        base = self.base
+        new = self.home.read(
+            "SELECT name, vector FROM relation WHERE vector IS NOT NULL ORDER BY id"
+        )
+        vectors = [np.frombuffer(each, base.relations.dtype)[None] for _, each in new]
+        larger = replace(
+            base,
+            entities=np.concatenate([base.entities, *(row.vector[None] for row in rows.values())]),
+            relations=np.concatenate([base.relations, *vectors]),
+            entity_names=[*base.entity_names, *rows],
+            relation_names=[*base.relation_names, *(name for name, _ in new)],
+            kinds=[*base.kinds, *(row.kind for row in rows.values())],
+            phrases=[*base.phrases, *map(plain, rows)],
+            words=self._words_with(rows),
+            inserted=len(rows),
+        )
+        changed = self.home.facts("status <> 'trained'")
+        labels = larger.relation_ids
+        usable = [row for row in changed if row.relation in labels]
+        added = larger.ids_of(row.fact for row in usable if row.status == "added")
+        retracted = larger.ids_of(row.fact for row in usable if row.status == "retracted")
+        triples = np.concatenate([self.known_triples, added])
+        return replace(larger, triples=triples, added=len(added), retracted=retracted)
+
+    def _words_with(self, rows: Mapping[str, InsertedEntity]) -> np.ndarray | None:
+        """Word vectors of the trained entities, and rows of zeros for inserted ones, whose words
+        are looked up where they are needed.
+        """
+        words = self.base.words
+        return None if words is None else np.pad(words, ((0, len(rows)), (0, 0)))
+
+    @property
+    def _known(self) -> KnownNames:
+        if self._known_names is None:
+            names = [*self.base.entity_names, *self._rows]
+            self._known_names = KnownNames(dict.fromkeys(names))
+        return self._known_names
+
+    @one_at_a_time
+    def save(self, folder: str | Path) -> None:
+        """Write a copy of the home into another folder, where ``isi.open`` finds it.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"})
@@ -549,56 +657,46 @@ class LiveEmbedding:
             >>> list(isi.open("a home").inserted)
             ['mug']
         """
-        path = Path(folder) if folder is not None else self.folder
-        if path is None:
-            raise InputError(
-                "save", "", "expected a folder: this embedding was not opened from one"
-            )
         if self.base.scoring is not None:
             expected = (
                 "expected a model that isi has: DistMult, ComplEx, "
                 "TransE or RotatE without inverse triples"
             )
             raise InputError("save", "", expected)
-        if self.folder is None or path.resolve() != self.folder.resolve():
-            words = self._words  # inserted entities have none: their names give them again
-            words = None if words is None else np.pad(words, ((0, len(self._rows)), (0, 0)))
-            # the journal retracts
-            trained_too = np.concatenate([self.base.triples, self._fact_ids])
-            lines: list[Line] = [*self.groups.selected.values(), *self.changes]
-            folders.write(
-                path, replace(self.now, words=words, triples=trained_too), journals.text_of(lines)
-            )
+        self.home.write_to(Path(folder), self.base)
+
+    @one_at_a_time
+    def train_again(self, bundle: Bundle) -> None:
+        """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
+        loaded = with_words(LoadedEmbedding(**vars(bundle)))
+        self.home.train(loaded, keep=True)
+        self._load(loaded)
+
+    @one_at_a_time
+    def repeat(self, line: convert.Line) -> None:
+        """Make a change of a journal again."""
+        if line.do == "undo":
+            self.undo(time=line.time, source=line.source)
             return
-        self._append([])  # the choices since the last change, such as those of ``prepare``
-        if self._pending:
-            journal = Journal(path)
-            try:
-                if len(journals.read(path) or ()) != self._on_disk:
-                    raise InputError(
-                        path, "", "another process has changed this embedding: open it again"
-                    )
-                journal.append(self._pending)
-            finally:
-                journal.close()
-            self._on_disk += len(self._pending)
-            self._pending = []
+        with self._changing(line.do, line.time, line.source) as change:
+            for fact in line.removed:
+                row = self.home.fact(fact)
+                if row is None or row.status == "retracted":
+                    raise InputError("", " ".join(fact), "expected a fact that holds")
+                self._take_facts(change, [row])
+            for name, about in line.entities.items():
+                if line.do == "remove":
+                    self._remove_entity(change, self._inserted(name))
+                else:
+                    self.home.add_entity(change.number, name, about)
+                    change.inserted.append(name)
+                    change.touched.add(name)
+            self._add_facts(change, dict.fromkeys(line.added))
 
     def close(self) -> None:
-        """Let other processes change the folder."""
-        if self._journal:
-            if len(self.changes) != self._unchanged:
-                self._store()
-            self._journal.close()
-
-    def _store(self) -> None:
-        """Write the vectors into the folder, so that the next process need not compute them."""
-        vectors = dict[str, StoredVector]()
-        for row in self._rows.values():
-            vectors[row.key] = StoredVector(row.vector, row.record.fallback)
-        if self.folder and vectors and vectors.keys() != self.groups.stored.keys():
-            stored.write(self.folder, vectors)
-            self.groups.stored = vectors
+        """Close the home. What is done with it afterwards is an ``InputError``."""
+        with self._lock:
+            self.home.close()
 
     def __enter__(self) -> Self:
         return self
@@ -606,115 +704,263 @@ class LiveEmbedding:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.folder is not None and self.home.durability != "memory":
+            return open_live, (self.folder, self.home.durability)
+        return _unpacked, (type(self), self.parts, self.home.as_bytes())
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """What a copy of this object is made of, except its home."""
+        names = LoadedEmbedding.__dataclass_fields__
+        return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
+
     def __repr__(self) -> str:
         sizes = self.base.sizes()
+        added = self.home.read("SELECT count(*) FROM fact WHERE status = 'added'")[0][0]
         return (
             f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities,"
-            f" {len(self._rows):,} inserted, {len(self.additions.facts):,} facts added to"
+            f" {len(self._rows):,} inserted, {added:,} facts added to"
             f" {sizes['triples']:,}, {self.base.manifest.model_name})"
         )
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _change(self, change: Change, known: int = 0, notes: Sequence[str] = ()) -> Effect:
-        """Compute what a change alters, write it to an open journal, and only then accept it."""
-        if change.is_empty:
-            return Effect(known=known, notes=list(notes))
-        stamped = change if change.time else change.model_copy(update={"time": journals.now()})
-        altered = self.additions.apply(stamped)
+    @contextmanager
+    def _changing(self, verb: str, time: Any, source: str | None) -> Iterator[Pending]:
+        """A change: what is done inside is written together with the vectors that follow from it,
+        or not at all.
+        """
+        with at(verb):
+            stamp = Stamp(time=time, source=source)
+        when = as_text(stamp.time or now())
         try:
-            computed = self.groups.insert_groups(self.additions, self._touched(altered))
-            self._append([stamped])
-        except BaseException:
-            self.additions.revert(stamped, altered)
-            raise
-        old = self._rows
-        self._rows = {name: computed.get(name) or old[name] for name in self.additions.entities}
-        self.changes.append(stamped)
-        self._accept(altered)
-        if self._journal and len(self.changes) % STORED_EVERY == 0:
-            self._store()
-        said = [note for name in self._rows if name in computed for note in self._rows[name].notes]
-        return Effect(
-            inserted=[name for name in self._rows if name not in old],
-            updated=[name for name in computed if name in old],
-            removed=[name for name in old if name not in self._rows],
-            facts=len(altered.holding),
-            lost=altered.lost,
-            known=known,
-            notes=list(dict.fromkeys([*notes, *said])),
-        )
-
-    def _touched(self, altered: Alteration) -> set[str]:
-        """The inserted entities whose input a difference alters:
-        all, if it alters facts of training.
-        """
-        if altered.retracted or altered.restored:
-            return set(self.additions.entities)
-        facts = altered.added + altered.dropped
-        ends = {end for fact in facts for end in (fact[0], fact[2])}
-        return (ends | altered.inserted.keys()) & self.additions.entities.keys()
-
-    def _accept(self, altered: Alteration) -> None:
-        """Bring what is derived from the additions up to date,
-        in a time that hardly grows with their number.
-        """
-        before = self.now
-        self.__dict__.pop("now")
-        if altered.retracted or altered.restored:
-            self.__dict__.pop("known_triples", None)
-        if altered.removed or altered.order:  # entities behind them have other ids
-            self._number_facts()
+            with self.home.transaction():
+                self._take_over()
+                number = self.home.add_change(verb, when, stamp.source)
+                change = Pending(number, when, stamp.source)
+                yield change
+                if change.is_empty:
+                    raise _NothingChanged
+                computed = self._computed(change)
+                self._write(change, computed)
+        except _NothingChanged:
+            change.finish([])
             return
-        dropped = before.keys_of(before.ids_of(altered.dropped))
-        left = self._fact_ids[~np.isin(before.keys_of(self._fact_ids), dropped)]
-        self._fact_ids = np.concatenate([left, self._ids_now(altered.added)])
+        except BaseException:
+            self.groups.forget()
+            self._forget(names=True)
+            raise
+        updated = [name for name in computed if name not in change.inserted]
+        change.notes += [note for each in computed.values() for note in each.entity.notes]
+        change.notes += self.groups.warnings()
+        self._rows |= {name: each.entity for name, each in computed.items()}
+        self._rows = {name: self._rows[name] for name in self._rows_in_order()}
+        self._last = change.number
+        if change.added or change.lost or change.inserted or change.removed:
+            self._forget(names=bool(change.inserted or change.removed))
+        change.finish(updated)
 
-    def _number_facts(self) -> None:
-        """Compute the ids of all added facts again."""
-        self.__dict__.pop("now", None)
-        self._fact_ids = self._ids_now(self.additions.facts)
+    def _insert_entities(
+        self,
+        change: Pending,
+        names: Sequence[str],
+        facts: Iterable[Fact],
+        about: Callable[[str], NewEntity],
+        new: bool,
+    ) -> None:
+        """Insert named entities, and the ends of facts that are not known."""
+        unknown = [end for end in names_in(facts) if self._known.same(end) is None]
+        named = [name for name in names if self._known.same(name) is None]
+        kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        for name in dict.fromkeys([*named, *unknown]):
+            check_new(name, self._known, None if new else self._same_words(name), new)
+            each = about(name)
+            if each.kind is not None:
+                each = each.model_copy(update={"kind": kinds.find(each.kind, "kind", "a kind")})
+            self.home.add_entity(change.number, name, each)
+            change.inserted.append(name)
+        change.touched.update(change.inserted)
 
-    def _ids_now(self, facts: Iterable[Fact]) -> np.ndarray:
-        """Facts as ids, with the present inserted entities; shape (F, 3), int64."""
-        first = len(self.base.entities)
-        inserted = {name: row for row, name in enumerate(self._rows, first)}
-        ids, labels = ChainMap(inserted, self.base.entity_ids), self.base.relation_ids
-        rows = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in facts]
-        return np.array(rows, np.int64).reshape(-1, 3)
+    def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
+        """Insert the relations that two or more facts have and that are not known."""
+        relations = Counter(fact[1] for fact in facts)
+        known = {name for (name,) in self.home.read("SELECT name FROM relation")}
+        for name, number in relations.items():
+            if name in known:
+                continue
+            if number < 2:
+                hint = KnownNames(dict.fromkeys(known)).hint(name)
+                expected = f"expected a known relation, or two facts or more of a new one{hint}"
+                raise InputError(repr(name)[:80], "", expected)
+            self.home.add_relation(change.number, name)
+            change.relations.append(name)
 
-    def _append(self, changes: Sequence[Change]) -> None:
-        """List choices that are new, and changes, in the journal if it is open."""
-        choices = list(self.groups.selected.values())
-        lines: list[Change | Selected] = [*choices[self._listed :], *changes]
-        if self._journal and lines:
-            self._journal.append(lines)
-        elif not self._journal:
-            self._pending += lines
-        self._listed = len(choices)
+    def _add_facts(self, change: Pending, facts: Mapping[Fact, float | None]) -> None:
+        for fact, confidence in facts.items():
+            effect = self.home.put_fact(change.number, fact, change.time, change.source, confidence)
+            (change.seen if effect == "seen" else change.added).append(fact)
+            change.training |= effect == "restored"
+            if effect != "seen" or confidence is not None:
+                change.touched |= {fact[0], fact[2]}
+
+    def _take_facts(self, change: Pending, rows: Iterable[StoredFact]) -> None:
+        for row in rows:
+            effect = self.home.take_fact(change.number, row)
+            change.lost.append(row.fact)
+            change.training |= effect == "retracted"
+            change.touched |= {row.head, row.tail}
+
+    def _remove_entity(self, change: Pending, name: str) -> None:
+        """Remove an inserted entity with all its facts."""
+        self._take_facts(change, self.home.facts_of(name))
+        self.home.remove_entity(change.number, name)
+        change.removed.append(name)
+
+    def _reverse(self, change: Pending, target: int) -> None:
+        """What undoing the change of a number will do."""
+        query = "SELECT effect, entity, head, relation, tail FROM effect WHERE change = ?"
+        for effect, entity, head, relation, tail in self.home.read(query, target):
+            if entity:
+                (change.removed if effect == "added" else change.inserted).append(entity)
+                change.touched.add(entity)
+            elif head:
+                lists = {"added": change.lost, "restored": change.lost, "seen": change.seen}
+                lists.get(effect, change.added).append((head, relation, tail))
+                change.training |= effect in ("restored", "retracted")
+                change.touched |= {head, tail}
+
+    def _computed(self, change: Pending) -> dict[str, Computed]:
+        """The inserted entities whose vectors follow from a change, with those that share facts
+        with them.
+        """
+        if change.training:
+            self._known_triples = None
+        inserted = set(self._rows_in_order())
+        names = inserted if change.training else change.touched & inserted
+        if not names:
+            return {}
+        return self.groups.insert(self._given(names), self.known_triples)
+
+    def _given(self, names: Collection[str]) -> dict[str, Given]:
+        """What is given about inserted entities, and about all that a chain of facts joins to
+        them.
+        """
+        trained, inserted = self.base.relation_ids, set(self._rows_in_order())
+        given, waiting = dict[str, Given](), sorted(names)
+        while waiting:
+            name = waiting.pop()
+            if name in given:
+                continue
+            rows = [row for row in self.home.facts_of(name) if row.relation in trained]
+            facts = {row.fact: row.confidence or 1.0 for row in sorted(rows, key=_fact_of)}
+            given[name] = Given(self.home.about(name), facts)
+            waiting += [end for end in names_in(facts) if end in inserted and end not in given]
+        return given
+
+    def _write(self, change: Pending, computed: Mapping[str, Computed]) -> None:
+        """Write computed vectors, and the rows of relations that are not trained."""
+        for each in computed.values():
+            each.entity.store(self.home, change.number)
+        names = self.home.read("SELECT name FROM relation WHERE NOT trained")
+        if not names:
+            return
+        rows = self._rows | {name: each.entity for name, each in computed.items()}
+        present = self._as_it_is({name: rows[name] for name in self._rows_in_order()})
+        of_relation = {name: self.home.facts("relation = ?", name) for (name,) in names}
+        facts = {name: [row.fact for row in rows] for name, rows in of_relation.items() if rows}
+        for name, row in self.groups.relation_rows(facts, present).items():
+            self.home.read("UPDATE relation SET vector = ? WHERE name = ?", row.tobytes(), name)
+
+    def _insert_missing(self, names: Collection[str]) -> None:
+        """Compute the vectors of entities that have none: they came while this was trained."""
+        with self.home.transaction():
+            computed = self.groups.insert(self._given(names), self.known_triples)
+            for each in computed.values():
+                each.entity.store(self.home, self._last)
+        self._rows |= {name: each.entity for name, each in computed.items()}
+        self._rows = {name: self._rows[name] for name in self._rows_in_order()}
+
+    def _take_over(self) -> None:
+        """Take over what other processes have changed, in a time that grows with that."""
+        version = self.home.version()
+        if version == self._version:
+            return
+        self._version = version
+        if self.home.vectors_file != self._vectors_file:
+            self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
+            return
+        last = self._last_change()
+        if last != self._last:
+            self._read_rows(self._last)
+            self._last = last
+
+    def _read_rows(self, after: int) -> None:
+        """Read the vectors of changes after one."""
+        self._rows |= stored(self.home, after, self.base.entities.dtype)
+        self._rows = {
+            name: self._rows[name] for name in self._rows_in_order() if name in self._rows
+        }
+        self._forget(names=True)
+
+    def _rows_in_order(self) -> list[str]:
+        return self.home.inserted()
+
+    def _last_change(self) -> int:
+        return int(self.home.read("SELECT max(id) FROM change")[0][0])
+
+    def _forget(self, names: bool) -> None:
+        """Derive again, when it is needed, what the tables say; ``names``: also which are known."""
+        self._now = self._known_triples = None
+        if names:
+            self._known_names = None
+
+    def _refuse_unknown(self, facts: Iterable[Fact], new: Collection[str]) -> None:
+        """``InputError`` for a fact with an unknown name that is not among the new ones."""
+        known_relations = self.now.known_relations
+        for fact in facts:
+            place = " ".join(fact)[:80]
+            for end in (fact[0], fact[2]):
+                if end not in new:
+                    self._known.find(end, place, "an entity")
+            known_relations.find(fact[1], place, "a relation")
 
     def _entity(self, name: str) -> str:
-        return find(name, self.now.entity_ids, "entity", "an entity")
+        return self._known.find(name, "entity", "an entity")
+
+    def _queried(self, name: str, notes: list[str] | None = None) -> str:
+        """The known entity that a question is about; without ``notes``, a warning says which."""
+        note = partial(warnings.warn, stacklevel=4) if notes is None else notes.append
+        return self.now.known_entities.queried(name, "entity", "an entity", note)
+
+    def _same_words(self, name: str) -> str | None:
+        """The known entity with the words of a new one, if there is one."""
+        words = self.groups.words(name, None)
+        if words.nearest is None or (words.cosine or 0.0) <= SAME:
+            return None
+        return self.base.entity_names[words.nearest]
 
     def _inserted(self, name: str) -> str:
         """The name of an inserted entity; InputError for another one."""
-        known = self._entity(name)
-        if known not in self._rows:
+        if name not in self._rows:
             there = ", ".join(self._rows)[:120] or "none"
             raise InputError(
-                repr(known)[:80],
+                repr(name)[:80],
                 "",
                 f"expected an entity that was inserted ({there}): known ones stay",
             )
-        return known
+        return name
 
     def _curve(self, entity: int, relation: int, slot: int) -> Curve | None:
         """What turns scores of answers to a query about an entity into probabilities."""
         if entity < len(self.base.entities):
+            if relation >= len(self.base.relations):
+                return None
             if (relation, slot) not in self._known_curves:
                 self._known_curves[relation, slot] = fit_curve(self.base, relation, slot)
             return self._known_curves[relation, slot]
-        curves = self.groups.curves(self._rows[self.now.entity_names[entity]])
+        row = self._rows[self.now.entity_names[entity]]
+        curves = self.groups.choice(row.conditions).curves
         return (
             None
             if curves is None
@@ -722,57 +968,100 @@ class LiveEmbedding:
         )
 
 
-def open_live(
-    folder: str | Path, *, vectors: str | Path | None = None, journal: bool = False
-) -> LiveEmbedding:
-    """Open the folder of a bundle, as ``isi train``, ``isi import`` or the pipeline writes it.
+def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
+    """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
+
+    Several processes and threads may use a home at once, to read and to write. A folder that was
+    written before homes were databases becomes one; its files stay.
 
     Args:
-        vectors: a word2vec or GloVe file, whose word vectors replace those of the bundle.
-        journal: write each change to the folder's journal before it counts, and refuse other
-            processes meanwhile.
+        durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
+            may take the last ones, which makes changes faster; ``memory``: changes stay in this
+            object.
 
     Raises:
-        InputError: the folder or its journal is missing or broken, or open in another process.
+        InputError: the home is missing or broken.
 
     Example:
         >>> home.save("the home")
-        >>> with isi.open("the home", journal=True) as opened:
-        ...     opened.insert("mug", {"in": "kitchen"}).inserted
+        >>> with isi.open("the home") as opened:
+        ...     opened.tell([("mug", "in", "kitchen")]).inserted
         ['mug']
         >>> isi.open("the home").ask("mug", "in").answers[0].entity
         'kitchen'
     """
-    path, opened = Path(folder), open_bundle(Path(folder))
-    words = Path(vectors) if vectors else None
-    lock = Journal(path) if journal else None  # then the journal is complete
+    path = Path(folder)
+    check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
+    if convert.is_old(path) and not (path / DATABASE).exists():
+        return _converted(path, durability)
+    home = Home.opened(path, durability)
     try:
-        return LiveEmbedding(opened, journals.read(path), path, words, lock)
+        return LiveEmbedding(home.bundle(), home)
     except BaseException:
-        if lock:
-            lock.close()
+        home.close()
         raise
 
 
-def _checked_change(do: str, **fields: Any) -> Change:
-    """A change; an ``InputError`` refuses a time or a source that is none."""
-    with at(do):
-        return Change.model_validate({"do": do, **fields})
+def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
+    """The home of a folder of a bundle and its journal, which are repeated."""
+    trained, lines = convert.trained_and_changes(folder)
+    made = LiveEmbedding(trained)
+    for number, line in enumerate(lines, 1):
+        with at(folder / convert.JOURNAL, f"change {number}"):
+            made.repeat(line)
+    if durability == "memory":
+        return made
+    made.home.write_to(folder, made.base, beside=True)
+    return open_live(folder, durability)
 
 
-def _added_later(changes: Sequence[Change], known: LoadedEmbedding) -> set[Fact]:
-    """The triples of a bundle that changes have added:
-    those that a change adds before any removes them.
-    """
-    first = dict[Fact, bool]()
-    for change in changes:
-        for fact in change.removed:
-            first.setdefault(fact, False)
-        for fact in change.added:
-            first.setdefault(fact, True)
-    names = known.entity_ids.keys()
+def _unpacked(
+    kind: Callable[..., LiveEmbedding], parts: Sequence[Any], content: bytes
+) -> LiveEmbedding:
+    """A copy of an embedding in memory."""
+    return kind(*parts, Home.of_bytes(content))
+
+
+def _fact_of(row: StoredFact) -> Fact:
+    return row.fact
+
+
+def _names(entities: str | Sequence[str]) -> list[str]:
+    """Names, cleaned, once each."""
+    listed = [entities] if isinstance(entities, str) else list(entities)
+    for name in listed:
+        check(name, str, "", "name of an entity")
+    return list(dict.fromkeys(map(clean, listed)))
+
+
+def _cleaned(facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
+    """Facts whose names are in the form in which they are compared."""
     return {
-        fact
-        for fact, is_added in first.items()
-        if is_added and {fact[0], fact[2]} <= names and fact[1] in known.relation_ids
+        (clean(head), clean(relation), clean(tail)): confidence
+        for (head, relation, tail), confidence in facts.items()
     }
+
+
+def _about(
+    definition: str | Mapping[str, str] | None,
+    kind: str | Mapping[str, str] | None,
+    initializer: str | None,
+    options: Mapping[str, Any] | None,
+    seed: int,
+) -> Callable[[str], NewEntity]:
+    """What is told about each new entity; of texts by name, the one of its name."""
+
+    def of(name: str) -> NewEntity:
+        text, named = (
+            each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
+        )
+        with at(repr(name)[:80]):
+            return NewEntity(
+                definition=text,
+                kind=named,
+                initializer=initializer,
+                options=dict(options or {}),
+                seed=seed,
+            )
+
+    return of

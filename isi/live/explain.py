@@ -16,11 +16,11 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers import similarity
 from isi.insertion.engine import context_for
-from isi.insertion.interference import Interference
 from isi.live.answers import Answers, completed
-from isi.live.groups import EntityGroups, InsertedEntity
-from isi.live.journal import Additions, Change, NewEntity
-from isi.live.loaded import Fact, LoadedEmbedding, Query, queries_of
+from isi.live.bundle import Fact, NewEntity
+from isi.live.groups import Computed, EntityGroups, Given, InsertedEntity
+from isi.live.loaded import LoadedEmbedding, Query, queries_of
+from isi.live.phrases import PhraseVector
 
 EXAMINED = 20  #: Best answers per query that are searched for those without support.
 #: Maximum number of indicators shown, and least weight, unless the vector is their centroid.
@@ -93,17 +93,34 @@ class Report:
     #: probable triples that no indicator supports, and probabilities
     unsupported: list[tuple[Fact, float | None]]
     nearest: list[tuple[str, float]]  #: entities with the highest cosines
-    interference: Interference | None  #: of this entity alone; None without known triples
-    interference_of_all: Interference | None  #: of all inserted entities
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """An embedding with inserted entities, as explanations read it."""
+    """An inserted entity, and the embedding with all inserted ones, as explanations read it."""
 
     now: LoadedEmbedding  #: with all inserted entities and the facts that hold
     groups: EntityGroups
-    additions: Additions
+    known_triples: np.ndarray  #: of training that hold; ids, shape: (T, 3)
+    #: what is given about the entity, and about those that share facts with it
+    given: Mapping[str, Given]
+    row: InsertedEntity
+
+    @property
+    def facts(self) -> list[Fact]:
+        """The facts of the entity by relations of training, sorted."""
+        return list(self.given[self.row.entity].facts)
+
+    @property
+    def words(self) -> PhraseVector:
+        about = self.given[self.row.entity].about
+        return self.groups.words(self.row.entity, about.definition)
+
+    def again(self) -> Computed:
+        """The insertion, computed again."""
+        groups = self.groups
+        choice = groups.choice(self.row.conditions)
+        return groups.insert(self.given, self.known_triples, choice)[self.row.entity]
 
 
 #: The best answers to a query, so many of them, with ``Answer.shared_by`` for the ids of
@@ -111,21 +128,13 @@ class Snapshot:
 Ask = Callable[[Query, int, Collection[int]], Answers]
 
 
-def report(
-    snapshot: Snapshot,
-    row: InsertedEntity,
-    top: int,
-    ask: Ask,
-    *,
-    interference: Interference | None,
-    interference_of_all: Interference | None,
-) -> Report:
+def report(snapshot: Snapshot, top: int, ask: Ask) -> Report:
     """Report on an inserted entity, with the ``top`` best answers to each
     query and nearest entities.
     """
-    now, record = snapshot.now, row.record
-    entity = now.entity_ids[record.entity]
-    shown = indicators_of(snapshot, row)
+    now, row = snapshot.now, snapshot.row
+    entity = now.entity_ids[row.entity]
+    shown = indicators_of(snapshot)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     ranked = [
         (query, ask(query, max(top, EXAMINED), weights))
@@ -139,83 +148,114 @@ def report(
     ]
     nearest = [(now.entity_names[other], cosine) for other, cosine in now.nearest(entity, top)]
     return Report(
-        entity=record.entity,
+        entity=row.entity,
         id=entity,
         kind=row.kind or None,
-        facts=record.insert_triples,
-        initializer=record.initializer,
-        options=record.options,
-        why=record.why,
-        fallback=record.fallback,
-        words=row.words.note,
+        facts=snapshot.facts,
+        initializer=row.initializer,
+        options=row.options,
+        why=row.why,
+        fallback=row.fallback,
+        words=snapshot.words.note,
         notes=list(row.notes),
         indicators=shown,
         answers=[replace(answers, answers=answers.answers[:top]) for _, answers in ranked],
         unsupported=sorted(unsupported, key=lambda triple: -(triple[1] or 0)),
         nearest=nearest,
-        interference=interference,
-        interference_of_all=interference_of_all,
     )
 
 
-def explain(snapshot: Snapshot, row: InsertedEntity, top: int) -> Explanation:
+def explain(snapshot: Snapshot, top: int) -> Explanation:
     """Explain an inserted entity;
     ablations compare the ``top`` best answers to the queries that fit it.
     """
-    now, groups, record = snapshot.now, snapshot.groups, row.record
-    name = record.entity
-    shown = indicators_of(snapshot, row)
+    now, groups, row = snapshot.now, snapshot.groups, snapshot.row
+    shown = indicators_of(snapshot)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    queries = queries_of(now, now.entity_ids[name], weights)
-    every, base = snapshot.additions.facts, groups.base
-    without = []
-    for fact in record.insert_triples:
-        left = [other for other in every if other != fact]
-        without.append(_ablation(snapshot, row, "fact", " ".join(fact), groups, left, queries, top))
-    if row.words.vector is not None:
-        no_words = EntityGroups(replace(base, words=None), None, groups.selected)
-        without.append(_ablation(snapshot, row, "words", name, no_words, every, queries, top))
+    queries = queries_of(now, now.entity_ids[row.entity], weights)
+
+    def without(left_out: str, piece: str, changed: Snapshot) -> Ablation:
+        return _ablation(snapshot, left_out, piece, changed, queries, top)
+
+    pieces = list[Ablation]()
+    for fact in snapshot.facts:
+        fewer = _fewer_facts(snapshot.given, fact.__ne__)
+        pieces.append(without("fact", " ".join(fact), replace(snapshot, given=fewer)))
+    if snapshot.words.vector is not None:
+        no_words = replace(groups, base=replace(groups.base, words=None), phrases=None)
+        pieces.append(without("words", row.entity, replace(snapshot, groups=no_words)))
     for indicator in shown:
         if indicator.weight is not None:
-            fewer = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
-            other = replace(groups, base=fewer, _curves={}, _results={})
-            left = [fact for fact in every if indicator.entity not in (fact[0], fact[2])]
-            of = indicator.entity
-            without.append(_ablation(snapshot, row, "indicator", of, other, left, queries, top))
-    without.sort(
-        key=lambda ablation: -(ablation.moved if ablation.moved is not None else float("inf"))
-    )
+            pieces.append(without("indicator", indicator.entity, _lacking(snapshot, indicator)))
+    pieces.sort(key=_falling)
     return Explanation(
-        name,
+        row.entity,
         row.kind,
-        record.insert_triples,
-        record.initializer,
-        record.why,
+        snapshot.facts,
+        row.initializer,
+        row.why,
         list(row.notes),
         shown,
-        without,
+        pieces,
+    )
+
+
+def _falling(ablation: Ablation) -> float:
+    """Orders ablations by what they move, those that leave no input first."""
+    return -float("inf") if ablation.moved is None else -ablation.moved
+
+
+def _fewer_facts(given: Mapping[str, Given], holds: Callable[[Fact], bool]) -> dict[str, Given]:
+    """What is given, with the facts for which a condition holds alone."""
+    fewer = dict[str, Given]()
+    for name, each in given.items():
+        facts = {fact: believed for fact, believed in each.facts.items() if holds(fact)}
+        fewer[name] = replace(each, facts=facts)
+    return fewer
+
+
+def _lacking(snapshot: Snapshot, indicator: Indicator) -> Snapshot:
+    """A snapshot without a known entity."""
+    base = replace(snapshot.groups.base, triples=snapshot.known_triples)
+    part = base.part(np.delete(np.arange(len(base.entities)), indicator.id))
+
+    def is_of_others(fact: Fact) -> bool:
+        return indicator.entity not in (fact[0], fact[2])
+
+    return replace(
+        snapshot,
+        groups=replace(snapshot.groups, base=part),
+        known_triples=part.triples,
+        given=_fewer_facts(snapshot.given, is_of_others),
     )
 
 
 def _ablation(
     snapshot: Snapshot,
-    row: InsertedEntity,
     left_out: str,
     piece: str,
-    groups: EntityGroups,
-    facts: Collection[Fact],
+    changed: Snapshot,
     queries: Sequence[Query],
     top: int,
 ) -> Ablation:
-    """Insert an entity again, with those that share facts with it, from the given facts;
-    compare its best answers.
-    """
-    changed = _inserted_again(snapshot, row, left_out, groups, facts)
-    if changed is None:
+    """Insert an entity again from less; compare its best answers."""
+    now, row = snapshot.now, snapshot.row
+    given = {
+        name: replace(each, about=_as_before(each.about, now.kinds[now.entity_ids[name]]))
+        for name, each in changed.given.items()
+    }
+    about = given[row.entity].about
+    words = left_out != "words" and snapshot.words.vector is not None
+    if not given[row.entity].facts and not words and about.initializer is None:
         return Ablation(left_out, piece)
-    now = snapshot.now
+    try:
+        choice = snapshot.groups.choice(row.conditions)
+        computed = changed.groups.insert(given, changed.known_triples, choice)
+    except InputError:  # nor does an initializer of words alone serve every model
+        return Ablation(left_out, piece)
+    vector = computed[row.entity].entity.vector
     entities = now.entities.copy()
-    entities[now.entity_ids[row.record.entity]] = changed
+    entities[now.entity_ids[row.entity]] = vector
     other, changes = replace(now, entities=entities), list[Lost]()
     for query in queries:
         old, new = _best(now, query, top), _best(other, query, top)
@@ -223,10 +263,15 @@ def _ablation(
             lost = [name for name in old if name not in new]
             added = [name for name in new if name not in old]
             changes.append(Lost(now.named(query), lost, added))
-    vector, stored = torch.from_numpy(changed).double(), torch.from_numpy(row.vector).double()
-    moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
-    cosine = cosine_similarity(vector, stored, dim=0)
+    here, there = torch.from_numpy(vector).double(), torch.tensor(row.vector).double()
+    moved = (here - there).norm() / there.norm().clamp(min=1e-12)
+    cosine = cosine_similarity(here, there, dim=0)
     return Ablation(left_out, piece, cosine.item(), moved.item(), changes)
+
+
+def _as_before(about: NewEntity, kind: str) -> NewEntity:
+    """What was told about an entity, with the kind that it has."""
+    return about.model_copy(update={"kind": kind or None})
 
 
 def _best(bundle: LoadedEmbedding, query: Query, top: int) -> list[str]:
@@ -234,50 +279,12 @@ def _best(bundle: LoadedEmbedding, query: Query, top: int) -> list[str]:
     return [bundle.entity_names[each] for each in bundle.ranked(query)[0][:top].tolist()]
 
 
-def _inserted_again(
-    snapshot: Snapshot,
-    row: InsertedEntity,
-    left_out: str,
-    groups: EntityGroups,
-    facts: Collection[Fact],
-) -> np.ndarray | None:
-    """The vector, (d,), of an entity that is inserted by the same initializer from some of its
-    ``facts`` and those of entities that share facts with it; None if no input is left.
-    """
-    record, additions = row.record, snapshot.additions
-    members = {}
-    for name in snapshot.groups.members_with(record.entity, additions):
-        about = additions.entities[name]
-        kind = snapshot.now.kinds[snapshot.now.entity_ids[name]]
-        members[name] = NewEntity(
-            definition=about.definition,
-            kind=kind or None,
-            initializer=record.initializer,
-            options=dict(record.options),
-            seed=record.seed,
-        )
-    there = groups.base.entity_ids.keys() | members.keys()
-    of_members = [fact for fact in facts if {fact[0], fact[2]} & members.keys()]
-    of_members = [fact for fact in of_members if {fact[0], fact[2]} <= there]
-    has_facts = any(record.entity in (fact[0], fact[2]) for fact in of_members)
-    has_words = row.words.vector is not None and left_out != "words"
-    if not has_facts and not has_words and record.requested_initializer is None:
-        return None
-    retracted = {fact: None for fact in additions.retracted if {fact[0], fact[2]} <= there}
-    alone = Additions(retracted=retracted)
-    alone.apply(Change(do="insert", entities=members, facts=of_members))
-    try:
-        return groups.insert_groups(alone, [record.entity])[record.entity].vector
-    except InputError:  # nor does an initializer of words alone serve every model
-        return None
-
-
-def indicators_of(snapshot: Snapshot, row: InsertedEntity) -> list[Indicator]:
+def indicators_of(snapshot: Snapshot) -> list[Indicator]:
     """The indicators of an inserted entity, by falling weight; without weights,
     the most similar known entities.
     """
     base = snapshot.groups.base
-    result, place = snapshot.groups.result_of(row, snapshot.additions)
+    _, result, place = snapshot.again()
     novel, entity = result.novel, result.known + place
     touches = (novel.triples[:, [HEAD, TAIL]] == entity).sum(1) == 1
     seen = context_for(novel, torch.tensor([entity]), novel.triples[touches])

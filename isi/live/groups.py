@@ -1,32 +1,34 @@
-"""Vectors of entities that are inserted into one bundle.
-What does not change between calls is prepared once.
+"""Vectors of entities that are inserted into one bundle, and the choices behind them: for each
+number of facts, an initializer and the curves of its probabilities.
 """
 
 from __future__ import annotations
 
+import json
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from itertools import product
 from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
+import torch
 
 from isi.errors import InputError
+from isi.evaluation.platt import PlattCurve
+from isi.initializers.scale import fit_scale
 from isi.insertion.api import insert_request
-from isi.insertion.engine import Method
 from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import Curves, fit_curves
+from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
 from isi.insertion.selection import named, one_score, select
-from isi.live.folder import EntityRecord
-from isi.live.journal import Additions, NewEntity, Selected
-from isi.live.loaded import Fact, LoadedEmbedding
+from isi.live.bundle import Fact, NewEntity
+from isi.live.home import Home
+from isi.live.loaded import LoadedEmbedding
 from isi.live.phrases import PhraseVector, PhraseVectors
-from isi.live.stored import StoredVector, digest_of, key_of
+from isi.models.losses import Loss
 from isi.models.stack import without_denormals
 from isi.names import plain
 
@@ -49,47 +51,105 @@ class Conditions(NamedTuple):
     options: tuple[tuple[str, Any], ...]
     seed: int
 
+    @property
+    def requested(self) -> str:
+        """The initializer that was asked for, with its options; empty for none."""
+        return "" if self.initializer is None else json.dumps([self.initializer, *self.options])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What serves entities under some conditions, as tested on hidden known ones."""
+
+    initializer: str
+    options: Mapping[str, Any]
+    why: str
+    trained_with: Loss  #: that of training, or the one that is assumed
+    warnings: Sequence[str]
+    curves: Curves | None  #: None: there are too few known triples
+
 
 @dataclass(frozen=True, eq=False)
-class NewName:
-    """What is known of an entity before it is inserted."""
+class Given:
+    """What is given about an entity that is to be inserted."""
 
     about: NewEntity
-    facts: list[Fact]  #: sorted
+    facts: Mapping[Fact, float]  #: by relations of training, sorted, and how far each is believed
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """An entity before it is inserted."""
+
+    given: Given
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """Entities that are inserted in one call, by name, sorted."""
-
-    conditions: Conditions
-    members: dict[str, NewName]
-    share_facts: bool  #: whether the vector of one depends on the others
-
-    @property
-    def facts(self) -> list[Fact]:
-        """The facts of all members, sorted."""
-        return sorted({fact for member in self.members.values() for fact in member.facts})
-
-    def part(self, names: Collection[str]) -> Group:
-        """The group of some of its members."""
-        return replace(self, members={name: self.members[name] for name in names})
-
-
-@dataclass(frozen=True, eq=False)
 class InsertedEntity:
-    """An inserted entity as it stands: its record, its vector, its words and its kind."""
+    """An inserted entity as it stands."""
 
-    record: EntityRecord  #: its facts are sorted
+    entity: str
     vector: np.ndarray  #: shape: (d,)
-    key: str  #: of all inputs of the vector (``isi.live.stored``)
-    words: PhraseVector
     kind: str
-    notes: tuple[str, ...]  #: those of ``NewName``, and warnings of the selection
+    initializer: str
+    options: Mapping[str, Any]
+    why: str  #: the reason for this initializer
+    fallback: str | None  #: the rule that replaced it for lack of data, or None
+    notes: tuple[str, ...]
     conditions: Conditions
+
+    def store(self, home: Home, change: int) -> None:
+        """Write it into a home, as a change's."""
+        values = {
+            "entity": self.entity,
+            "initializer": self.initializer,
+            "options": json.dumps(dict(self.options)),
+            "why": self.why,
+            "fallback": self.fallback,
+            "kind": self.kind,
+            "notes": json.dumps(self.notes),
+            "facts": self.conditions.facts,
+            "words": self.conditions.words,
+        }
+        home.put_vector(change, values, self.vector)
+
+
+def stored(home: Home, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEntity]:
+    """The inserted entities whose vectors changes after one have written; ``dtype``: of vectors."""
+    query = (
+        "SELECT entity, vector, vector.kind, vector.initializer, vector.options, why, fallback,"
+        " notes, facts, words, entity.initializer, entity.options, seed"
+        " FROM vector JOIN entity ON entity.name = vector.entity WHERE change > ?"
+    )
+    rows = dict[str, InsertedEntity]()
+    for name, vector, kind, initializer, options, why, fallback, notes, *about in home.read(
+        query, after
+    ):
+        number, words, requested, asked, seed = about
+        requested_options = tuple(sorted(json.loads(asked).items()))
+        rows[name] = InsertedEntity(
+            entity=name,
+            vector=np.frombuffer(vector, dtype),
+            kind=kind,
+            initializer=initializer,
+            options=json.loads(options),
+            why=why,
+            fallback=fallback,
+            notes=tuple(json.loads(notes)),
+            conditions=Conditions(number, bool(words), requested, requested_options, seed),
+        )
+    return rows
+
+
+class Computed(NamedTuple):
+    """An inserted entity, the result of the engine that has its vector, and its place there."""
+
+    entity: InsertedEntity
+    result: Inserted
+    place: int
 
 
 @dataclass(eq=False)
@@ -100,250 +160,220 @@ class EntityGroups:
 
     base: LoadedEmbedding
     phrases: PhraseVectors | None
-    #: by number of facts, and whether with words
-    selected: dict[tuple[int, bool], Selected] = field(default_factory=dict)
-    #: vectors that were computed before, by key
-    stored: dict[str, StoredVector] = field(default_factory=dict)
-    #: the last results of the engine, and the place of a row in them, by key
-    _results: dict[str, tuple[Inserted, int]] = field(default_factory=dict)
-    _curves: dict[Conditions, Curves | None] = field(default_factory=dict)
+    home: Home  #: where choices are stored
+    _choices: dict[tuple[int, bool, str], Choice] = field(default_factory=dict)
+    _warnings: list[str] = field(default_factory=list)  #: of choices that were made now
 
-    @cached_property
-    def _digest(self) -> str:
-        """A digest of all that vectors depend on, except what is inserted."""
-        base = self.base
-        about = [
-            base.manifest.model_name,
-            base.manifest.model_options,
-            base.kinds,
-            base.entity_names,
-        ]
-        tables = base.entities, base.relations, base.triples, base.words
-        return key_of(about, digest_of(*tables))
+    def insert(
+        self, given: Mapping[str, Given], known_triples: np.ndarray, choice: Choice | None = None
+    ) -> dict[str, Computed]:
+        """Insert entities, each with all that share facts with it.
 
-    def insert_groups(
-        self, additions: Additions, names: Collection[str]
-    ) -> dict[str, InsertedEntity]:
-        """Insert the entities ``names``, and all that share facts with them, from all their facts.
-
-        An ``InputError`` names an entity that has neither facts nor words nor an initializer of its
-        own.
+        ``known_triples``: those of training that hold; ids, (T, 3). ``choice``: what serves all of
+        them, else what serves each. An ``InputError`` names an entity that has neither facts nor
+        words nor an initializer of its own.
         """
-        self._results.clear()
-        rows, known_triples = dict[str, InsertedEntity](), self.known_triples(additions)
-        for group in self._groups(additions, names):
-            rows |= self._insert(group, additions, known_triples)
-        return rows
+        members = {name: self._member(name, given[name]) for name in sorted(given)}
+        groups = dict[tuple[Any, ...], dict[str, Member]]()
+        for names in components(given):
+            together = {name: members[name] for name in names}
+            conditions = _conditions(together, members.keys())
+            alone = names[0] if len(names) > 1 else ""
+            groups.setdefault((conditions, alone), {}).update(together)
+        computed = dict[str, Computed]()
+        for (conditions, _), together in groups.items():
+            serving = choice or self.choice(conditions)
+            computed |= self._insert(conditions, serving, together, known_triples)
+        return computed
 
-    def result_of(self, row: InsertedEntity, additions: Additions) -> tuple[Inserted, int]:
-        """The result of the engine that has the vector of a row, and its place there. A row whose
-        vector was stored is computed again.
-        """
-        if row.key not in self._results:
-            (group,) = self._groups(additions, [row.record.entity])
-            method, _ = self._method(group.conditions)
-            result = self._rows_of_group(group, method, self.known_triples(additions))
-            self._results[row.key] = result, list(group.members).index(row.record.entity)
-        return self._results[row.key]
-
-    def members_with(self, name: str, additions: Additions) -> list[str]:
-        """An inserted entity and those that a chain of facts joins to it, sorted."""
-        return _together(name, additions.of_entity)
-
-    def known_triples(self, additions: Additions) -> np.ndarray:
-        """The triples of training that have not been retracted; ids, shape (T, 3)."""
-        return self.base.triples_without(additions.retracted)
-
-    def words(self, name: str, about: NewEntity) -> PhraseVector:
+    def words(self, name: str, definition: str | None) -> PhraseVector:
         """The word vector of a new entity, from its definition or its name."""
         if self.phrases is None:
             return NO_WORDS
-        return self.phrases.vector(plain(name), about.definition)
+        return self.phrases.vector(plain(name), definition)
 
-    def _groups(self, additions: Additions, names: Collection[str]) -> list[Group]:
-        """The groups of ``names`` and of all that share facts with them: entities that share facts
-        are a group; all others under the same conditions are another.
-        """
-        members_of = dict[tuple[Any, ...], dict[str, NewName]]()
-        grouped = set[str]()
-        for name in additions.entities:
-            if name not in names or name in grouped:
-                continue
-            together = _together(name, additions.of_entity)
-            grouped.update(together)
-            members = {each: self._member(each, additions) for each in together}
-            conditions = _conditions(members, additions.entities.keys())
-            key = (conditions, name) if len(together) > 1 else (conditions,)
-            members_of.setdefault(key, {}).update(members)
-        groups = []
-        for (conditions, *shared), members in members_of.items():
-            in_order = {name: members[name] for name in sorted(members)}
-            groups.append(Group(conditions, in_order, share_facts=bool(shared)))
-        return groups
-
-    def _member(self, name: str, additions: Additions) -> NewName:
-        about, facts = additions.entities[name], sorted(additions.of_entity[name])
-        words = self.words(name, about)
+    def _member(self, name: str, given: Given) -> Member:
+        about = given.about
+        words = self.words(name, about.definition)
         kind, reason = about.kind or "", ""
         if not about.kind:
             alike = None
             if self.phrases is not None and words.vector is not None:
                 alike = self.phrases.alike(plain(name), about.definition)
-            kind, reason = self.base.kind_of(name, facts, alike)
+            kind, reason = self.base.kind_of(name, given.facts, alike)
         no_words = f"{name} has no words: {words.note}" if words.vector is None else ""
-        notes = [reason, no_words, *self.base.kind_notes(facts, name)]
-        return NewName(about, facts, words, kind, tuple(filter(None, notes)))
+        notes = [reason, no_words, *self.base.kind_notes(given.facts, name)]
+        return Member(given, words, kind, tuple(filter(None, notes)))
 
     def _insert(
-        self, group: Group, additions: Additions, known_triples: np.ndarray
-    ) -> dict[str, InsertedEntity]:
-        """The rows of a group: stored vectors, and computed ones where these lack."""
-        conditions = group.conditions
-        method, warnings = self._method(conditions)
-        initializer, options = method.initializer.name, dict(method.options)
-        keys = self._keys(group, method, additions)
-        vectors = {name: self.stored[key] for name, key in keys.items() if key in self.stored}
-        missing = [name for name in group.members if name not in vectors]
-        if missing:
-            part = group if group.share_facts else group.part(missing)
-            result = self._rows_of_group(part, method, known_triples)
-            for place, name in enumerate(part.members):
-                self._results[keys[name]] = result, place
-                vectors[name] = StoredVector(result.vectors[place].copy(), result.fallback[place])
-        rows = dict[str, InsertedEntity]()
-        for name, member in group.members.items():
-            record = EntityRecord(
-                entity=name,
-                insert_triples=member.facts,
-                definition=member.about.definition,
-                requested_initializer=member.about.initializer,
-                options=options,
-                seed=member.about.seed,
-                initializer=initializer,
-                why=method.why,
-                fallback=vectors[name].fallback,
-            )
-            rows[name] = InsertedEntity(
-                record,
-                vectors[name].vector,
-                keys[name],
-                member.words,
-                member.kind,
-                (*member.notes, *warnings),
-                conditions,
-            )
-        return rows
-
-    def _keys(self, group: Group, method: Method, additions: Additions) -> dict[str, str]:
-        """The key of each member's vector: a digest of all that it depends on."""
-        inputs = {}
-        for name, member in group.members.items():
-            inputs[name] = [name, member.facts, member.kind, digest_of(member.words.vector)]
-        shared = [
-            self._digest,
-            method.initializer.name,
-            dict(method.options),
-            group.conditions.seed,
-            sorted(additions.retracted),
-        ]
-        if method.trained_with != "logistic":
-            shared.append(method.trained_with)
-        keys = {}
-        for name in group.members:
-            keys[name] = key_of(shared, inputs if group.share_facts else inputs[name], name)
-        return keys
-
-    def _rows_of_group(self, group: Group, method: Method, known_triples: np.ndarray) -> Inserted:
-        """Insert a group into the bundle's embedding."""
-        base, members = self.base, list(group.members.values())
-        ids = ChainMap(
-            {name: row for row, name in enumerate(group.members, len(base.entities))},
-            base.entity_ids,
-        )
-        triples = [
-            (ids[head], base.relation_ids[relation], ids[tail])
-            for head, relation, tail in group.facts
-        ]
-        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
+        self,
+        conditions: Conditions,
+        choice: Choice,
+        members: Mapping[str, Member],
+        known_triples: np.ndarray,
+    ) -> dict[str, Computed]:
+        """Insert the entities of a group, sorted by name, into the bundle's embedding."""
+        base = self.base
+        new = {name: row for row, name in enumerate(members, len(base.entities))}
+        ids = ChainMap(new, base.entity_ids)
+        facts = dict[Fact, float]()
+        for member in members.values():
+            facts |= member.given.facts
+        facts = {fact: facts[fact] for fact in sorted(facts)}
+        triples = [(ids[head], base.relation_ids[label], ids[tail]) for head, label, tail in facts]
+        doubtful = any(believed < 1 for believed in facts.values())
         request = InsertRequest(
             triples=np.array(triples, np.int64).reshape(-1, 3),
             new=len(members),
-            words=self._word_rows(members),
-            kinds=self._kind_ids(members),
-            initializer=method.initializer.name,
-            options=method.options,
-            loss=method.trained_with,
-            seed=group.conditions.seed,
-            entity_keys=np.array([crc32(name.encode()) for name in group.members], np.int64),
+            words=self._word_rows([member.words.vector for member in members.values()]),
+            kinds=self._kind_ids([member.kind for member in members.values()]),
+            initializer=choice.initializer,
+            options=choice.options,
+            loss=choice.trained_with,
+            seed=conditions.seed,
+            entity_keys=np.array([crc32(name.encode()) for name in members], np.int64),
+            confidence=list(facts.values()) if doubtful else None,
         )
-        return insert_request(known, request)
+        known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
+        result = insert_request(known, request)
+        computed = dict[str, Computed]()
+        for place, (name, member) in enumerate(members.items()):
+            entity = InsertedEntity(
+                entity=name,
+                vector=result.vectors[place].copy(),
+                kind=member.kind,
+                initializer=choice.initializer,
+                options=choice.options,
+                why=choice.why,
+                fallback=result.fallback[place],
+                notes=member.notes,
+                conditions=conditions,
+            )
+            computed[name] = Computed(entity, result, place)
+        return computed
 
-    def _kind_ids(self, members: Sequence[NewName]) -> np.ndarray:
+    def _kind_ids(self, kinds: Sequence[str]) -> np.ndarray:
         """A number for the kind of each known entity and of new ones, (E + n,); -1 without one."""
-        new = [self.base.kind_numbers.get(member.kind, -1) for member in members]
+        new = [self.base.kind_numbers.get(kind, -1) for kind in kinds]
         return np.concatenate([self.base.kind_ids, np.array(new, np.int64)])
 
-    def _word_rows(self, members: Sequence[NewName]) -> np.ndarray | None:
+    def _word_rows(self, vectors: Sequence[np.ndarray | None]) -> np.ndarray | None:
         """Word vectors of the known entities and of new ones, (E + n, v);
         None if no new one has words.
         """
-        vectors, known = [member.words.vector for member in members], self.base.words
+        known = self.base.words
         if known is None or all(vector is None for vector in vectors):
             return None
         return with_rows(known, vectors)
 
-    def _method(self, conditions: Conditions) -> tuple[Method, Sequence[str]]:
-        """The initializer under some conditions, and warnings of its selection."""
-        base, entities = self.base, len(self.base.entities)
-        if conditions.initializer is not None:
-            options = dict(conditions.options)
-            method = named(conditions.initializer, options, base.model, entities)
-            return replace(method, trained_with=base.manifest.trained_with or "logistic"), ()
-        selected = self.selected_for(conditions.facts, conditions.words)
-        method = named(selected.initializer, dict(selected.options), base.model, entities)
-        method = replace(method, why=selected.why, trained_with=selected.trained_with)
-        return method, selected.warnings
+    # -- relations ---------------------------------------------------------------------------------
 
-    def selected_for(self, number: int, words: bool) -> Selected:
-        """The initializer for so many facts, selected on hidden known entities and then
-        remembered.
+    def relation_rows(
+        self, facts: Mapping[str, Sequence[Fact]], now: LoadedEmbedding
+    ) -> dict[str, np.ndarray]:
+        """The rows of relations that were not trained, each from its facts between entities of
+        ``now``; shape (w,) each.
         """
-        if (number, words) not in self.selected:
-            with without_denormals():
-                method, selection = select(
-                    self._hold_out(number, words),
-                    number > 0,
-                    words,
-                    tolerance=TOLERANCE,
-                    budget=BUDGET,
-                )
-            self.selected[number, words] = Selected(
-                facts=number,
-                words=words,
-                initializer=method.initializer.name,
-                options=dict(method.options),
-                why=method.why,
-                warnings=selection.warnings if selection else [],
-                trained_with=method.trained_with,
+        base, rows = self.base, dict[str, np.ndarray]()
+        known_triples = torch.from_numpy(base.triples)
+        loss: Loss = base.manifest.trained_with or "logistic"
+        for name, listed in facts.items():
+            number, ids = len(base.relations), now.entity_ids
+            triples = [(ids[head], number, ids[tail]) for head, _, tail in listed]
+            theta = now.embedding
+            row = theta.relation.new_zeros(1, 1, theta.relation.shape[2])
+            theta = replace(theta, relation=torch.cat([theta.relation[:, :number], row], 1))
+            scale = fit_scale(base.embedding, known_triples, loss)
+            fitted = fit_relations(
+                theta, len(base.entities), number, torch.tensor(triples), known_triples, scale=scale
             )
-        return self.selected[number, words]
+            rows[name] = fitted[0].numpy().astype(base.relations.dtype)
+        return rows
 
-    def curves(self, row: InsertedEntity) -> Curves | None:
-        """The curves that calibrate answers about an inserted entity;
-        None with too few known triples.
+    # -- choices -----------------------------------------------------------------------------------
+
+    def choice(self, conditions: Conditions) -> Choice:
+        """What serves under some conditions: stored, or tested on hidden known entities now, which
+        takes some seconds, and then stored.
         """
-        return self._fit(row.conditions)
+        key = conditions.facts, conditions.words, conditions.requested
+        if key not in self._choices:
+            self._choices[key] = self._stored(key) or self._store(key, self._choose(conditions))
+        return self._choices[key]
 
-    def _fit(self, conditions: Conditions) -> Curves | None:
-        """The curves under some conditions, fitted once."""
-        any_seed = conditions._replace(seed=0)  # hidden entities do not depend on it
-        if any_seed not in self._curves:
-            method, _ = self._method(conditions)
-            with without_denormals():
-                test = self._hold_out(conditions.facts, conditions.words)
-                draws = replace(test, loss=method.trained_with).hide()
-                self._curves[any_seed] = None if draws is None else fit_curves(draws, method)
-        return self._curves[any_seed]
+    def is_chosen(self, conditions: Conditions) -> bool:
+        """Whether the choice under some conditions is made already."""
+        key = conditions.facts, conditions.words, conditions.requested
+        return key in self._choices or self._stored(key) is not None
+
+    def forget(self) -> None:
+        """Read choices again: the transaction that stored some may have been rolled back."""
+        self._choices.clear()
+
+    def warnings(self) -> list[str]:
+        """The warnings of choices that were made since the last call."""
+        said, self._warnings = self._warnings, []
+        return said
+
+    def preparation(self) -> list[Conditions]:
+        """The conditions for which a choice is still to be made: all numbers of facts, with words
+        if there are any (for a name without words, the choice is made when it comes).
+        """
+        words = self.phrases is not None
+        every = [Conditions(number, words, None, (), 0) for number in PREPARED]
+        return [conditions for conditions in every if not self.is_chosen(conditions)]
+
+    def _choose(self, conditions: Conditions) -> Choice:
+        base, entities = self.base, len(self.base.entities)
+        number, words, warnings = conditions.facts, conditions.words, list[str]()
+        with without_denormals():
+            test = self._hold_out(number, words)
+            if conditions.initializer is None:
+                method, selection = select(
+                    test, number > 0, words, tolerance=TOLERANCE, budget=BUDGET
+                )
+                warnings = list(selection.warnings) if selection else []
+                self._warnings += warnings
+            else:
+                options = dict(conditions.options)
+                method = named(conditions.initializer, options, base.model, entities)
+                method = replace(method, trained_with=base.manifest.trained_with or "logistic")
+            draws = replace(test, loss=method.trained_with).hide()
+            curves = None if draws is None else fit_curves(draws, method)
+        return Choice(
+            method.initializer.name,
+            dict(method.options),
+            method.why,
+            method.trained_with,
+            warnings,
+            curves,
+        )
+
+    def _stored(self, key: tuple[int, bool, str]) -> Choice | None:
+        query = (
+            "SELECT initializer, options, why, trained_with, warnings, curves FROM choice"
+            " WHERE facts = ? AND words = ? AND requested = ?"
+        )
+        rows = self.home.read(query, *key)
+        if not rows:
+            return None
+        initializer, options, why, trained_with, warnings, curves = rows[0]
+        options, warnings = json.loads(options), json.loads(warnings)
+        return Choice(initializer, options, why, trained_with, warnings, _curves_of(curves))
+
+    def _store(self, key: tuple[int, bool, str], choice: Choice) -> Choice:
+        if not self.home.is_read_only:
+            values = (
+                *key,
+                choice.initializer,
+                json.dumps(choice.options),
+                choice.why,
+                choice.trained_with,
+                json.dumps(list(choice.warnings)),
+                _text_of(choice.curves),
+            )
+            self.home.read("REPLACE INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", *values)
+        return choice
 
     def _hold_out(self, number: int, words: bool) -> HoldOut:
         """The hold-out test with so many insert triples for each hidden entity."""
@@ -358,27 +388,35 @@ class EntityGroups:
             loss=base.manifest.trained_with,
         )
 
-    def preparation(self) -> Iterator[Callable[[], object]]:
-        """Steps that select initializers and fit curves for all numbers of facts;
-        some take a second.
-        """
-        for number, words in product(PREPARED, [False] if self.phrases is None else [False, True]):
-            yield partial(self.selected_for, number, words)
-            yield partial(self._fit, Conditions(number, words, None, (), 0))
+
+def _text_of(curves: Curves | None) -> str | None:
+    """Curves as JSON: slope and offset of all relations, and of each that has its own."""
+    if curves is None:
+        return None
+    each = {
+        str(relation): list(vars(curve).values()) for relation, curve in curves.of_relation.items()
+    }
+    return json.dumps({"all": list(vars(curves.of_all).values()), **each})
 
 
-def _conditions(members: Mapping[str, NewName], inserted: Collection[str]) -> Conditions:
+def _curves_of(text: str | None) -> Curves | None:
+    if text is None:
+        return None
+    curves = {key: PlattCurve(*values) for key, values in json.loads(text).items()}
+    of_all = curves.pop("all")
+    return Curves({int(relation): curve for relation, curve in curves.items()}, of_all)
+
+
+def _conditions(members: Mapping[str, Member], inserted: Collection[str]) -> Conditions:
     """Under what conditions entities that share facts are inserted."""
     requests, known_facts = set(), 0
     for name, member in members.items():
-        about = member.about
+        about, facts = member.given.about, member.given.facts
         requests.add((about.initializer, tuple(sorted(about.options.items())), about.seed))
-        if not member.facts and member.words.vector is None and about.initializer is None:
+        if not facts and member.words.vector is None and about.initializer is None:
             expected = f"expected a fact or a word vector; {member.words.note}"
             raise InputError(repr(name)[:80], "", expected)
-        known_facts += sum(
-            not (head in inserted and tail in inserted) for head, _, tail in member.facts
-        )
+        known_facts += sum(not (head in inserted and tail in inserted) for head, _, tail in facts)
     if len(requests) > 1:
         expected = (
             "expected one initializer, one set of options "
@@ -395,18 +433,23 @@ def prepared(facts: float) -> int:
     return max(number for number in PREPARED if number <= facts)
 
 
-def _together(name: str, facts: Mapping[str, Collection[Fact]]) -> list[str]:
-    """An inserted entity and those that a chain of facts joins to it, sorted;
-    ``facts``: those of each inserted entity.
+def components(given: Mapping[str, Given]) -> Iterator[list[str]]:
+    """The entities that a chain of facts joins to each other, sorted, one component after the
+    other.
     """
-    reached, waiting = {name}, [name]
-    while waiting:
-        others = {
-            end for head, _, tail in facts[waiting.pop()] for end in (head, tail)
-        } & facts.keys() - reached
-        reached |= others
-        waiting += others
-    return sorted(reached)
+    left = dict.fromkeys(sorted(given))
+    while left:
+        name = next(iter(left))
+        reached, waiting = {name}, [name]
+        while waiting:
+            facts = given[waiting.pop()].facts
+            ends = {end for head, _, tail in facts for end in (head, tail)}
+            others = ends & given.keys() - reached
+            reached |= others
+            waiting += others
+        for each in reached:
+            del left[each]
+        yield sorted(reached)
 
 
 def with_rows(known: np.ndarray, vectors: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -22,7 +22,7 @@ from safetensors.torch import load_file
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.arguments import array_of, checked_model, naming_argument
-from isi.live.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
+from isi.live.bundle import Bundle, Manifest, check_numbers, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
 from isi.models.losses import Loss
 from isi.models.model import MODELS
@@ -132,7 +132,6 @@ def bundle_of(
         words=None,
         trained_with=loss,
         made={"imported": labels.form, "files": digests},
-        inserted=[],
     )
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds = labels.kinds or [""] * len(entities)

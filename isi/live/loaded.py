@@ -2,23 +2,20 @@
 and lookup of typed names.
 """
 
-from collections import ChainMap, Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
-from pathlib import Path
-from typing import Any, NamedTuple, Self
+from functools import cached_property, partial
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import Names, checked_model, listed_triples, stack_of_one, table
-from isi.live.folder import MANIFEST, VECTORS, Bundle, read
-from isi.live.names import find
+from isi.insertion.arguments import Names, checked_model, stack_of_one, table
+from isi.live.bundle import Bundle, Fact
+from isi.live.names import KnownNames
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -29,9 +26,6 @@ USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
 #: words / this).
 TEMPERATURE = 0.07
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
-
-
-Fact = tuple[str, str, str]  #: Head, relation and tail by name.
 
 
 class Query(NamedTuple):
@@ -49,6 +43,8 @@ class LoadedEmbedding(Bundle):
     """A bundle with its scoring function."""
 
     scoring: Model | None = None  #: None: the model that the manifest names
+    inserted: int = 0  #: number of inserted entities, which have the last rows
+    added: int = 0  #: number of facts added after training, which are the last triples
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
@@ -71,6 +67,14 @@ class LoadedEmbedding(Bundle):
     @cached_property
     def relation_ids(self) -> dict[str, int]:
         return {name: row for row, name in enumerate(self.relation_names)}
+
+    @cached_property
+    def known_entities(self) -> KnownNames:
+        return KnownNames(self.entity_ids)
+
+    @cached_property
+    def known_relations(self) -> KnownNames:
+        return KnownNames(self.relation_ids)
 
     @cached_property
     def names(self) -> Names:
@@ -145,13 +149,16 @@ class LoadedEmbedding(Bundle):
         )
         return torch.from_numpy(np.flatnonzero(fits))
 
-    def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """Candidates and known answers, best first, and scores, without retracted answers.
+    def ranked(self, query: Query, among: Collection[int] | None = None) -> tuple[Tensor, Tensor]:
+        """Candidates and known answers, or the entities ``among`` which to rank, best first, and
+        scores, without retracted answers.
 
         The given entity is excluded unless it is an answer.
         """
-        fitting = set(self.candidates(query.relation, query.slot).tolist()) - {query.given}
-        listed = (fitting | self.answers(query)) - answers_in(self.retracted, query)
+        if among is None:
+            fitting = set(self.candidates(query.relation, query.slot).tolist()) - {query.given}
+            among = fitting | self.answers(query)
+        listed = set(among) - answers_in(self.retracted, query)
         candidates = torch.tensor(sorted(listed), dtype=torch.int64)
         scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
         best = scores.sort(descending=True, stable=True)
@@ -176,15 +183,9 @@ class LoadedEmbedding(Bundle):
             if kind and usual and kind not in usual:
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
-    @cached_property
-    def kinds_in_slot(self) -> Callable[[int, int], Counter[str]]:
-        """The number of entities of each kind in a slot of the known triples of a relation."""
-
-        @cache
-        def count(relation: int, slot: int) -> Counter[str]:
-            return Counter(filter(None, (self.kinds[row] for row in self.in_slot(relation, slot))))
-
-        return count
+    def kinds_in_slot(self, relation: int, slot: int) -> set[str]:
+        """The kinds of the entities in a slot of the known triples of a relation."""
+        return {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
 
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
         """The kind of a new entity and the reason; empty texts if unknown.
@@ -192,53 +193,31 @@ class LoadedEmbedding(Bundle):
 
         Each fact counts for the kind of the most similar known entity in the same slot of its
         relation (without words: for all kinds there, by their shares), if this kind is usual there.
-        Without facts, all known entities count, similar ones most.
+        Without facts, all known entities count, similar ones most. Entities without a kind count,
+        too: where they win, the new one has none.
         """
-        votes, roles = np.zeros(len(self.kind_numbers)), dict[str, None]()
+        votes, roles = np.zeros(1 + len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
             slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
             usual = set(self.candidates(self.relation_ids[relation], slot).tolist())
-            in_slot = self.in_slot(self.relation_ids[relation], slot)
-            if there := [row for row in in_slot if self.kinds[row] and row in usual]:
+            there = [row for row in self.in_slot(self.relation_ids[relation], slot) if row in usual]
+            if there:
                 listed = there if alike is None else [max(there, key=alike.__getitem__)]
                 votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))
                 roles[f"the {role} of {relation}"] = None
         like = " and ".join(roles)
         if not roles and alike is not None:
-            listed = [row for row, kind in enumerate(self.kinds) if kind]
-            votes = self._of_kinds(listed, np.exp(alike[listed] / TEMPERATURE))
-            of_kind = [row for row in listed if self.kind_ids[row] == votes.argmax()]
-            like = self.entity_names[max(of_kind, key=alike.__getitem__)] if of_kind else ""
-        if not like:
-            return "", ""
-        kind = list(self.kind_numbers)[int(votes.argmax())]
-        return kind, f"{new} counts as {kind}, like {like}"
+            votes = self._of_kinds(range(len(alike)), np.exp(alike / TEMPERATURE))
+            of_kind = np.flatnonzero(self.kind_ids + 1 == votes.argmax())
+            like = self.entity_names[of_kind[alike[of_kind].argmax()]]
+        kind = ["", *self.kind_numbers][int(votes.argmax())]
+        return (kind, f"{new} counts as {kind}, like {like}") if kind else ("", "")
 
     def _of_kinds(self, entities: Sequence[int], weights: np.ndarray) -> np.ndarray:
-        """The total weight of entities, (N,), of each kind; ``entities``: ids."""
-        return np.bincount(self.kind_ids[entities], weights, len(self.kind_numbers))
-
-    def facts(self, facts: Any, new: Sequence[str] = ()) -> list[Fact]:
-        """Facts in any form of ``listed_triples``, by name and once each;
-        InputError for a name that is unknown.
+        """The total weight of entities, (N,), without a kind and of each kind;
+        ``entities``: ids.
         """
-        names, listed = ChainMap(dict.fromkeys(new, -1), self.entity_ids), dict[Fact, None]()
-        for head, relation, tail in as_facts(facts):
-            place = f"{head} {relation} {tail}"[:80]
-            ends = [find(end, names, place, "an entity") for end in (head, tail)]
-            label = find(relation, self.relation_ids, place, "a relation")
-            listed[ends[0], label, ends[1]] = None
-        return list(listed)
-
-    def unknown(self, facts: Iterable[Fact]) -> list[Fact]:
-        """Those of the facts that are no known triples."""
-        ids, labels = self.entity_ids, self.relation_ids
-        return [
-            (head, relation, tail)
-            for head, relation, tail in facts
-            if not {head, tail} <= ids.keys()
-            or ids[tail] not in self.answers(Query(ids[head], labels[relation], TAIL))
-        ]
+        return np.bincount(self.kind_ids[entities] + 1, weights, 1 + len(self.kind_numbers))
 
     def named(self, query: Query) -> tuple[str, str, str]:
         """A query as names, with a question mark for the answer."""
@@ -255,33 +234,20 @@ class LoadedEmbedding(Bundle):
         triples[:, [HEAD, TAIL]] = new_id[self.triples[:, [HEAD, TAIL]]]
         texts = self.entity_names, self.kinds, self.phrases
         names, kinds, phrases = ([listed[row] for row in rows] for listed in texts)
-        inserted = [record for record in self.manifest.inserted if record.entity in set(names)]
+        first = len(self.entities) - self.inserted
         return replace(
             self,
-            manifest=self.manifest.model_copy(update={"inserted": inserted}),
+            inserted=int((rows >= first).sum()),
+            added=0,
             entities=self.entities[rows],
             entity_names=names,
             kinds=kinds,
             phrases=phrases,
             triples=triples[(triples >= 0).all(1)],
             retracted=np.zeros((0, 3), np.int64),
+            counts=None,
             words=None if self.words is None else self.words[rows],
         )
-
-
-def as_facts(facts: Any) -> list[Fact]:
-    """Facts in any form of ``listed_triples`` as typed;
-    an ``InputError`` refuses what is not three texts.
-    """
-    listed = list[Fact]()
-    for number, fact in enumerate(listed_triples(facts)):
-        whole = isinstance(fact, list | tuple | np.ndarray) and len(fact) == 3
-        if not (whole and all(isinstance(part, str) for part in fact)):
-            expected = "expected head, relation and tail by name"
-            raise InputError(f"fact {number}", "", f"{expected}, got {short(fact)}")
-        head, relation, tail = fact
-        listed.append((head, relation, tail))
-    return listed
 
 
 def answers_in(triples: np.ndarray, query: Query) -> set[int]:
@@ -289,18 +255,6 @@ def answers_in(triples: np.ndarray, query: Query) -> set[int]:
     other = HEAD + TAIL - query.slot
     of_query = (triples[:, other] == query.given) & (triples[:, RELATION] == query.relation)
     return set(triples[of_query, query.slot].tolist())
-
-
-def open_bundle(folder: Path) -> LoadedEmbedding:
-    """Read the bundle of a folder. An ``InputError`` refuses a broken one,
-    or tables that do not fit the model.
-    """
-    opened = LoadedEmbedding(**vars(read(folder)))
-    with at(folder / MANIFEST, "family"):
-        opened.model  # noqa: B018  # checks the manifest
-    with at(folder / VECTORS):
-        opened.embedding  # noqa: B018
-    return opened
 
 
 def queries_of(

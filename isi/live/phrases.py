@@ -4,20 +4,21 @@ or from the vocabulary of words.md.
 
 import os
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file
 
 from isi.errors import InputError
-from isi.live.folder import MODEL, Bundle, WordSource
+from isi.live.bundle import MODEL, Bundle, WordSource
 from isi.tables import paths
 
+B = TypeVar("B", bound=Bundle)
 VOCABULARY = Path(__file__).with_name("words.safetensors")
 SHIPPED = WordSource(source="the vocabulary of isi", text="phrase", model=None)
 OF_MODEL = WordSource(source=MODEL, text="phrase", model=MODEL)  #: Names by the sentence model.
@@ -46,7 +47,7 @@ class PhraseVector(NamedTuple):
     vector: np.ndarray | None  #: float32, shape (v,); None without usable words
     note: str  #: the source of the vector, or why there is none
     nearest: int | None = None  #: the known entity of the highest cosine; None without words
-    cosine: float | None = None  #: that cosine, or ``PhraseVectors.unweighted``
+    cosine: float | None = None  #: that cosine, or by ``PhraseVectors.total``
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +59,11 @@ class PhraseVectors:
     #: the vector, (v,), of a phrase and its definition, or zeros
     embed: Callable[[str, str | None], np.ndarray]
     least: float = LEAST
-    #: the cosine of a phrase and a known one (id) if head nouns weigh as much as other words; None:
-    #: as they are
-    unweighted: Callable[[str, int], float] | None = None
+    phrases: Sequence[str] = ()  #: the known ones, for ``total``
+    #: the vector of a text, (v,), in which head nouns weigh as much as other words; None: the
+    #: cosines of ``embed`` stand
+    total: Callable[[str], np.ndarray] | None = None
+    missing: str = ""  #: why a new phrase gets no vector; empty if it does
 
     @property
     def source(self) -> str:
@@ -73,13 +76,18 @@ class PhraseVectors:
 
     def vector(self, phrase: str, definition: str | None = None) -> PhraseVector:
         """The word vector of a phrase; None if it has no words or is unlike all known phrases."""
+        if self.missing:
+            return PhraseVector(None, self.missing)
         vector = self.embed(phrase, definition)
         if not vector.any():
             return PhraseVector(None, f"{self.source} has no word of {phrase!r}")
         cosines = self._unit @ unit(vector)
         nearest, best = int(cosines.argmax()), float(cosines.max())
         if best >= self.least:
-            cosine = self.unweighted(phrase, nearest) if self.unweighted else best
+            cosine = best
+            if self.total is not None:
+                known = self.total(self.phrases[nearest])
+                cosine = float(unit(self.total(phrase)) @ unit(known))
             return PhraseVector(vector, f"by {self.source}", nearest, cosine)
         note = (
             f"{phrase!r} is unlike all known phrases: its highest cosine is {best:.2f}, "
@@ -91,64 +99,90 @@ class PhraseVectors:
         """The cosines of a phrase's head noun with known entities, (E,), 0 without words;
         None if it has none.
         """
+        if self.missing:
+            return None
         vector = unit(self.embed(head_of(phrase), definition))
         return np.asarray(self._unit @ vector) if vector.any() else None
 
 
-def phrase_vectors(bundle: Bundle, vectors: Path | None = None) -> PhraseVectors | None:
-    """Word vectors of a bundle's phrases from a word2vec or GloVe file;
-    None: from the source of the bundle's own.
+def with_words(bundle: B, vectors: Path | None = None) -> B:
+    """A bundle with word vectors of its phrases, from a word2vec or GloVe file; None: those that it
+    has, if their source can be had here, or else the vocabulary's.
 
-    If that is neither the installed sentence model nor an existing file, or if there is none, the
-    vocabulary embeds all phrases; if it has words of too few, the result is None. InputError for a
-    file that has none.
+    It has none if the vocabulary has words of too few. ``InputError`` for a file that has none.
     """
-    origin = bundle.manifest.words
-
-    def unweighted(embed: Callable[[str], np.ndarray]) -> Callable[[str, int], float]:
-        def cosine(phrase: str, row: int) -> float:
-            return float(unit(embed(phrase)) @ unit(embed(bundle.phrases[row])))
-
-        return cosine
-
-    if vectors is None and origin is not None and bundle.words is not None:
-        if origin.model == MODEL and bundle.words.shape[1] == WIDTH and has_model():
-            least = LEAST_OF_PHRASES if origin.text == "phrase" else LEAST
-            return PhraseVectors(bundle.words, origin, by_model, least)
-        path = (
-            paths.shipped_vectors(origin.text)
-            if origin.source == "shipped"
-            else Path(origin.source)
-        )
-        vectors = path if origin.model is None and path.is_file() and find_spec("gensim") else None
     if vectors is not None:
-        from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
-
-        words = read_vectors(vectors)
-
-        def in_file(text: str) -> np.ndarray:
-            return np.asarray(look_up(words, [text]).vectors[0])
-
-        known = np.stack([with_head(in_file, phrase) for phrase in bundle.phrases])
-        if not known.any():
-            raise InputError(
-                vectors, "", "expected word vectors of this embedding's phrases, got none"
-            )
-        of_file = WordSource(source=str(vectors), text="phrase", model=None)
-        return PhraseVectors(
-            known,
-            of_file,
-            lambda phrase, _: with_head(in_file, phrase),
-            unweighted=unweighted(in_file),
+        known = np.stack(
+            [with_head(partial(_look_up, vectors), phrase) for phrase in bundle.phrases]
         )
-    records, vocabulary = bundle.insertions(), shipped()
-    definitions = [
-        records[name].definition if name in records else None for name in bundle.entity_names
-    ]
-    known = np.stack(list(map(vocabulary.vector, bundle.phrases, definitions)))
+        if not known.any():
+            expected = "expected word vectors of this embedding's phrases, got none"
+            raise InputError(vectors, "", expected)
+        source = WordSource(source=str(vectors.absolute()), text="phrase", model=None)
+        return _replaced(bundle, known, source)
+    origin = bundle.manifest.words
+    if bundle.words is not None and origin is not None:
+        is_installed = origin.model == MODEL and bundle.words.shape[1] == WIDTH and has_model()
+        if origin.model is None or is_installed:
+            return bundle
+    known = np.stack(list(map(shipped().vector, bundle.phrases)))
     if known.any(1).mean() < ENOUGH:
+        return _replaced(bundle, None, None)
+    return _replaced(bundle, known, SHIPPED)
+
+
+def _replaced(bundle: B, words: np.ndarray | None, source: WordSource | None) -> B:
+    manifest = bundle.manifest.model_copy(update={"words": source})
+    return replace(bundle, words=words, manifest=manifest)
+
+
+def phrase_vectors(bundle: Bundle) -> PhraseVectors | None:
+    """Word vectors of a bundle's phrases, and how a new phrase gets one; None without any."""
+    origin, words = bundle.manifest.words, bundle.words
+    if origin is None or words is None:
         return None
-    return PhraseVectors(known, SHIPPED, vocabulary.vector, unweighted=unweighted(vocabulary.total))
+    if origin.model == MODEL:
+        least = LEAST_OF_PHRASES if origin.text == "phrase" else LEAST
+        return PhraseVectors(words, origin, by_model, least)
+    if origin == SHIPPED:
+        vocabulary = shipped()
+        return PhraseVectors(
+            words, origin, vocabulary.vector, phrases=bundle.phrases, total=vocabulary.total
+        )
+    path = Path(origin.source)
+    if origin.source == "shipped":
+        path = paths.shipped_vectors(origin.text)
+    missing = "" if path.is_file() else f"{path}, which has its word vectors, is not there"
+    if not missing and not find_spec("gensim"):
+        missing = "word vectors of a file need gensim: pip install 'isi-kge[words-file]'"
+    in_file = partial(_look_up, path)
+    return PhraseVectors(
+        words,
+        origin,
+        partial(_of_file, path),
+        phrases=bundle.phrases,
+        total=in_file,
+        missing=missing,
+    )
+
+
+def _of_file(path: Path, phrase: str, _: str | None) -> np.ndarray:
+    """The vector of a phrase by a file, (v,); definitions are not used."""
+    return with_head(partial(_look_up, path), phrase)
+
+
+def _look_up(path: Path, text: str) -> np.ndarray:
+    """The mean vector of the words of a text in a file; (v,)."""
+    from isi.graph.words import look_up  # here, since it loads gensim
+
+    return np.asarray(look_up(_file(path), [text]).vectors[0])
+
+
+@cache
+def _file(path: Path) -> Any:
+    from isi.graph.words import read_vectors  # here, since it loads gensim
+
+    return read_vectors(path)
 
 
 class StaticWords(NamedTuple):

@@ -1,4 +1,4 @@
-"""Requests to a live embedding as lines of JSON, from standard input or a Unix socket,
+"""Requests to a home as lines of JSON, from standard input or a Unix socket,
 and the line that answers each.
 
 A request has one key of ``VERBS``, perhaps what goes with this verb, and perhaps an ``id``, which
@@ -6,31 +6,45 @@ the answer repeats: ``{"ask": ["mug", "atLocation", null], "top": 3, "id": 7}``.
 them.
 """
 
-import asyncio
 import json
-import signal
+import multiprocessing
+import os
 import socket as sockets
-import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from datetime import timedelta
 from pathlib import Path
-from select import select
+from socketserver import StreamRequestHandler, ThreadingUnixStreamServer
 from typing import Annotated, Any, Literal, NoReturn
 
-from pydantic import BeforeValidator, Field
+import torch
+from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import from_json, to_json
 
 from isi.config import Count, Option, Section, Seed, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
-from isi.live.embedding import LiveEmbedding
-from isi.live.folder import Text
-from isi.live.journal import Time
-from isi.process import STOPPING
+from isi.live.bundle import Text
+from isi.live.changes import Confidence, Time
+from isi.live.embedding import LiveEmbedding, open_live
+from isi.process import become_worker
 
 LONGEST = 2**20  #: Maximum number of bytes of a request to a socket.
 MOST_QUERIES = 10_000  #: In one request.
+#: Seconds of each unit of an age: ``30d``, ``12h``.
+UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
+
+
+def as_age(text: Any) -> Any:
+    """A duration of a text such as ``30d``, ``12h``, ``90m``."""
+    if not isinstance(text, str):
+        return text
+    number, unit = text[:-1], text[-1:]
+    if not (number.isdecimal() and len(number) < 7 and unit in UNITS):
+        raise ValueError(f"expected a number and one of {', '.join(UNITS)}, as in 30d")
+    return timedelta(seconds=int(number) * UNITS[unit])
 
 
 def _as_names(names: Any) -> Any:
@@ -48,12 +62,12 @@ def _as_queries(queries: Any) -> Any:
     return [queries] if is_single and queries else queries
 
 
+Age = Annotated[timedelta, BeforeValidator(as_age)]
 Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, or ``true`` for none.
 Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
-#: null is what is asked for
+#: None is what is asked for
 Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
 EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
-
 
 Result = Mapping[str, Any]  #: The fields of an answer.
 
@@ -69,7 +83,7 @@ class Request(Section):
 
 
 class ChangeRequest(Request):
-    """A request that changes the embedding."""
+    """A request that changes the home."""
 
     time: Time | None = None
     source: Text | None = None
@@ -80,30 +94,51 @@ class ChangeRequest(Request):
         return {"time": self.time, "source": self.source}
 
 
-class Insert(ChangeRequest):
-    #: names alone, or tails by name and relation
-    insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
-    facts: list[Fact] = Field([])
+class TellRequest(ChangeRequest):
+    """What may be told about new entities and facts."""
+
     definition: EachText = None
     kind: EachText = None
     initializer: Text | None = None
     options: dict[str, Option] = Field({})
     seed: Seed = 0
+    confidence: Confidence | None = None
     new: bool = False
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The arguments of ``LiveEmbedding.tell`` but the facts."""
+        return {name: getattr(self, name) for name in TellRequest.model_fields}
+
+
+class Tell(TellRequest):
+    tell: list[list[Any]]
+    entities: Names = Field([])
+
+    def result(self, live: LiveEmbedding) -> Result:
+        return vars(live.tell(self.tell, entities=self.entities, **self.about))
+
+
+class Insert(TellRequest):
+    #: names alone, or tails by name and relation
+    insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
+    facts: list[list[Any]] = Field([])
     upsert: bool = False
 
     def result(self, live: LiveEmbedding) -> Result:
         facts = [*listed_triples(self.insert), *self.facts]
-        about = self.model_dump(exclude={"insert", "facts"})
-        return vars(live.insert(list(self.insert), facts, **about))
+        return vars(live.insert(list(self.insert), facts, upsert=self.upsert, **self.about))
 
 
 class Observe(ChangeRequest):
-    observe: list[Fact]
+    observe: list[list[Any]]
     upsert: bool = False
+    confidence: Confidence | None = None
 
     def result(self, live: LiveEmbedding) -> Result:
-        return vars(live.observe(self.observe, upsert=self.upsert, **self.stamp))
+        believed = self.confidence
+        effect = live.observe(self.observe, upsert=self.upsert, confidence=believed, **self.stamp)
+        return vars(effect)
 
 
 class Move(ChangeRequest):
@@ -134,22 +169,16 @@ class Ask(Request):
     #: one query, or several
     ask: Annotated[list[Query], BeforeValidator(_as_queries), Field(max_length=MOST_QUERIES)]
     top: Count = 10
+    new: bool = False
+    among: list[Text] | None = None
 
     def result(self, live: LiveEmbedding) -> Result:
         results = []
         for head, relation, tail in self.ask:
-            best = live.ask(head, relation, tail, self.top)
-            results.append({"query": best.query, "sure": best.sure, "answers": best.answers})
+            best = live.ask(head, relation, tail, self.top, new=self.new, among=self.among)
+            found = {"query": best.query, "sure": best.sure, "answers": best.answers}
+            results.append(found | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
-
-
-class Nearest(Request):
-    nearest: Text
-    top: Count = 10
-
-    def result(self, live: LiveEmbedding) -> Result:
-        listed = live.nearest(self.nearest, self.top)
-        return {"nearest": [{"entity": name, "cosine": cosine} for name, cosine in listed]}
 
 
 class Explain(Request):
@@ -160,41 +189,28 @@ class Explain(Request):
         return {"explain": live.explain(self.explain, self.top)}
 
 
-class InterferenceOf(Request):
-    interference: Names
-
-    def result(self, live: LiveEmbedding) -> Result:
-        return {"interference": live.interference(self.interference)}
-
-
 class History(Request):
     history: Literal[True]
+    #: facts that were not seen for so long, instead of changes
+    stale: Age | None = None
 
     def result(self, live: LiveEmbedding) -> Result:
-        rows = [change.model_dump(mode="json", exclude_defaults=True) for change in live.history]
-        return {"history": rows}
-
-
-class Compact(Request):
-    compact: Literal[True]
-
-    def result(self, live: LiveEmbedding) -> Result:
-        return {"compacted": live.compact()}
+        if self.stale is not None:
+            return {"stale": [asdict(row) for row in live.stale(self.stale)]}
+        return {"history": [asdict(change) for change in live.history]}
 
 
 #: Requests by verb, the key that each of them must have.
 VERBS: dict[str, type[Request]] = {
+    "tell": Tell,
     "insert": Insert,
     "observe": Observe,
     "move": Move,
     "remove": Remove,
     "undo": Undo,
     "ask": Ask,
-    "nearest": Nearest,
     "explain": Explain,
-    "interference": InterferenceOf,
     "history": History,
-    "compact": Compact,
 }
 
 
@@ -219,7 +235,8 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
     except InputError as error:
         result = {"error": str(error)}
     except Exception as error:  # a fault of ours must not end the process, which serves others
-        result = {"error": log_internal(error)}
+        traceback.print_exception(error)
+        result = {"error": f"internal: {type(error).__name__}: {short(str(error))}"}
     return to_json(label | result) + b"\n"
 
 
@@ -237,14 +254,6 @@ def _label(request: dict[str, Any]) -> dict[str, Any]:
             "", "id", f"expected a value that JSON holds, got {short(label['id'])}"
         ) from error
     return label
-
-
-def log_internal(error: Exception) -> str:
-    """Print the traceback of an unexpected error to standard error;
-    one line that says what it was.
-    """
-    traceback.print_exception(error)
-    return f"internal: {type(error).__name__}: {short(str(error))}"
 
 
 def _parsed(line: bytes) -> dict[str, Any]:
@@ -276,88 +285,78 @@ def _refuse_constant(name: str) -> NoReturn:
     raise InputError("", "", f"expected a finite number, got {name}")
 
 
-def take_step(steps: Iterator[Callable[[], object]]) -> bool:
-    """Take the next step of a preparation (``EntityGroups.preparation``), if any is left;
-    a failure is logged.
-    """
-    step = next(steps, None)
-    if step is None:
-        return False
-    try:
-        step()
-    except Exception as error:  # the requests that need it say so again
-        log_internal(error)
-    return True
+def answer_input(live: LiveEmbedding) -> None:
+    """Answer standard input on standard output, to its end."""
+    for descriptor in (0, 1):  # a pipe that does not block would lose requests and answers
+        os.set_blocking(descriptor, True)
+    with open(0, "rb", closefd=False) as requests, open(1, "wb", closefd=False) as answers:
+        while line := requests.readline():
+            answers.write(answer(live, line))
+            answers.flush()
 
 
-def answer_input(live: LiveEmbedding, steps: Iterator[Callable[[], object]]) -> None:
-    """Answer standard input on standard output, to its end.
-    While no request waits, take the next of the ``steps``.
-    """
-    # without a buffer, which ``select`` would not see
-    with open(0, "rb", buffering=0, closefd=False) as requests:
-        while True:
-            while not select([requests], [], [], 0)[0] and take_step(steps):
-                pass
-            if not (line := requests.readline()):
-                return
-            sys.stdout.buffer.write(answer(live, line))
-            sys.stdout.buffer.flush()
-
-
-async def serve(live: LiveEmbedding, steps: Iterator[Callable[[], object]], socket: Path) -> None:
-    """Answer the clients of a Unix socket, a request of each in turn, until SIGTERM or Ctrl-C.
+def serve(live: LiveEmbedding, socket: Path) -> None:
+    """Answer the clients of a Unix socket, each in a thread, until the process is stopped.
 
     Only its owner can connect to the socket. An ``InputError`` refuses one that another process
     serves.
     """
 
-    async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError, asyncio.CancelledError, SystemExit):  # gone, or stopped
-            while line := await _request(reader):
-                is_too_long = len(line) > LONGEST
-                writer.write(_TOO_LONG if is_too_long else answer(live, line))
-                await writer.drain()
-                if is_too_long:
-                    break
-                await asyncio.sleep(0)  # the turn of others
-        writer.close()
+    class Handler(StreamRequestHandler):
+        def handle(self) -> None:
+            with suppress(ConnectionError):
+                while line := self.rfile.readline(LONGEST + 1):
+                    if len(line) > LONGEST:
+                        self.wfile.write(_TOO_LONG)
+                        return
+                    self.wfile.write(answer(live, line))
 
-    stopped = asyncio.Event()
-    _stop_by_signals(asyncio.get_running_loop(), stopped)
     if _is_served(socket):
         raise InputError(socket, "", "another process serves this socket: choose another name")
     try:
-        server = await asyncio.start_unix_server(talk, socket, limit=LONGEST)
+        with suppress(FileNotFoundError):
+            if socket.is_socket():  # of a process that was killed
+                socket.unlink()
+        server = ThreadingUnixStreamServer(str(socket), Handler)
         socket.chmod(0o600)
         own = socket.stat().st_ino
     except OSError as error:
         raise unwritable(socket, error) from error
+    server.daemon_threads, server.block_on_close = True, False
     try:
-        async with server:
-            while not stopped.is_set() and take_step(steps):
-                await asyncio.sleep(0)
-            await stopped.wait()
+        server.serve_forever()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        server.server_close()
         with suppress(OSError):
             if socket.stat().st_ino == own:  # else another process serves it by now
                 socket.unlink()
 
 
-_TOO_LONG = to_json({"error": f"request: expected at most {LONGEST:,} bytes in a line"}) + b"\n"
-
-
-async def _request(reader: asyncio.StreamReader) -> bytes:
-    """The next line of a client; of one that is too long, the first part,
-    which is too long, too.
+@contextmanager
+def prepared_beside(live: LiveEmbedding) -> Iterator[None]:
+    """While requests are answered, make the choices that a home still lacks in another process,
+    which stores them.
     """
+    process = None
+    if live.folder is not None and live.groups.preparation():
+        spawn = multiprocessing.get_context("spawn")
+        process = spawn.Process(target=_prepare, args=(live.folder, os.getpid()), daemon=True)
+        process.start()
     try:
-        return await reader.readuntil(b"\n")
-    except asyncio.IncompleteReadError as error:
-        return error.partial
-    except asyncio.LimitOverrunError:
-        return await reader.readexactly(LONGEST + 1)
+        yield
+    finally:
+        if process is not None:
+            process.kill()
+
+
+def _prepare(folder: Path, parent: int) -> None:
+    become_worker(parent)
+    torch.set_num_threads(1)
+    with suppress(InputError), open_live(folder) as live:  # an insertion that needs it says so
+        live.prepare()
+
+
+_TOO_LONG = to_json({"error": f"request: expected at most {LONGEST:,} bytes in a line"}) + b"\n"
 
 
 def _is_served(socket: Path) -> bool:
@@ -373,18 +372,5 @@ def _is_served(socket: Path) -> bool:
     return True
 
 
-def _stop_by_signals(loop: asyncio.AbstractEventLoop, stopped: asyncio.Event) -> None:
-    """End the process at once on SIGTERM and Ctrl-C,
-    within a step of the preparation or a request, too.
-
-    What such a request has not written to the journal is not done; a part of a line does not count.
-    """
-
-    def stop(*_: object) -> NoReturn:
-        # Python ignores exceptions in some places, as in a destructor: again after a second
-        signal.setitimer(signal.ITIMER_REAL, 1)
-        loop.call_soon_threadsafe(stopped.set)
-        raise SystemExit(0)
-
-    for number in (*STOPPING, signal.SIGALRM):
-        signal.signal(number, stop)
+#: A duration of a text, for the command.
+AGE: TypeAdapter[timedelta] = TypeAdapter(Age)

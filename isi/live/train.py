@@ -50,10 +50,11 @@ from isi.insertion.arguments import (
     listed_triples,
     naming_argument,
 )
-from isi.live.embedding import LiveEmbedding
-from isi.live.folder import Bundle, Manifest
+from isi.live.bundle import Bundle, Manifest
+from isi.live.embedding import LiveEmbedding, open_live
+from isi.live.home import DATABASE
 from isi.live.names import by_known_name, note_of_kinds
-from isi.live.phrases import OF_MODEL, by_model, has_model
+from isi.live.phrases import OF_MODEL, by_model, has_model, with_words
 from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
@@ -190,7 +191,7 @@ def with_kinds(
     new_phrases, _ = by_known_name(phrases or {}, names)
     matched, missing = by_known_name(listed, names)
     if not matched:
-        got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
+        got = note_of_kinds(missing, len(listed), [], names) or "none"
         raise InputError(
             "", "", f"expected the kind or the phrase of an entity of the graph, got {got}"
         )
@@ -199,26 +200,29 @@ def with_kinds(
         new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)
     ]
     without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
-    note = note_of_kinds(missing, len(listed), without, len(names))
+    note = note_of_kinds(missing, len(listed), without, names)
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
 def train(
-    triples: TripleForms | str | Path,
+    triples: TripleForms | str | Path | LiveEmbedding,
     *,
     kinds: Mapping[str, str] | None = None,
+    vectors: str | Path | None = None,
     model: str | None = None,
     learning_rate: float | None = None,
     dimension: int = 100,
     budget: float = 60,
     seed: int = 0,
 ) -> LiveEmbedding:
-    """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file
-    that ``isi train`` reads.
+    """Train an embedding of triples by name (in any form of ``isi.insert``), of a file that
+    ``isi train`` reads, or of what a home knows by now: it is then the same home, with its kinds
+    and its history.
 
-    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
-    ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
-    learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
+    ``kinds``: by entity. ``vectors``: a word2vec or GloVe file, for the word vectors of names. The
+    other arguments are those of ``train_bundle``. ``base.manifest.made`` of the result has its
+    measures. Warns if the model has learned nothing, of names in ``kinds`` that match no entity,
+    and of entities without a kind.
 
     Example:
         >>> import isi
@@ -227,12 +231,6 @@ def train(
         >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
         (5, 'kitchen')
     """
-    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
-    if kinds:
-        with naming_argument("kinds"):
-            tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
-        if note:
-            warnings.warn(f"kinds: {note}", stacklevel=2)
     options = {
         "model": model,
         "learning_rate": learning_rate,
@@ -240,10 +238,57 @@ def train(
         "budget": budget,
         "seed": seed,
     }
+    file = None if vectors is None else Path(vectors)
+    if isinstance(triples, str | Path) and is_home(Path(triples)):
+        triples = open_live(triples)
+    if isinstance(triples, LiveEmbedding):
+        if kinds:
+            raise InputError("argument 'kinds'", "", "expected none: a home has its kinds")
+        warn(train_again(triples, file, **options))
+        return triples
+    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
+    if kinds:
+        with naming_argument("kinds"):
+            tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
+        if note:
+            warnings.warn(f"kinds: {note}", stacklevel=2)
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
+    warn(summary)
+    return LiveEmbedding(with_words(bundle, file))
+
+
+def warn(summary: TrainingSummary) -> None:
+    """Warn, in the name of a caller's caller, if the model has learned nothing."""
     if summary.warning:
-        warnings.warn(summary.warning, stacklevel=2)
-    return LiveEmbedding(bundle)
+        warnings.warn(summary.warning, stacklevel=3)
+
+
+def is_home(path: Path) -> bool:
+    """Whether a path is the folder of a home."""
+    return (path / DATABASE).is_file()
+
+
+def train_again(
+    live: LiveEmbedding, vectors: Path | None = None, **options: Any
+) -> TrainingSummary:
+    """Train a home again on all facts that hold, with its kinds; ``options``: of
+    ``train_bundle``.
+    """
+    bundle, summary = train_bundle(tables_of_home(live), **options)
+    live.train_again(with_words(bundle, vectors))
+    return summary
+
+
+def tables_of_home(live: LiveEmbedding) -> GraphTables:
+    """The graph of the facts that hold in a home, with their counts, kinds and phrases."""
+    rows, now = live.facts, live.now
+    listed = [(*row.fact, row.count) for row in rows]
+    frame = pd.DataFrame(listed, columns=[*TRIPLE, COUNT])
+    tables = build_tables(MinedSource("home", frame, Naming()(frame, ())))
+    kinds = dict(zip(now.entity_names, now.kinds, strict=True))
+    phrases = dict(zip(now.entity_names, now.phrases, strict=True))
+    given = {name: kind for name, kind in kinds.items() if kind}
+    return with_kinds(tables, given, phrases)[0]
 
 
 @without_denormals()
@@ -357,13 +402,20 @@ def train_bundle(
     words, source = (
         (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
     )
-    manifest = Manifest(
-        model_name=name, model_options=defaults[name], words=source, made=made, inserted=[]
+    manifest = Manifest(model_name=name, model_options=defaults[name], words=source, made=made)
+    bundle = Bundle(
+        manifest,
+        final.entity[1].numpy(),
+        final.relation[1].numpy(),
+        graph.entities,
+        kinds,
+        phrases,
+        graph.relations,
+        triples,
+        words,
+        graph.counts.numpy(),
     )
-    vectors = final.entity[1].numpy(), final.relation[1].numpy()
-    return Bundle(
-        manifest, *vectors, graph.entities, kinds, phrases, graph.relations, triples, words
-    ), summary
+    return bundle, summary
 
 
 def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:

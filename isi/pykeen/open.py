@@ -10,8 +10,9 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
 from isi.insertion.inverses import pack
+from isi.live.bundle import Manifest
 from isi.live.embedding import LiveEmbedding
-from isi.live.folder import Manifest
+from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from isi.live.names import by_known_name, note_of_kinds
 from isi.models.model import name_of, stored_options
@@ -34,12 +35,20 @@ class PykeenEmbedding(LiveEmbedding):
     """
 
     def __init__(
-        self, bundle: LoadedEmbedding, model: PykeenModel, factory: CoreTriplesFactory
+        self,
+        bundle: LoadedEmbedding,
+        model: PykeenModel,
+        factory: CoreTriplesFactory,
+        home: Home | None = None,
     ) -> None:
         """Use ``isi.from_pykeen``."""
-        super().__init__(bundle)
+        super().__init__(bundle, home)
         self._trained = model, factory
         self._made_from: LoadedEmbedding | None = None
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        return (*super().parts, *self._trained)
 
     @property
     def model(self) -> PykeenModel:
@@ -60,7 +69,7 @@ class PykeenEmbedding(LiveEmbedding):
             model, factory = self._trained
             trained = factory.mapped_triples.numpy()
             is_retracted = np.isin(now.keys_of(trained), now.keys_of(now.retracted))
-            added = now.triples[len(self.known_triples) :]
+            added = now.triples[len(now.triples) - now.added :]
             triples = np.concatenate([trained[~is_retracted], added])
             no_relations = now.relations[:0]
             larger = add_rows(model, now.entities[known:], no_relations, now.model)
@@ -86,7 +95,7 @@ def from_pykeen(
         factory: the triples factory with labels that the model was trained on; not with a result of
             the pipeline.
         kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that
-            match no entity (``same_name``), and of entities without a kind.
+            match no entity, and of entities without a kind.
         margin: of a distance model; None: estimated (``isi.pykeen.insert``).
 
     Raises:
@@ -112,12 +121,11 @@ def from_pykeen(
         words=None,
         trained_with=loss_of(model, read.model),
         made={},
-        inserted=[],
     )
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
     kind_of, missing = by_known_name(kinds or {}, entities)
     without = [label for label in entities if kinds and label not in kind_of]
-    if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
+    if note := note_of_kinds(missing, len(kinds or {}), without, entities):
         warnings.warn(f"kinds: {note}", stacklevel=2)
     loaded = LoadedEmbedding(
         manifest,
@@ -128,7 +136,6 @@ def from_pykeen(
         list(map(plain, entities)),
         relations,
         triples,
-        None,
-        None if name else read.model,
+        scoring=None if name else read.model,
     )
     return PykeenEmbedding(loaded, model, known)

@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 
 from isi.errors import InputError
-from isi.live.folder import Bundle
+from isi.live.bundle import Bundle
 from isi.live.importer import OTHERS, Labels, bundle_of
 from isi.models.model import name_of, stored_options
 from isi.pykeen.reading import loss_of, read_model, unwrapped

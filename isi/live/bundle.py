@@ -1,0 +1,283 @@
+"""A trained embedding with its names, and its form as plain files, a folder of equal bytes for
+equal content: what the pipeline writes, and what ``isi import`` reads.
+
+``embedding.json`` describes it, ``vectors.safetensors`` has its tables (``entities``,
+``relations`` and, if there are any, ``words``), ``entities.tsv`` names, kinds and phrases in the
+order of ids, ``relations.tsv`` names, ``triples.tsv`` the known triples by name. Before homes were
+databases, such a folder was a home, too (``isi.live.convert``).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from isi.config import LARGEST, Name, Option, Seed
+from isi.errors import InputError, at, short
+from isi.models.losses import Loss
+from isi.names import check_text, name_fault
+from isi.tables.io import atomically
+
+MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
+ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
+COLUMNS = {
+    ENTITIES: ("entity", "kind", "phrase"),
+    RELATIONS: ("relation",),
+    TRIPLES: ("head", "relation", "tail"),
+}
+MODEL = "all-MiniLM-L6-v2"  #: The sentence model of the shipped word vectors, except ``glove``.
+#: Keys of fields in version 1 of the format, where they differ from the names here.
+KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told"}
+Fact = tuple[str, str, str]  #: Head, relation and tail by name.
+Text = Annotated[str, AfterValidator(check_text)]
+TEXTS = TypeAdapter(list[Text])
+#: Head, relation and tail by name; a list in JSON.
+NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
+
+
+class Record(BaseModel):
+    """Base of the objects that JSON of a bundle or of a home holds."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        populate_by_name=True,
+        alias_generator=lambda name: KEYS.get(name, name),
+    )
+
+
+class WordSource(Record):
+    """The source of word vectors, from which a new phrase gets a comparable vector."""
+
+    source: Text  #: a file's absolute path, ``shipped``, or a description
+    #: the embedded text: definition, phrase, wordnet (phrase and definition), glove (mean of words)
+    text: Text
+    #: the sentence model that made them; None if there was none or it is unknown
+    model: Text | None
+
+
+class Manifest(Record):
+    """Description of an embedding: model, source of words, origin."""
+
+    model_name: Name
+    model_options: dict[str, Option]
+    words: WordSource | None
+    #: the loss that it was trained with; None: unknown
+    trained_with: Loss | None = "logistic"
+    made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
+
+
+class NewEntity(Record):
+    """What is told about a new entity, except its facts."""
+
+    definition: Text | None = None
+    kind: Text | None = None
+    initializer: Text | None = None  #: None: the one chosen on hidden known entities
+    options: dict[str, Option] = Field(default_factory=dict)
+    seed: Seed = 0
+
+
+class EntityRecord(Record):
+    """How an entity was inserted, in a folder that was a home."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    entity: Text
+    insert_triples: list[NamedTriple]
+    definition: Text | None
+    options: dict[str, Option]
+    seed: Seed
+    initializer: Text
+
+
+class ManifestFile(Manifest):
+    """``embedding.json``: the manifest, the sizes, and the SHA-256 of each other file."""
+
+    format: Literal["isi embedding"]
+    version: Literal[1]
+    inserted: list[EntityRecord] = Field(default_factory=list)
+    entities: int
+    relations: int
+    dimension: int
+    triples: int
+    files: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """An embedding with names, kinds, phrases, word vectors and known triples of its entities."""
+
+    manifest: Manifest
+    entities: np.ndarray  #: float32 or float64; shape: (E, d)
+    relations: np.ndarray  #: shape: (R, w)
+    entity_names: list[str]
+    kinds: list[str]  #: of each entity; empty text if unknown
+    phrases: list[str]  #: the words of each entity's name, for its word vector
+    relation_names: list[str]
+    triples: np.ndarray  #: ids; shape: (T, 3), int64
+    #: shape: (E, v), float32; zero rows if missing; None if all are missing
+    words: np.ndarray | None = None
+    counts: np.ndarray | None = None  #: of each triple; None: 1; shape: (T,), int64
+
+    def named_triples(self) -> list[Fact]:
+        """The known triples by name."""
+        names, labels = self.entity_names, self.relation_names
+        return [
+            (names[head], labels[relation], names[tail])
+            for head, relation, tail in self.triples.tolist()
+        ]
+
+    def sizes(self) -> dict[str, int]:
+        """The sizes that ``embedding.json`` lists too."""
+        return {
+            "entities": len(self.entities),
+            "relations": len(self.relations),
+            "dimension": self.entities.shape[1],
+            "triples": len(self.triples),
+        }
+
+
+def write(folder: Path, bundle: Bundle) -> None:
+    """Write a bundle as plain files; the one that describes the others comes last."""
+    tensors = {"entities": bundle.entities, "relations": bundle.relations}
+    if bundle.words is not None:
+        tensors["words"] = bundle.words
+    rows = {
+        ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
+        RELATIONS: [(name,) for name in bundle.relation_names],
+        TRIPLES: bundle.named_triples(),
+    }
+    files = {VECTORS: save({name: np.ascontiguousarray(each) for name, each in tensors.items()})}
+    for name, table in rows.items():
+        files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
+    # keys that have the usual value are left out
+    usual = {"trained_with"} if bundle.manifest.trained_with == "logistic" else set()
+    manifest = {"format": "isi embedding", "version": 1}
+    manifest |= bundle.manifest.model_dump(by_alias=True, exclude=usual)
+    manifest |= {"inserted": [], **bundle.sizes()}
+    manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    files[MANIFEST] = text.encode()
+    for name, content in files.items():
+        atomically(folder / name, partial(Path.write_bytes, data=content))
+
+
+def read(folder: Path) -> tuple[Bundle, list[EntityRecord]]:
+    """Read a bundle, and how its last entities were inserted, if some were.
+    An ``InputError`` names the missing or broken file and the place in it.
+    """
+    files = {}
+    for name in (MANIFEST, VECTORS, *COLUMNS):
+        with at(folder / name):
+            files[name] = (folder / name).read_bytes()
+    with at(folder / MANIFEST):
+        manifest = ManifestFile.model_validate_json(files[MANIFEST])
+    for name in (VECTORS, *COLUMNS):
+        if manifest.files.get(name) != sha256(files[name]).hexdigest():
+            message = f"its SHA-256 is not the one in {MANIFEST}: one of the two was changed"
+            raise InputError(folder / name, "", message)
+    rows = {}
+    for name, columns in COLUMNS.items():
+        with at(folder / name):
+            header, *rows[name] = split_rows(files[name].decode(), columns)
+            if header != list(columns):
+                expected = f"expected the columns {', '.join(columns)}, got {short(header)}"
+                raise InputError("", "line 1", expected)
+    names, kinds, phrases = ([row[place] for row in rows[ENTITIES]] for place in range(3))
+    labels = [name for (name,) in rows[RELATIONS]]
+    triples = triple_ids([folder / name for name in COLUMNS], names, labels, rows[TRIPLES], first=2)
+    try:
+        tensors: dict[str, np.ndarray] = load(files[VECTORS])
+        vectors = tensors["entities"], tensors["relations"]
+    except (SafetensorError, KeyError) as error:
+        expected = f"expected a safetensors file with entities and relations ({error})"
+        raise InputError(folder / VECTORS, "", expected) from error
+    numbers = {"entities": len(names), "relations": len(labels), "words": len(names)}
+    for name, table in tensors.items():
+        with at(folder / VECTORS, f"tensor {name!r:.80}"):
+            check_numbers(table, numbers[name])
+    about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
+    words = tensors.get("words")
+    bundle = Bundle(about, *vectors, names, kinds, phrases, labels, triples, words)
+    return bundle, manifest.inserted
+
+
+def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
+    """The rows of a tab-separated table, header included. There is no quoting:
+    fields hold no tab or line break.
+    """
+    rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
+    for number, row in enumerate(rows, 1):
+        with at("", f"line {number}"):
+            if len(row) != len(columns):
+                raise InputError(
+                    "", "", f"expected the columns {', '.join(columns)}, got {short(row)}"
+                )
+            TEXTS.validate_python(row)
+    return rows
+
+
+def triple_ids(
+    paths: Sequence[Path],
+    names: Sequence[str],
+    labels: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    first: int,
+) -> np.ndarray:
+    """Convert triples of names to ids, shape (T, 3), int64.
+
+    ``paths``: the files of entities, relations and triples. An ``InputError`` names the line,
+    counted from ``first``, of a blank, repeated or unknown name.
+    """
+    entities, relations = dict[str, int](), dict[str, int]()
+    for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
+        for row, name in enumerate(listed):
+            fault = name_fault(name)
+            if not fault and ids.setdefault(name, row) != row:
+                fault = f"expected each name once, got {short(name)}"
+            if fault:
+                raise InputError(path, f"line {row + first}", fault)
+    triples = []
+    for line, triple in enumerate(rows, first):
+        for slot, name, known in zip(
+            COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True
+        ):
+            if name not in known:
+                raise InputError(
+                    paths[2], f"line {line}", f"expected a known name as {slot}, got {short(name)}"
+                )
+            triples.append(known[name])
+    return np.array(triples, np.int64).reshape(-1, 3)
+
+
+def check_numbers(table: np.ndarray, rows: int) -> None:
+    """InputError unless a table is (rows, any) floats with |x| ≤ ``LARGEST``,
+    so that float32 scores are finite.
+    """
+    if (
+        table.ndim != 2
+        or len(table) != rows
+        or not table.size
+        or table.dtype not in (np.float32, np.float64)
+    ):
+        raise InputError(
+            "",
+            "",
+            f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}",
+        )
+    largest = np.abs(table).max(1)
+    if not (sound := largest <= LARGEST).all():  # false for NaN
+        row = int(sound.argmin())
+        raise InputError(
+            "", f"row {row}", f"expected finite |x| up to {LARGEST:g}, got {largest[row]:.3g}"
+        )

@@ -1,0 +1,741 @@
+"""The database of a home, ``home.sqlite``: entities, relations, facts, changes, vectors of what was
+inserted, choices of initializers.
+
+What it says is the state; nothing is kept beside it but the trained vectors, a safetensors file
+that ``setting`` names by its digest. A change is one transaction. Its effects, with what stood
+before, are in ``effect``: ``undo`` puts that back. Any tool that reads SQLite shows a home::
+
+    sqlite3 home/home.sqlite "select * from now where head = 'mug'"
+"""
+
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from safetensors.numpy import load, save
+
+from isi.errors import InputError, at, unwritable
+from isi.live.bundle import Bundle, Fact, Manifest, NewEntity, check_numbers
+from isi.names import plain
+from isi.tables.io import atomically
+
+DATABASE = "home.sqlite"
+#: ``full``: a change is on the disk when it is acknowledged. ``normal``: a loss of power may take
+#: the last ones. ``memory``: changes stay in this process, and the folder as it is.
+Durability = Literal["full", "normal", "memory"]
+WAITING = 60.0  #: Seconds that a change waits for those of other processes.
+
+#: What each version of the database adds to the one before; ``PRAGMA user_version`` counts them.
+STEPS = (
+    """
+    CREATE TABLE setting (name TEXT PRIMARY KEY, value TEXT NOT NULL);  -- value: JSON
+    CREATE TABLE entity (
+        id INTEGER PRIMARY KEY,  -- of a trained one: its row in the trained vectors
+        name TEXT NOT NULL UNIQUE,
+        trained INTEGER NOT NULL,
+        kind TEXT,
+        phrase TEXT NOT NULL,  -- the words of its name
+        definition TEXT,
+        initializer TEXT,  -- that was asked for; none: the one chosen
+        options TEXT NOT NULL DEFAULT '{}',
+        seed INTEGER NOT NULL DEFAULT 0
+    );
+    CREATE TABLE relation (
+        id INTEGER PRIMARY KEY,
+        name TEXT NOT NULL UNIQUE,
+        trained INTEGER NOT NULL,
+        vector BLOB  -- of one that is not trained
+    );
+    CREATE TABLE fact (
+        id INTEGER PRIMARY KEY,
+        head TEXT NOT NULL,
+        relation TEXT NOT NULL,
+        tail TEXT NOT NULL,
+        status TEXT NOT NULL CHECK (status IN ('trained', 'added', 'retracted')),
+        count INTEGER NOT NULL DEFAULT 1,  -- how often it was observed
+        confidence REAL,  -- from 0 to 1; none: it is believed
+        first_seen TEXT,  -- UTC; none: not since training
+        last_seen TEXT,
+        source TEXT,  -- what reported it last
+        UNIQUE (head, relation, tail)
+    );
+    CREATE INDEX fact_of_tail ON fact (tail);
+    CREATE INDEX fact_not_trained ON fact (status) WHERE status <> 'trained';
+    CREATE TABLE change (
+        id INTEGER PRIMARY KEY,
+        verb TEXT NOT NULL,
+        time TEXT NOT NULL,
+        source TEXT,
+        undoes INTEGER REFERENCES change,
+        undone INTEGER REFERENCES change
+    );
+    CREATE TABLE effect (  -- of a change on an entity, on a relation or on a fact
+        change INTEGER NOT NULL REFERENCES change,
+        effect TEXT NOT NULL,
+        entity TEXT,
+        head TEXT,
+        relation TEXT,
+        tail TEXT,
+        before TEXT  -- JSON of the row; none: there was none
+    );
+    CREATE INDEX effect_of_change ON effect (change);
+    CREATE TABLE vector (  -- of an inserted entity
+        entity TEXT PRIMARY KEY REFERENCES entity (name),
+        change INTEGER NOT NULL,
+        initializer TEXT NOT NULL,
+        options TEXT NOT NULL,
+        why TEXT NOT NULL,
+        fallback TEXT,
+        kind TEXT NOT NULL,
+        notes TEXT NOT NULL,
+        facts INTEGER NOT NULL,  -- number and words: for which initializer and curves were chosen
+        words INTEGER NOT NULL,
+        vector BLOB NOT NULL
+    );
+    CREATE INDEX vector_by_change ON vector (change);
+    CREATE TABLE choice (  -- made on hidden known entities
+        facts INTEGER NOT NULL,
+        words INTEGER NOT NULL,
+        requested TEXT NOT NULL,  -- an initializer and its options, or nothing
+        initializer TEXT NOT NULL,
+        options TEXT NOT NULL,
+        why TEXT NOT NULL,
+        trained_with TEXT NOT NULL,
+        warnings TEXT NOT NULL,
+        curves TEXT,  -- from scores to probabilities
+        PRIMARY KEY (facts, words, requested)
+    );
+    CREATE VIEW now AS
+        SELECT head, relation, tail, status, count, confidence, first_seen, last_seen, source
+        FROM fact WHERE status <> 'retracted';
+    CREATE VIEW history AS
+        SELECT change.id, time, verb, source, effect, entity, head, relation, tail, undone
+        FROM change LEFT JOIN effect ON effect.change = coalesce(change.undoes, change.id)
+        ORDER BY change.id, effect.rowid;
+    """,
+)
+#: The columns of a row that ``effect.before`` holds, by table.
+COLUMNS = {
+    "entity": "id, name, trained, kind, phrase, definition, initializer, options, seed",
+    "relation": "id, name, trained",
+    "fact": ("id, head, relation, tail, status, count, confidence, first_seen, last_seen, source"),
+}
+KEYS = {"entity": ("name",), "relation": ("name",), "fact": ("head", "relation", "tail")}
+ADD_FACT = "INSERT INTO fact (head, relation, tail, status, count) VALUES (?, ?, ?, 'trained', ?)"
+
+
+@dataclass(frozen=True)
+class StoredFact:
+    """A row of ``fact``, with its columns in order."""
+
+    id: int
+    head: str
+    relation: str
+    tail: str
+    status: Literal["trained", "added", "retracted"]
+    count: int
+    confidence: float | None
+    first_seen: str | None
+    last_seen: str | None
+    source: str | None
+
+    @property
+    def fact(self) -> Fact:
+        return self.head, self.relation, self.tail
+
+    @property
+    def observations(self) -> tuple[Any, ...]:
+        """Its count, confidence, times and source."""
+        return self.count, self.confidence, self.first_seen, self.last_seen, self.source
+
+
+class Home:
+    """A database, in a folder or in memory."""
+
+    def __init__(self, folder: Path | None, connection: sqlite3.Connection) -> None:
+        """Use ``create``, ``opened`` or ``of_bytes``."""
+        self.folder = folder
+        self.durability: Durability = "memory"
+        self.is_read_only = False
+        self._connection: sqlite3.Connection | None = connection
+
+    # -- open and close ----------------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, bundle: Bundle, folder: Path | None = None, time: str | None = None) -> "Home":
+        """A home of a trained embedding, in a folder or in memory.
+
+        ``InputError`` if a home with changes is there, or what the folder has is no home.
+        """
+        if folder is None:
+            home = cls(None, _connected(":memory:"))
+            home._upgrade()
+        else:
+            check_free(folder)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise unwritable(folder, error) from error
+            home = cls._in_folder(folder, "full")
+        try:
+            home.train(bundle, time)
+        except BaseException:
+            home.close()
+            raise
+        return home
+
+    @classmethod
+    def opened(cls, folder: Path, durability: Durability = "full") -> "Home":
+        """The home of a folder. ``InputError`` where there is none, or another program's file."""
+        if not (folder / DATABASE).is_file():
+            raise InputError(folder, "", f"expected a home: a folder with {DATABASE}")
+        if durability == "memory":
+            with cls._to_read(folder) as there:
+                return there.copied()
+        if not os.access(folder, os.W_OK):
+            return cls._to_read(folder)
+        return cls._in_folder(folder, durability)
+
+    @classmethod
+    def _in_folder(cls, folder: Path, durability: Durability) -> "Home":
+        home = cls(folder, _connected(str(folder / DATABASE)))
+        home.durability = durability
+        try:
+            with home._in_words():
+                home.connection.execute("PRAGMA journal_mode = WAL")
+                home.connection.execute(f"PRAGMA synchronous = {durability.upper()}")
+            home._upgrade()
+        except BaseException:
+            home.close()
+            raise
+        return home
+
+    @classmethod
+    def _to_read(cls, folder: Path) -> "Home":
+        """A home whose folder stays as it is: it may be on a disk that is read-only."""
+        path = folder / DATABASE
+        is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
+        still = "&immutable=1" if is_quiet and not os.access(folder, os.W_OK) else ""
+        home = cls(folder, _connected(f"{path.absolute().as_uri()}?mode=ro{still}"))
+        home.durability, home.is_read_only = "full", True
+        try:
+            home._check_version()
+        except BaseException:
+            home.close()
+            raise
+        return home
+
+    def copied(self) -> "Home":
+        """A copy in memory; it reads its trained vectors from the same folder."""
+        copy = Home(self.folder, _connected(":memory:"))
+        with self._in_words():
+            self.connection.backup(copy.connection)
+        copy._upgrade()
+        return copy
+
+    @classmethod
+    def of_bytes(cls, content: bytes) -> "Home":
+        """The home in memory that ``as_bytes`` gave."""
+        home = cls(None, _connected(":memory:"))
+        home.connection.deserialize(content)
+        return home
+
+    def as_bytes(self) -> bytes:
+        """The database, without the trained vectors."""
+        with self._in_words():
+            return self.connection.serialize()
+
+    def write_to(self, folder: Path, bundle: Bundle, beside: bool = False) -> None:
+        """Write a copy of the home, whose trained embedding is ``bundle``, into another folder;
+        ``beside``: which may have other files.
+        """
+        if not beside:
+            check_free(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        name = write_vectors(folder, bundle)
+        there = Home._in_folder(folder, "full")
+        try:
+            old = there.vectors_file
+            with there._in_words():
+                self.connection.backup(there.connection)
+            with there.transaction():
+                there.set("vectors", name)
+            _remove_vectors(folder, old, name)
+        finally:
+            there.close()
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """``InputError`` after ``close``."""
+        if self._connection is None:
+            raise InputError(self.folder or "this embedding", "", "is closed: open it again")
+        return self._connection
+
+    def close(self) -> None:
+        """Close the database; a second time, nothing."""
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
+
+    def __enter__(self) -> "Home":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _check_version(self) -> int:
+        with self._in_words():
+            ((version,),) = self.connection.execute("PRAGMA user_version")
+        if version > len(STEPS):
+            newer = f"was written by a newer isi (version {version} of the database)"
+            raise InputError(self.path, "", newer)
+        return int(version)
+
+    def _upgrade(self) -> None:
+        """Bring the database to the newest version, step by step."""
+        if self._check_version() == len(STEPS):
+            return
+        with self.transaction():
+            for number in range(self._check_version(), len(STEPS)):
+                for statement in _statements(STEPS[number]):
+                    self.connection.execute(statement)
+                self.connection.execute(f"PRAGMA user_version = {number + 1}")
+
+    @property
+    def path(self) -> str:
+        """Of the database, for messages."""
+        return str(self.folder / DATABASE) if self.folder else "home"
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        """Turn errors of SQLite into an ``InputError`` with the file."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            raise InputError(self.path, "", f"cannot be read or written ({error})") from error
+
+    @contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """All that is done inside, or nothing; it is durable afterwards. One inside another is a
+        part of it.
+        """
+        if self.connection.in_transaction:
+            yield self.connection
+            return
+        with self._in_words():
+            self.connection.execute("BEGIN IMMEDIATE")
+        try:
+            with self._in_words():
+                yield self.connection
+                self.connection.execute("COMMIT")
+        except BaseException:
+            with suppress(sqlite3.DatabaseError):
+                self.connection.rollback()
+            raise
+
+    def read(self, query: str, *values: Any) -> list[Any]:
+        """The rows of a query."""
+        with self._in_words():
+            return self.connection.execute(query, values).fetchall()
+
+    def version(self) -> int:
+        """A number that changes when another connection changes the database."""
+        return int(self.read("PRAGMA data_version")[0][0])
+
+    # -- what it was trained on --------------------------------------------------------------------
+
+    def train(self, bundle: Bundle, time: str | None = None, keep: bool = False) -> None:
+        """Make this the home of a newly trained embedding: its entities, relations and facts are
+        those of ``bundle``.
+
+        ``keep``: what is known of facts stays, and what was told while it was trained is told
+        again. Otherwise only the history of a home without changes is left.
+        """
+        name, old = None, None
+        if self.folder:
+            name, old = write_vectors(self.folder, bundle), self.vectors_file
+        try:
+            with self.transaction() as connection:
+                seen = self.facts() if keep else []
+                entities = self.read(f"SELECT {COLUMNS['entity']} FROM entity ORDER BY id")  # noqa: S608
+                for table in ("entity", "relation", "fact", "vector", "choice", "setting"):
+                    connection.execute(f"DELETE FROM {table}")  # noqa: S608
+                self._fill(bundle)
+                self.set("vectors", name)
+                self.add_change("train", time or as_text(now()))
+                self._carry_over(seen, {row[1]: row for row in entities})
+        except BaseException:
+            _remove_vectors(self.folder, name, old)
+            raise
+        _remove_vectors(self.folder, old, name)
+
+    def _fill(self, bundle: Bundle) -> None:
+        connection = self.connection
+        for key, value in bundle.manifest.model_dump(mode="json").items():
+            self.set(key, value)
+        kinds = (kind or None for kind in bundle.kinds)
+        entities = zip(
+            range(len(bundle.entity_names)), bundle.entity_names, kinds, bundle.phrases, strict=True
+        )
+        add = "INSERT INTO entity (id, name, trained, kind, phrase) VALUES (?, ?, 1, ?, ?)"
+        connection.executemany(add, entities)
+        relations = enumerate(bundle.relation_names)
+        connection.executemany("INSERT INTO relation VALUES (?, ?, 1, NULL)", relations)
+        counts = [1] * len(bundle.triples) if bundle.counts is None else bundle.counts.tolist()
+        facts = ((*fact, count) for fact, count in zip(bundle.named_triples(), counts, strict=True))
+        connection.executemany(ADD_FACT, facts)
+
+    def _carry_over(
+        self, seen: Iterable[StoredFact], entities: Mapping[str, Sequence[Any]]
+    ) -> None:
+        """Give facts what was known of them, and let those hold that a newly trained embedding
+        lacks, with their entities.
+        """
+        known = {name for (name,) in self.read("SELECT name FROM entity")}
+        labels = {name for (name,) in self.read("SELECT name FROM relation")}
+        without_facts = {name for name, row in entities.items() if not row[2]}
+        without_facts -= {end for row in seen for end in (row.head, row.tail)}
+        for name in without_facts - known:
+            self._insert_again(entities[name])
+        for row in seen:
+            there = self.fact(row.fact)
+            status: str = "added"
+            if there is not None:
+                status = "retracted" if row.status == "retracted" else "trained"
+            elif row.status == "retracted" or row.relation not in labels:
+                continue
+            for name in {row.head, row.tail} - known:
+                self._insert_again(entities[name])
+                known.add(name)
+            self.connection.execute(
+                "REPLACE INTO fact (id, head, relation, tail, status, count, confidence,"
+                " first_seen, last_seen, source) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (there and there.id, *row.fact, status, *row.observations),
+            )
+
+    def _insert_again(self, entity: Sequence[Any]) -> None:
+        """Insert an entity by its row of before."""
+        columns = "name, trained, kind, phrase, definition, initializer, options, seed"
+        self.connection.execute(
+            f"INSERT INTO entity ({columns}) VALUES (?, 0, ?, ?, ?, ?, ?, ?)",  # noqa: S608
+            (entity[1], *entity[3:]),
+        )
+
+    @property
+    def vectors_file(self) -> str | None:
+        """The name of the file of trained vectors; None in memory, and before training."""
+        found = self.read("SELECT value FROM setting WHERE name = 'vectors'")
+        return json.loads(found[0][0]) if found else None
+
+    def bundle(self) -> Bundle:
+        """The trained embedding. An ``InputError`` names what is missing or broken."""
+        settings = {name: json.loads(value) for name, value in self.read("SELECT * FROM setting")}
+        name = settings.pop("vectors", None)
+        if self.folder is None or name is None:
+            raise InputError(self.path, "setting", "expected the name of a file of vectors")
+        with at(self.path, "setting"):
+            manifest = Manifest.model_validate(settings)
+        entities = self.read("SELECT name, kind, phrase FROM entity WHERE trained ORDER BY id")
+        names, kinds, phrases = zip(*entities, strict=True)
+        labels = [
+            row[0] for row in self.read("SELECT name FROM relation WHERE trained ORDER BY id")
+        ]
+        tensors = read_vectors(self.folder / name, len(names), len(labels))
+        facts = self.read(
+            "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
+        )
+        ids = {name: row for row, name in enumerate(names)}
+        label_ids = {name: row for row, name in enumerate(labels)}
+        triples = [(ids[head], label_ids[label], ids[tail]) for head, label, tail, _ in facts]
+        return Bundle(
+            manifest,
+            tensors["entities"],
+            tensors["relations"],
+            list(names),
+            [kind or "" for kind in kinds],
+            list(phrases),
+            labels,
+            np.array(triples, np.int64).reshape(-1, 3),
+            tensors.get("words"),
+            np.array([row[3] for row in facts], np.int64),
+        )
+
+    def set(self, name: str, value: Any) -> None:
+        """Write a setting; ``value`` is what JSON holds."""
+        self.connection.execute("REPLACE INTO setting VALUES (?, ?)", (name, json.dumps(value)))
+
+    # -- what holds --------------------------------------------------------------------------------
+
+    def about(self, name: str) -> NewEntity:
+        """What was told about an inserted entity."""
+        query = "SELECT kind, definition, initializer, options, seed FROM entity WHERE name = ?"
+        kind, definition, initializer, options, seed = self.read(query, name)[0]
+        return NewEntity(
+            kind=kind,
+            definition=definition,
+            initializer=initializer,
+            options=json.loads(options),
+            seed=seed,
+        )
+
+    def inserted(self) -> list[str]:
+        """The inserted entities, in order."""
+        rows = self.read("SELECT name FROM entity WHERE NOT trained ORDER BY id")
+        return [name for (name,) in rows]
+
+    def fact(self, fact: Fact) -> StoredFact | None:
+        """What is known of a fact, whether it holds or not."""
+        query = f"SELECT {COLUMNS['fact']} FROM fact WHERE head = ? AND relation = ? AND tail = ?"  # noqa: S608
+        rows = self.read(query, *fact)
+        return StoredFact(*rows[0]) if rows else None
+
+    def facts(self, where: str = "1", *values: Any) -> list[StoredFact]:
+        """The facts of a condition, in order."""
+        query = f"SELECT {COLUMNS['fact']} FROM fact WHERE {where} ORDER BY id"  # noqa: S608
+        return [StoredFact(*row) for row in self.read(query, *values)]
+
+    def facts_of(self, entity: str) -> list[StoredFact]:
+        """The facts that hold of an entity."""
+        return self.facts("status <> 'retracted' AND (head = ?1 OR tail = ?1)", entity)
+
+    # -- changes -----------------------------------------------------------------------------------
+
+    def add_change(self, verb: str, time: str, source: str | None = None) -> int:
+        """List a change; its number."""
+        add = "INSERT INTO change (verb, time, source) VALUES (?, ?, ?)"
+        number = self.connection.execute(add, (verb, time, source)).lastrowid
+        return int(number or 0)
+
+    def note(self, change: int, effect: str, table: str, key: Sequence[str]) -> None:
+        """List the effect of a change on a row, before it is made."""
+        columns, where = COLUMNS[table], " AND ".join(f"{name} = ?" for name in KEYS[table])
+        row = self.connection.execute(
+            f"SELECT {columns} FROM {table} WHERE {where}",  # noqa: S608
+            tuple(key),
+        ).fetchone()
+        before = None if row is None else json.dumps(row, ensure_ascii=False)
+        item = dict(zip(KEYS[table], key, strict=True))
+        if table != "fact":
+            item = {table: key[0]}
+        values = [change, effect, *map(item.get, ("entity", "head", "relation", "tail")), before]
+        self.connection.execute("INSERT INTO effect VALUES (?, ?, ?, ?, ?, ?, ?)", values)
+
+    def put_fact(
+        self, change: int, fact: Fact, time: str, source: str | None, confidence: float | None
+    ) -> Literal["added", "seen", "restored"]:
+        """Let a fact hold, and count that it was seen."""
+        row = self.fact(fact)
+        if row is None:
+            self.note(change, "added", "fact", fact)
+            self.connection.execute(
+                "INSERT INTO fact (head, relation, tail, status, confidence, first_seen, last_seen,"
+                " source) VALUES (?, ?, ?, 'added', ?, ?, ?, ?)",
+                (*fact, confidence, time, time, source),
+            )
+            return "added"
+        effect: Literal["seen", "restored"] = "restored" if row.status == "retracted" else "seen"
+        self.note(change, effect, "fact", fact)
+        status = "trained" if effect == "restored" else row.status
+        self.connection.execute(
+            "UPDATE fact SET status = ?1, count = count + 1, confidence = coalesce(?2, confidence),"
+            " first_seen = min(coalesce(first_seen, ?3), ?3),"
+            " last_seen = max(coalesce(last_seen, ?3), ?3), source = coalesce(?4, source)"
+            " WHERE id = ?5",
+            (status, confidence, time, source, row.id),
+        )
+        return effect
+
+    def take_fact(self, change: int, fact: StoredFact) -> Literal["removed", "retracted"]:
+        """Let a fact hold no longer: one of training is retracted, another one is gone."""
+        if fact.status == "trained":
+            self.note(change, "retracted", "fact", fact.fact)
+            self.connection.execute("UPDATE fact SET status = 'retracted' WHERE id = ?", (fact.id,))
+            return "retracted"
+        self.note(change, "removed", "fact", fact.fact)
+        self.connection.execute("DELETE FROM fact WHERE id = ?", (fact.id,))
+        return "removed"
+
+    def add_entity(self, change: int, name: str, about: NewEntity) -> None:
+        """Insert an entity; its vector comes by ``put_vector``."""
+        self.note(change, "added", "entity", (name,))
+        self.connection.execute(
+            "INSERT INTO entity (name, trained, kind, phrase, definition, initializer, options,"
+            " seed) VALUES (?, 0, ?, ?, ?, ?, ?, ?)",
+            (
+                name,
+                about.kind,
+                plain(name),
+                about.definition,
+                about.initializer,
+                json.dumps(about.options),
+                about.seed,
+            ),
+        )
+
+    def remove_entity(self, change: int, name: str) -> None:
+        """Remove an inserted entity, whose facts are gone already."""
+        self.note(change, "removed", "entity", (name,))
+        self.connection.execute("DELETE FROM entity WHERE name = ?", (name,))
+        self.connection.execute("DELETE FROM vector WHERE entity = ?", (name,))
+
+    def add_relation(self, change: int, name: str) -> None:
+        """Insert a relation, which has no vector yet."""
+        self.note(change, "added", "relation", (name,))
+        self.connection.execute("INSERT INTO relation (name, trained) VALUES (?, 0)", (name,))
+
+    def put_vector(self, change: int, values: Mapping[str, Any], vector: np.ndarray) -> None:
+        """Write the vector of an inserted entity, and how it was computed: the other columns of
+        ``vector``.
+        """
+        row = {**values, "change": change, "vector": vector.tobytes()}
+        places = ", ".join("?" * len(row))
+        self.connection.execute(
+            f"REPLACE INTO vector ({', '.join(row)}) VALUES ({places})",  # noqa: S608
+            tuple(row.values()),
+        )
+
+    def put_back(self, change: int, target: int) -> None:
+        """Undo the effects of a change, the last one first; the change that does so is
+        ``change``.
+        """
+        mark = "UPDATE change SET undoes = ? WHERE id = ?"
+        self.connection.execute(mark, (target, change))
+        self.connection.execute("UPDATE change SET undone = ? WHERE id = ?", (change, target))
+        query = (
+            "SELECT entity, head, relation, tail, before FROM effect WHERE change = ?"
+            " ORDER BY rowid DESC"
+        )
+        for entity, head, relation, tail, before in self.read(query, target):
+            table = "entity" if entity else "fact" if head else "relation"
+            key = {"entity": (entity,), "relation": (relation,), "fact": (head, relation, tail)}
+            where = " AND ".join(f"{name} = ?" for name in KEYS[table])
+            self.connection.execute(f"DELETE FROM {table} WHERE {where}", key[table])  # noqa: S608
+            if before is not None:
+                row = json.loads(before)
+                places = ", ".join("?" * len(row))
+                self.connection.execute(
+                    f"INSERT INTO {table} ({COLUMNS[table]}) VALUES ({places})",  # noqa: S608
+                    row,
+                )
+        gone = "DELETE FROM vector WHERE entity NOT IN (SELECT name FROM entity)"
+        self.connection.execute(gone)
+
+    def last_to_undo(self) -> int | None:
+        """The last change since training that was not undone; None if there is none."""
+        query = (
+            "SELECT max(id) FROM change WHERE verb NOT IN ('undo', 'train') AND undone IS NULL"
+            " AND id > (SELECT max(id) FROM change WHERE verb = 'train')"
+        )
+        ((number,),) = self.read(query)
+        return None if number is None else int(number)
+
+    def number_of_changes(self) -> int:
+        """Changes since training, those that were undone included."""
+        query = (
+            "SELECT count(*) FROM change"
+            " WHERE id > (SELECT max(id) FROM change WHERE verb = 'train')"
+        )
+        return int(self.read(query)[0][0])
+
+
+def check_free(folder: Path) -> None:
+    """``InputError`` unless a home may be written into a folder: there is none, it is empty, or it
+    has a home without changes.
+    """
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise InputError(folder, "", "a file or a link: choose a new name, or the folder of a home")
+    present = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    if not present:
+        return
+    if DATABASE not in present:
+        expected = "expected an empty folder, or a home without changes"
+        raise InputError(folder, present[0], f"not a file of a home: {expected}")
+    with Home.opened(folder) as home:
+        if number := home.number_of_changes():
+            message = f"holds {number:,} changes: choose another folder, or retrain it (isi train)"
+            raise InputError(folder, "", message)
+
+
+def write_vectors(folder: Path, bundle: Bundle) -> str:
+    """Write the tables of an embedding into a file that their digest names; its name."""
+    tensors = {"entities": bundle.entities, "relations": bundle.relations}
+    if bundle.words is not None:
+        tensors["words"] = bundle.words
+    content = save({name: np.ascontiguousarray(table) for name, table in tensors.items()})
+    name = f"vectors-{hashlib.sha256(content).hexdigest()[:16]}.safetensors"
+    atomically(folder / name, partial(_write_durably, content=content))
+    return name
+
+
+def _write_durably(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _remove_vectors(folder: Path | None, name: str | None, in_force: str | None) -> None:
+    """Remove a file of vectors that is not in force; it may have gone."""
+    if folder and name and name != in_force:
+        with suppress(OSError):
+            (folder / name).unlink()
+
+
+def read_vectors(path: Path, entities: int, relations: int) -> dict[str, np.ndarray]:
+    """The tables of a file of trained vectors; ``InputError`` if it is missing or broken."""
+    with at(path):
+        content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest()[:16] != path.stem.removeprefix("vectors-"):
+        raise InputError(path, "", "its digest is not the one in its name: it was changed")
+    tensors: dict[str, np.ndarray] = load(content)
+    rows = {"entities": entities, "relations": relations, "words": entities}
+    for name, table in tensors.items():
+        with at(path, f"tensor {name!r}"):
+            check_numbers(table, rows[name])
+    return tensors
+
+
+def _connected(path: str) -> sqlite3.Connection:
+    """A connection that several threads may use in turn, without implicit transactions."""
+    try:
+        return sqlite3.connect(
+            path,
+            WAITING,
+            isolation_level=None,
+            check_same_thread=False,
+            uri=path.startswith("file:"),
+        )
+    except sqlite3.DatabaseError as error:
+        raise InputError(path, "", f"cannot be opened ({error})") from error
+
+
+def _statements(script: str) -> Iterable[str]:
+    """The statements of a script; ``executescript`` would end the transaction."""
+    statement = ""
+    for line in script.splitlines(keepends=True):
+        statement += line
+        if sqlite3.complete_statement(statement):
+            yield statement
+            statement = ""
+
+
+def now() -> datetime:
+    """The time of a change that gives none: in UTC, to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+def as_text(time: datetime) -> str:
+    """A time as the database holds it: in UTC, to the second, so that texts order as times do."""
+    return f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
