@@ -105,6 +105,7 @@ class InsertedEntity:
         """Write it into a home, as a change's."""
         values = {
             "entity": self.entity,
+            "change": change,
             "initializer": self.initializer,
             "options": json.dumps(dict(self.options)),
             "why": self.why,
@@ -113,8 +114,9 @@ class InsertedEntity:
             "notes": json.dumps(self.notes),
             "facts": self.conditions.facts,
             "words": self.conditions.words,
+            "vector": self.vector.tobytes(),
         }
-        home.put_vector(change, values, self.vector)
+        home.put_vector(values)
 
 
 def stored(home: Home, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEntity]:
