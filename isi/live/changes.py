@@ -104,7 +104,7 @@ def changes_of(home: Home, first: int = 0) -> list[Change]:
     return list(changes.values())
 
 
-def told(facts: Any, confidence: float | None = None) -> dict[Fact, float | None]:
+def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, float | None]:
     """Facts in any form of ``listed_triples``, by name and once each, with their confidence: a
     fourth part of a fact, or else ``confidence``.
 

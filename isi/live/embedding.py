@@ -31,9 +31,9 @@ from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.live.bundle import Bundle, Fact, NewEntity, Record, Text
-from isi.live.changes import Change, Effect, Time, changes_of, names_in, told
+from isi.live.changes import Change, Effect, Time, changes_of, checked_facts, names_in
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
-from isi.live.groups import Computed, EntityGroups, Given, InsertedEntity, stored
+from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import KnownNames, check_new
@@ -184,7 +184,7 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        names, listed = _names(entities), _cleaned(told(facts, confidence))
+        names, listed = _names(entities), _cleaned(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
         with self._changing("tell", time, source) as change:
             unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
@@ -227,7 +227,7 @@ class LiveEmbedding:
         if present and not upsert:
             refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
             raise InputError(repr(present[0])[:80], "", refused)
-        self._refuse_unknown(_cleaned(told(facts)), names)
+        self._refuse_unknown(_cleaned(checked_facts(facts)), names)
         return self.tell(facts, entities=names, **about)
 
     @one_at_a_time
@@ -239,7 +239,7 @@ class LiveEmbedding:
             1
         """
         if not upsert:
-            self._refuse_unknown(_cleaned(told(facts)), ())
+            self._refuse_unknown(_cleaned(checked_facts(facts)), ())
         return self.tell(facts, **about)
 
     @one_at_a_time
@@ -294,7 +294,7 @@ class LiveEmbedding:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, listed = _names(entities), _cleaned(told(facts))
+        names, listed = _names(entities), _cleaned(checked_facts(facts))
         with self._changing("remove", time, source) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
@@ -626,7 +626,7 @@ class LiveEmbedding:
         self._load(loaded)
 
     @one_at_a_time
-    def repeat(self, line: convert.Line) -> None:
+    def _repeat(self, line: convert.Line) -> None:
         """Make a change of a journal again."""
         if line.do == "undo":
             self.undo(time=line.time, source=line.source)
@@ -655,10 +655,10 @@ class LiveEmbedding:
     def __reduce__(self) -> tuple[Any, ...]:
         if self.folder is not None and self.home.durability != "memory":
             return open_live, (self.folder, self.home.durability)
-        return _unpacked, (type(self), self.parts, self.home.as_bytes())
+        return _unpacked, (type(self), self._parts, self.home.as_bytes())
 
     @property
-    def parts(self) -> tuple[Any, ...]:
+    def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
         names = LoadedEmbedding.__dataclass_fields__
         return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
@@ -757,19 +757,19 @@ class LiveEmbedding:
             return self.groups.insert(self._given(names), self.known_triples)
         return {}
 
-    def _given(self, names: Collection[str]) -> dict[str, Given]:
+    def _given(self, names: Collection[str]) -> dict[str, EntityInput]:
         """What is given about inserted entities, and about all that a chain of facts joins to
         them.
         """
         trained, inserted = self.base.relation_ids, set(self.home.inserted())
-        given, waiting = dict[str, Given](), sorted(names)
+        given, waiting = dict[str, EntityInput](), sorted(names)
         while waiting:
             name = waiting.pop()
             if name in given:
                 continue
             rows = [row for row in self.home.facts_of(name) if row.relation in trained]
             facts = {row.fact: row.confidence or 1.0 for row in sorted(rows, key=_fact_of)}
-            given[name] = Given(self.home.about(name), facts)
+            given[name] = EntityInput(self.home.about(name), facts)
             waiting += [end for end in names_in(facts) if end in inserted and end not in given]
         return given
 
@@ -913,7 +913,7 @@ def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     made = LiveEmbedding(trained)
     for number, line in enumerate(lines, 1):
         with at(folder / convert.JOURNAL, f"change {number}"):
-            made.repeat(line)
+            made._repeat(line)
     if durability == "memory":
         return made
     made.home.write_to(folder, made.base, beside=True)

@@ -70,7 +70,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class EntityInput:
     """What is given about an entity that is to be inserted."""
 
     about: NewEntity
@@ -81,7 +81,7 @@ class Given:
 class Member:
     """An entity before it is inserted."""
 
-    given: Given
+    given: EntityInput
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
@@ -167,7 +167,10 @@ class EntityGroups:
     _warnings: list[str] = field(default_factory=list)  #: of choices that were made now
 
     def insert(
-        self, given: Mapping[str, Given], known_triples: np.ndarray, choice: Choice | None = None
+        self,
+        given: Mapping[str, EntityInput],
+        known_triples: np.ndarray,
+        choice: Choice | None = None,
     ) -> dict[str, Computed]:
         """Insert entities, each with all that share facts with it.
 
@@ -194,7 +197,7 @@ class EntityGroups:
             return NO_WORDS
         return self.phrases.vector(plain(name), definition)
 
-    def _member(self, name: str, given: Given) -> Member:
+    def _member(self, name: str, given: EntityInput) -> Member:
         about = given.about
         words = self.words(name, about.definition)
         kind, reason = about.kind or "", ""
@@ -435,7 +438,7 @@ def prepared(facts: float) -> int:
     return max(number for number in PREPARED if number <= facts)
 
 
-def components(given: Mapping[str, Given]) -> Iterator[list[str]]:
+def components(given: Mapping[str, EntityInput]) -> Iterator[list[str]]:
     """The entities that a chain of facts joins to each other, sorted, one component after the
     other.
     """

@@ -138,7 +138,7 @@ FACT = ("head", "relation", "tail")
 #: What a home that is trained again keeps of before: what is known of facts; facts that the new
 #: embedding lacks, since they were told while it was trained, and those that were retracted then;
 #: their entities, and inserted ones without facts.
-KEPT = (
+CARRIED_OVER = (
     "UPDATE fact SET (count, confidence, first_seen, last_seen, source) = "
     "(old.count, old.confidence, old.first_seen, old.last_seen, old.source), "
     "status = CASE old.status WHEN 'retracted' THEN 'retracted' ELSE 'trained' END "
@@ -399,7 +399,7 @@ class Home:
                 self._fill(bundle)
                 self.set("vectors", name)
                 self.add_change("train", time or as_text(now()))
-                for statement in KEPT if keep else ():
+                for statement in CARRIED_OVER if keep else ():
                     self.read(statement)
         except BaseException:
             _remove_vectors(self.folder, name, old)
