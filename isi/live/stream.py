@@ -176,8 +176,8 @@ class Ask(Request):
         results = []
         for head, relation, tail in self.ask:
             best = live.ask(head, relation, tail, self.top, new=self.new, among=self.among)
-            found = {"query": best.query, "sure": best.sure, "answers": best.answers}
-            results.append(found | ({"notes": best.notes} if best.notes else {}))
+            fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
+            results.append(fields | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
 
 
