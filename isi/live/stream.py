@@ -319,7 +319,7 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
                 socket.unlink()
         server = ThreadingUnixStreamServer(str(socket), Handler)
         socket.chmod(0o600)
-        own = socket.stat().st_ino
+        inode = socket.stat().st_ino
     except OSError as error:
         raise unwritable(socket, error) from error
     server.daemon_threads, server.block_on_close = True, False
@@ -328,7 +328,7 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
     finally:
         server.server_close()
         with suppress(OSError):
-            if socket.stat().st_ino == own:  # else another process serves it by now
+            if socket.stat().st_ino == inode:  # else another process serves it by now
                 socket.unlink()
 
 
