@@ -39,6 +39,7 @@ from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.names import clean, plain
+from isi.tables import paths
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -909,6 +910,9 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
 
 def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     """The home of a folder of a bundle and its journal, which are repeated."""
+    if folder.resolve().parts[-3:-1] == paths.FINAL_MODELS.parts:
+        expected = "is written by the pipeline: isi import makes a home of it"
+        raise InputError(folder, "", expected)
     trained, lines = convert.trained_and_changes(folder)
     made = LiveEmbedding(trained)
     for number, line in enumerate(lines, 1):

@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from safetensors.numpy import load, save
 
-from isi.errors import InputError, at, unwritable
+from isi.errors import InputError, at, short, unwritable
 from isi.live.bundle import Bundle, Fact, Manifest, NewEntity, check_numbers
 from isi.names import plain
 from isi.tables.io import atomically
@@ -123,6 +123,12 @@ STEPS = (
         ORDER BY change.id, effect.rowid;
     """,
 )
+#: A name in ``fact`` that its table has not: of a fact that another program has written.
+UNKNOWN = """
+    SELECT relation FROM fact WHERE relation NOT IN (SELECT name FROM relation)
+    UNION SELECT head FROM fact WHERE head NOT IN (SELECT name FROM entity)
+    UNION SELECT tail FROM fact WHERE tail NOT IN (SELECT name FROM entity) LIMIT 1
+"""
 #: The columns of a row that ``effect.before`` holds, by table.
 COLUMNS = {
     "entity": "id, name, trained, kind, phrase, definition, initializer, options, seed",
@@ -208,7 +214,7 @@ class Home:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise unwritable(folder, error) from error
-            home = cls._in_folder(folder, "full")
+            home = cls._in_folder(folder, "full", is_new=True)
         try:
             home.train(bundle, time)
         except BaseException:
@@ -229,10 +235,12 @@ class Home:
         return cls._in_folder(folder, durability)
 
     @classmethod
-    def _in_folder(cls, folder: Path, durability: Durability) -> "Home":
+    def _in_folder(cls, folder: Path, durability: Durability, is_new: bool = False) -> "Home":
         home = cls(folder, _connected(str(folder / DATABASE)))
         home.durability = durability
         try:
+            if not is_new and not home._check_version():
+                raise InputError(home.path, "", "expected the database of a home")
             with home._in_words():
                 home.connection.execute("PRAGMA journal_mode = WAL")
                 home.connection.execute(f"PRAGMA synchronous = {durability.upper()}")
@@ -251,7 +259,8 @@ class Home:
         home = cls(folder, _connected(f"{path.absolute().as_uri()}?mode=ro{still}"))
         home.durability, home.is_read_only = "full", True
         try:
-            home._check_version()
+            if not home._check_version():
+                raise InputError(home.path, "", "expected the database of a home")
         except BaseException:
             home.close()
             raise
@@ -288,7 +297,7 @@ class Home:
         except OSError as error:
             raise unwritable(folder, error) from error
         name = write_vectors(folder, bundle)
-        there = Home._in_folder(folder, "full")
+        there = Home._in_folder(folder, "full", is_new=True)
         try:
             old = there.vectors_file
             with there._in_words():
@@ -445,6 +454,9 @@ class Home:
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )
+        for name in self.read(UNKNOWN):
+            expected = "expected names of the tables entity and relation"
+            raise InputError(self.path, "fact", f"{expected}, got {short(*name)}")
         ids = {name: row for row, name in enumerate(names)}
         label_ids = {name: row for row, name in enumerate(labels)}
         triples = [(ids[head], label_ids[label], ids[tail]) for head, label, tail, _ in facts]
