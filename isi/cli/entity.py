@@ -233,10 +233,10 @@ def history(
         with at("--stale"):
             age = AGE.validate_python(stale)
         with open_home(home) as live:
-            found = live.stale(age)
+            facts = live.stale(age)
         rows = [
             {"fact": row.fact, "count": row.count, "last_seen": row.last_seen, "source": row.source}
-            for row in found
+            for row in facts
         ]
         show({"stale": rows}, json)
         return
