@@ -273,27 +273,23 @@ class EntityGroups:
 
     # -- relations ---------------------------------------------------------------------------------
 
-    def relation_rows(
-        self, facts: Mapping[str, Sequence[Fact]], now: LoadedEmbedding
-    ) -> dict[str, np.ndarray]:
-        """The rows of relations that were not trained, each from its facts between entities of
-        ``now``; shape (w,) each.
+    def relation_row(self, facts: Sequence[Fact], now: LoadedEmbedding) -> np.ndarray:
+        """The row of a relation that was not trained, from its facts between entities of ``now``;
+        shape (w,).
         """
-        base, rows = self.base, dict[str, np.ndarray]()
+        base, number, ids = self.base, len(self.base.relations), now.entity_ids
         known_triples = torch.from_numpy(base.triples)
-        loss: Loss = base.manifest.trained_with or "logistic"
-        for name, listed in facts.items():
-            number, ids = len(base.relations), now.entity_ids
-            triples = [(ids[head], number, ids[tail]) for head, _, tail in listed]
-            theta = now.embedding
-            row = theta.relation.new_zeros(1, 1, theta.relation.shape[2])
-            theta = replace(theta, relation=torch.cat([theta.relation[:, :number], row], 1))
-            scale = fit_scale(base.embedding, known_triples, loss)
-            fitted = fit_relations(
-                theta, len(base.entities), number, torch.tensor(triples), known_triples, scale=scale
-            )
-            rows[name] = fitted[0].numpy().astype(base.relations.dtype)
-        return rows
+        triples = torch.tensor([(ids[head], number, ids[tail]) for head, _, tail in facts])
+        known = base.embedding.relation
+        theta = replace(
+            now.embedding, relation=torch.cat([known, torch.zeros_like(known[:, :1])], 1)
+        )
+        scale = fit_scale(base.embedding, known_triples, base.manifest.trained_with or "logistic")
+        fitted = fit_relations(
+            theta, len(base.entities), number, triples, known_triples, scale=scale
+        )
+        row: np.ndarray = fitted[0].numpy().astype(base.relations.dtype)
+        return row
 
     # -- choices -----------------------------------------------------------------------------------
 
