@@ -424,7 +424,9 @@ def digests() -> dict[str, str]:
 
 def test_vectors_are_the_same_bytes_on_processors_of_other_width() -> None:
     """Instructions of 256 bits, as on processors with AVX2 alone, and those of this one."""
-    script = "import json; from tests.test_initializers import digests; print(json.dumps(digests()))"
+    script = (
+        "import json; from tests.test_initializers import digests; print(json.dumps(digests()))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script],
         env=ENVIRONMENT | {"ATEN_CPU_CAPABILITY": "avx2"},

@@ -18,6 +18,7 @@ from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
 from isi.insertion.arguments import Names, naming_argument, triples_of
+from isi.models.stack import usual_torch
 from isi.random import stream
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ class HiddenSplit:
             f"{len(ids.triples):,} known, {len(ids.rest):,} facts, {len(ids.queries):,} queried"
         )
 
+    @usual_torch()
     def evaluate(
         self,
         model: Any,
@@ -186,6 +188,7 @@ class HiddenSplit:
         return parts
 
 
+@usual_torch()
 def hide(
     triples: Any,
     *,

@@ -26,7 +26,7 @@ from isi.models.bilinear import BlockModel
 from isi.models.distance import RotatE, Translation
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, usual_torch
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,6 +83,7 @@ class GrownEmbedding:
 class RunnableTimeline(Timeline):
     """``isi.Timeline``: a graph that grows, and the run along it."""
 
+    @usual_torch()
     def run(
         self,
         model: Any = "complex",

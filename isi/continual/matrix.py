@@ -19,7 +19,7 @@ from isi.continual.answers import ENDS, TrueAnswers, true_answers
 from isi.continual.timeline import Timeline
 from isi.errors import InputError
 from isi.evaluation.filtered import BUDGET, compare_with
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, usual_torch
 from isi.random import stream
 
 if TYPE_CHECKING:
@@ -98,6 +98,7 @@ def evaluate(
     return measure(ranks, protocols)
 
 
+@usual_torch()
 def query_ranks(
     theta: Embedding,
     timeline: Timeline,

@@ -24,7 +24,7 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.scale import QueryList
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
-from isi.models.stack import Embedding, check_finite, without_denormals
+from isi.models.stack import Embedding, check_finite, usual_torch
 from isi.random import stream
 
 #: Number of known queries in a step, to which new entities are wrong answers.
@@ -102,7 +102,7 @@ def silent(epoch: int) -> None:
     """Report nothing."""
 
 
-@without_denormals()
+@usual_torch()
 def fit(
     theta: Embedding,
     task: Task,

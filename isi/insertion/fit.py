@@ -17,12 +17,12 @@ from isi.insertion.engine import queries_of, trained_session
 from isi.insertion.new_rows import NewRows, best_epochs
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import Embedding, NotFinite, without_denormals
+from isi.models.stack import Embedding, NotFinite, usual_torch
 from isi.training.batches import Negatives, is_dense
 from isi.training.trainer import Optimizer
 
 
-@without_denormals()
+@usual_torch()
 def fit_new(
     entities: np.ndarray | torch.Tensor,
     relations: np.ndarray | torch.Tensor,

@@ -44,6 +44,7 @@ from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
 from isi.live.names import check_new, find, known_as
 from isi.live.phrases import SAME, phrase_vectors
 from isi.live.stored import StoredVector
+from isi.models.stack import usual_torch
 from isi.names import bare, clean, plain
 
 #: Changes, after which the computed vectors are written, in case the process is killed.
@@ -70,6 +71,7 @@ class LiveEmbedding:
         ['mug']
     """
 
+    @usual_torch()
     def __init__(
         self,
         bundle: Bundle,
@@ -364,6 +366,7 @@ class LiveEmbedding:
         self._number_facts()
         return gone
 
+    @usual_torch()
     def prepare(self) -> None:
         """Choose initializers and fit curves now, in some seconds,
         so that no later call waits for that.
@@ -376,6 +379,7 @@ class LiveEmbedding:
 
     # -- answers -----------------------------------------------------------------------------------
 
+    @usual_torch()
     def ask(
         self,
         head: str | None = None,
@@ -413,12 +417,14 @@ class LiveEmbedding:
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
         return self.ask_query(query, top)
 
+    @usual_torch()
     def ask_query(
         self, query: Query, top: int, indicators: Collection[int] | None = None
     ) -> Answers:
         """The answers to a query by ids; with ``Answer.shared_by`` if ``indicators`` are given."""
         return answer(self.now, query, top, self._curve(*query), self.additions.facts, indicators)
 
+    @usual_torch()
     def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
         """The ``number`` other entities with the highest cosine to an entity, and these cosines.
 
@@ -432,6 +438,7 @@ class LiveEmbedding:
             for other, cosine in self.now.nearest(row, number)
         ]
 
+    @usual_torch()
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators,
         and the effect of each part of its input.
@@ -444,6 +451,7 @@ class LiveEmbedding:
         """
         return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
 
+    @usual_torch()
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity,
         with the ``top`` best answers to each query.
@@ -467,6 +475,7 @@ class LiveEmbedding:
     def _snapshot(self) -> Snapshot:
         return Snapshot(self.now, self.groups, self.additions)
 
+    @usual_torch()
     def interference(
         self, entities: Sequence[str] = (), most: int = 256, show: int = 5
     ) -> Interference | None:
@@ -616,6 +625,7 @@ class LiveEmbedding:
 
     # -- inside ------------------------------------------------------------------------------------
 
+    @usual_torch()
     def _change(self, change: Change, known: int = 0, notes: Sequence[str] = ()) -> Effect:
         """Compute what a change alters, write it to an open journal, and only then accept it."""
         if change.is_empty:

@@ -27,7 +27,7 @@ from isi.live.journal import Additions, NewEntity, Selected
 from isi.live.loaded import Fact, LoadedEmbedding
 from isi.live.phrases import PhraseVector, PhraseVectors
 from isi.live.stored import StoredVector, digest_of, key_of
-from isi.models.stack import without_denormals
+from isi.models.stack import usual_torch
 from isi.names import plain
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
@@ -309,7 +309,7 @@ class EntityGroups:
         remembered.
         """
         if (number, words) not in self.selected:
-            with without_denormals():
+            with usual_torch():
                 method, selection = select(
                     self._hold_out(number, words),
                     number > 0,
@@ -339,7 +339,7 @@ class EntityGroups:
         any_seed = conditions._replace(seed=0)  # hidden entities do not depend on it
         if any_seed not in self._curves:
             method, _ = self._method(conditions)
-            with without_denormals():
+            with usual_torch():
                 test = self._hold_out(conditions.facts, conditions.words)
                 draws = replace(test, loss=method.trained_with).hide()
                 self._curves[any_seed] = None if draws is None else fit_curves(draws, method)

@@ -55,7 +55,7 @@ from isi.live.folder import Bundle, Manifest
 from isi.live.names import by_known_name, note_of_kinds
 from isi.live.phrases import OF_MODEL, by_model, has_model
 from isi.models.model import MODELS, compared_models
-from isi.models.stack import Embedding, NotFinite, select, without_denormals
+from isi.models.stack import Embedding, NotFinite, select, usual_torch
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
 from isi.sources.readers import COUNT, check_names, cleaned
@@ -246,7 +246,7 @@ def train(
     return LiveEmbedding(bundle)
 
 
-@without_denormals()
+@usual_torch()
 def train_bundle(
     tables: GraphTables,
     *,

@@ -17,10 +17,12 @@ from isi.insertion import fit
 from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
 from isi.insertion.inverses import pack
 from isi.models.losses import Loss
+from isi.models.stack import usual_torch
 from isi.pykeen.insertion import checked_labels, labelled, of_result
 from isi.pykeen.reading import PykeenModel, copied, loss_of, read_model, stored, tables_of
 
 
+@usual_torch()
 def fit_new(
     model: PykeenModel | PipelineResult,
     factory: Any = None,
