@@ -25,6 +25,8 @@ from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.live import folder
 from isi.live.train import (
+    OBSERVED,
+    PER_TRIPLE,
     described,
     frequencies,
     groups_of,
@@ -215,6 +217,20 @@ def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) 
         tables, model="analogy", learning_rate=0.1, dimension=32, budget=1, seed=1
     )
     assert not np.array_equal(other.entities, bundle.entities)
+
+
+@pytest.mark.parametrize(("entities", "triples"), [(40, 80), (3000, 4000)])
+def test_a_count_of_millions_costs_no_more_than_small_ones(entities: int, triples: int) -> None:
+    """On a small graph and on one with lists of triples."""
+    ends = np.random.default_rng(0).integers(entities, size=(triples, 2)).tolist()
+    rows = [(f"e{head}", "near", f"e{tail}", 1) for head, tail in ends]
+    rows[0] = (*rows[0][:3], 200_000_000)
+    frame = pd.DataFrame(rows, columns=["head", "relation", "tail", "count"])
+    frame = frame.drop_duplicates(["head", "tail"])
+    with pytest.warns(UserWarning, match="scaled down"):
+        made = isi.train(frame, model="distmult", dimension=4, budget=0.1).base.manifest.made
+    assert made["observations"] == 200_000_000 + len(frame) - 1
+    assert made["epoch_observations"] < max(OBSERVED, PER_TRIPLE * len(frame)) + len(frame)
 
 
 def test_what_can_be_learned_is_and_what_is_random_warns() -> None:

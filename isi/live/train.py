@@ -61,7 +61,7 @@ from isi.sources.names import Name as KindName
 from isi.sources.readers import COUNT, check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
-from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
+from isi.training.batches import DENSE_LIMIT, Negatives, is_dense, scaled_counts
 from isi.training.trainer import Training
 
 RATES = (0.1, 0.3)  #: Learning rates that are compared.
@@ -74,6 +74,8 @@ MOST_HELD_OUT, MOST_SCORES = 1000, 2**25
 #: On a large graph (not ``is_dense``): maximum number of observations in a batch; negatives of each
 #: kind.
 LARGEST_BATCH, SAMPLED = 1024, 3
+#: Maximum number of observations of an epoch: this number, or this many per triple if that is more.
+OBSERVED, PER_TRIPLE = 2**18, 10
 #: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds
 #: for each update: they turn a budget of seconds into one of work, so that the result depends on
 #: the arguments alone.
@@ -97,6 +99,8 @@ class TrainingSummary:
     relations: int
     triples: int
     observations: int
+    #: of an epoch: fewer than all if there are so many that counts were scaled down
+    epoch_observations: int
     model: str
     learning_rate: float
     dimension: int
@@ -110,6 +114,16 @@ class TrainingSummary:
     chance: float | None  #: expectation of random ranks
     warning: str | None  #: a sentence
 
+    @property
+    def scaled(self) -> str | None:
+        """A sentence, if counts were scaled down."""
+        if self.epoch_observations == self.observations:
+            return None
+        return (
+            f"Counts were scaled down: an epoch has {self.epoch_observations:,} observations, "
+            "at least one of each triple"
+        )
+
     def __str__(self) -> str:
         text = (
             f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,}"
@@ -117,6 +131,8 @@ class TrainingSummary:
             f" {self.learning_rate:g}, {self.epochs} epochs in batches of {self.batch_size:,},"
             " chosen on validation triples."
         )
+        if self.scaled:
+            text += f"\n{self.scaled}."
         if self.repeated:
             named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
             text += (
@@ -218,7 +234,8 @@ def train(
 
     ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
     ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
-    learned nothing, of names in ``kinds`` that match no entity, and of entities without a kind.
+    learned nothing, of counts that were scaled down, of names in ``kinds`` that match no entity,
+    and of entities without a kind.
 
     Example:
         >>> import isi
@@ -241,8 +258,8 @@ def train(
         "seed": seed,
     }
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]
-    if summary.warning:
-        warnings.warn(summary.warning, stacklevel=2)
+    for sentence in filter(None, (summary.scaled, summary.warning)):
+        warnings.warn(sentence, stacklevel=2)
     return LiveEmbedding(bundle)
 
 
@@ -266,6 +283,7 @@ def train_bundle(
         learning_rate: of Adagrad; None: the best of ``RATES``.
         dimension: d, the length of an entity's vector.
         budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
+            Large counts are scaled down (``TrainingSummary.epoch_observations``).
         seed: root seed of splits, initial vectors, batches and negatives.
 
     Raises:
@@ -278,15 +296,17 @@ def train_bundle(
     }
     for name, (value, kind) in (values | {"dimension": (dimension, Count)}).items():
         check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
-    graph = build_graph(tables.entities, tables.triples)
-    entities, relations, observed = (
-        len(graph.entities),
-        len(graph.relations),
-        int(graph.counts.sum()),
-    )
-    dense, cells = is_dense(graph), relations * entities**2
-    batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
+    whole = build_graph(tables.entities, tables.triples)
+    dense = is_dense(whole)
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
+    most = max(OBSERVED, PER_TRIPLE * len(whole.triples))
+    if not dense:  # time grows with the observations, and one setting is always tried
+        seconds_each = dimension * (1 + 3 * ratio) / LIST_RATE
+        most = min(most, int(budget / (LEAST * DRAWS * seconds_each)))
+    graph = replace(whole, counts=scaled_counts(whole.counts, max(most, len(whole.triples))))
+    entities, relations = len(graph.entities), len(graph.relations)
+    observed, cells = int(graph.counts.sum()), relations * entities**2
+    batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
     updates = observed / batch_size
     listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
     seconds = updates * OVERHEAD + dimension * (
@@ -335,6 +355,7 @@ def train_bundle(
         entities,
         relations,
         len(graph.triples),
+        int(whole.counts.sum()),
         observed,
         name,
         rate,
