@@ -219,7 +219,7 @@ def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) 
     assert not np.array_equal(other.entities, bundle.entities)
 
 
-@pytest.mark.parametrize(("entities", "triples"), [(40, 80), (3000, 4000)])
+@pytest.mark.parametrize(("entities", "triples"), [(40, 80), (9000, 4000)])
 def test_a_count_of_millions_costs_no_more_than_small_ones(entities: int, triples: int) -> None:
     """On a small graph and on one with lists of triples."""
     ends = np.random.default_rng(0).integers(entities, size=(triples, 2)).tolist()
