@@ -118,12 +118,15 @@ def fit(
         root, key: of the random streams of the order of facts and of negatives.
 
     Returns:
-        the trained embedding; rows that do not move are the same numbers.
+        the trained embedding; rows that do not move are the same numbers; without
+        facts none moves.
 
     Raises:
         NotFinite: training diverged.
     """
     tables = Tables.of(theta, task.moving)
+    if not tables.trained or not len(task.facts.triples):
+        return theta
     optimizer = Adagrad(tables.trained, lr=recipe.learning_rate)
     rng = stream(root, "training by queries", *key)
     for epoch in range(1, epochs + 1):

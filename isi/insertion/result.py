@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.config import Count, Seed, check
+from isi.config import Count, Seed, check, plain_number
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import FALLBACKS, InitResult
@@ -263,7 +263,7 @@ class Inserted:
         """The report of each new entity; ``nearest``: the number of
         nearest known entities in it.
         """
-        check(nearest, Seed, "", "argument 'nearest'")
+        nearest = check(nearest, Seed, "", "argument 'nearest'")
         of = self.names.of
         inserted, between = (
             Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
@@ -380,10 +380,10 @@ class Inserted:
                 after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.
         """
-        check(seed, Seed, "", "argument 'seed'")
-        check(most, Count, "", "argument 'most'")
-        check(show, Seed, "", "argument 'show'")
-        old = self.known if original is None else original
+        seed = check(seed, Seed, "", "argument 'seed'")
+        most = check(most, Count, "", "argument 'most'")
+        show = check(show, Seed, "", "argument 'show'")
+        old = self.known if original is None else plain_number(original)
         if not is_whole(old) or not 0 < old <= self.known:
             expected = (
                 f"expected a number of entities from 1 to {self.known}, got {short(original)}"

@@ -20,6 +20,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 
+from isi.config import Seed, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import TripleForms
@@ -203,8 +204,8 @@ class LiveEmbedding:
                     definition=text,
                     kind=of_kind,
                     initializer=initializer,
-                    options=dict(options or {}),
-                    seed=seed,
+                    options=plain_numbers(dict(options or {})),
+                    seed=plain_number(seed),
                 )
         listed = self.now.facts(facts, list(about))
         added = self.now.unknown(listed)
@@ -432,6 +433,7 @@ class LiveEmbedding:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
+        number = check(number, Seed, "", "argument 'number'")
         row = self.now.entity_ids[self._entity(entity)]
         return [
             (self.now.entity_names[other], cosine)

@@ -289,13 +289,10 @@ def train_bundle(
     Raises:
         InputError: names the wrong argument, or says that training diverged.
     """
-    values = {
-        "learning_rate": (learning_rate, Positive | None),
-        "budget": (budget, Positive),
-        "seed": (seed, Seed),
-    }
-    for name, (value, kind) in (values | {"dimension": (dimension, Count)}).items():
-        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
+    learning_rate = check(learning_rate, Positive | None, "", "argument 'learning_rate'")  # type: ignore[arg-type]
+    budget = check(budget, Positive, "", "argument 'budget'")
+    seed = check(seed, Seed, "", "argument 'seed'")
+    dimension = check(dimension, Count, "", "argument 'dimension'")
     whole = build_graph(tables.entities, tables.triples)
     dense = is_dense(whole)
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")

@@ -190,6 +190,7 @@ def compute_rows(
             entity_names=entity_labels,
             relation_names=relation_labels,
             triples=factory.mapped_triples.numpy(),
+            numbers_are_ids=True,
         )
         if settings.get("loss") is None:
             settings["loss"] = reading.loss_of(model, embedding.model)
