@@ -402,6 +402,16 @@ def test_kinds_given_in_python_count_for_triples_and_for_a_file(
         isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
 
 
+def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "home.csv"
+    pd.DataFrame(HOMES).to_csv(path, index=False, header=["Thing", "Link", "Other thing"])
+    with (
+        pytest.warns(UserWarning, match=f"without a header.*: {len(HOMES) + 1}"),
+        pytest.warns(UserWarning, match="first line.*'Thing Link Other thing'"),
+    ):
+        isi.train(path, dimension=8, budget=0.1)
+
+
 def test_core_packages_suffice(tmp_path: Path) -> None:
     program = (
         f"import sys; sys.modules.update(dict.fromkeys({BLOCKED!r})); from isi.cli import main; "
