@@ -248,6 +248,12 @@ def test_forms_of_triples_give_the_same_graph() -> None:
     assert tables_of(mapping).triples["count"].tolist() == [1, 1]
 
 
+@pytest.mark.parametrize("name", [["cup"], {"cup": 1}, {"cup"}, None, 1, b"cup"])
+def test_names_that_are_no_text_are_refused(name: Any) -> None:
+    with pytest.raises(InputError, match="argument 'triples': triple 1: tail: expected a name"):
+        tables_of([("cup", "in", "kitchen"), ("bed", "in", name)])
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -59,7 +59,7 @@ from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, without_denormals
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names, cleaned
+from isi.sources.readers import COUNT, check_names, cleaned, refuse
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
@@ -157,6 +157,9 @@ def tables_of(triples: TripleForms) -> GraphTables:
         frame = pd.DataFrame(
             rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object
         )
+        for slot in frame:
+            no_text = [not isinstance(name, str) for name in frame[slot]]
+            refuse("", frame[slot], pd.Series(no_text, frame.index), f"{slot}: expected a name")
         check_names(frame, "")
         frame = cleaned(frame)
         counted: Any = next(

@@ -174,7 +174,7 @@ def parse_json(form: type[T], content: bytes | str, path: object, place: str = "
         return config.adapter(form).validate_json(text, strict=True)
 
 
-def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
+def refuse(path: object, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
     """InputError for the first ``wrong`` value of a column, with its line or row number,
     which is in the index.
     """
