@@ -264,6 +264,12 @@ def test_forms_of_triples_give_the_same_graph() -> None:
     assert tables_of(mapping).triples["count"].tolist() == [1, 1]
 
 
+@pytest.mark.parametrize("name", [["cup"], {"cup": 1}, {"cup"}, None, 1, b"cup"])
+def test_names_that_are_no_text_are_refused(name: Any) -> None:
+    with pytest.raises(InputError, match="argument 'triples': triple 1: tail: expected a name"):
+        tables_of([("cup", "in", "kitchen"), ("bed", "in", name)])
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -416,6 +422,16 @@ def test_kinds_given_in_python_count_for_triples_and_for_a_file(
     assert home.base.kinds[home.base.entity_names.index("kitchen")] == "room"
     with pytest.raises(InputError, match="argument 'kinds'"):
         isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
+
+
+def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "home.csv"
+    pd.DataFrame(HOMES).to_csv(path, index=False, header=["Thing", "Link", "Other thing"])
+    with (
+        pytest.warns(UserWarning, match=f"without a header.*: {len(HOMES) + 1}"),
+        pytest.warns(UserWarning, match="first line.*'Thing Link Other thing'"),
+    ):
+        isi.train(path, dimension=8, budget=0.1)
 
 
 def test_core_packages_suffice(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     the exit status is 2 if the command line cannot be parsed, else 1.
     """
     with errors_in_one_line("isi"):
-        tokens = list(sys.argv[1:] if argv is None else argv)
+        tokens = with_standard_input(sys.argv[1:] if argv is None else argv)
         app = App(
             name="isi",
             help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
@@ -147,6 +147,15 @@ def main(argv: Sequence[str] | None = None) -> None:
                 print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)
             run(*arguments.args, **arguments.kwargs)
+
+
+def with_standard_input(tokens: Sequence[str]) -> list[str]:
+    """A command line with the path of standard input in place of each file ``-``."""
+    reads_files = bool(tokens) and tokens[0] in ("graph", "train")
+    return [
+        "/dev/stdin" if part == "-" and (reads_files or before == "--from") else part
+        for before, part in zip(["", *tokens], tokens, strict=False)
+    ]
 
 
 def facts_about_name(tokens: Sequence[str]) -> list[str]:
@@ -192,17 +201,20 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
     print(json.dumps(answer, indent=2, allow_nan=False) if as_json else "\n".join(lines(answer)))
 
 
-def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+def lines(answer: Mapping[str, Any], indent: str = "", are_names: bool = False) -> Iterator[str]:
     """Format an answer as text, a line per key. Mappings are indented;
     a list of flat mappings becomes a table.
+
+    ``are_names``: keys are the user's names, as in each mapping inside, and stay as they are.
     """
     from tabulate import tabulate  # type: ignore[import-untyped]
 
     for key, value in answer.items():
-        label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
+        shown = key if are_names else key.replace("_", " ")
+        label, rows = f"{indent}{shown}:", value if isinstance(value, list) else []
         inner = indent + "  "
         if isinstance(value, Mapping) and value:
-            yield from (label, *lines(value, inner))
+            yield from (label, *lines(value, inner, are_names=True))
         elif not (rows and isinstance(rows[0], Mapping)):
             yield f"{label} {text_of(value)}"
         elif any(

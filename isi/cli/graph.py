@@ -9,7 +9,7 @@ import pandas as pd
 from cyclopts import Parameter
 
 from isi import config
-from isi.cli import FROM_ONE, Settings, settings, show
+from isi.cli import FROM_ONE, Settings, lines, settings, show
 from isi.config import Seed, check
 from isi.graph.files import read_graph, write_graph
 from isi.graph.graph import GraphTables, build_graph
@@ -52,7 +52,8 @@ def graph(
     described = describe(tables, values)
     if out:
         write_graph(out, tables)
-    show(read | described)
+    print(*lines(read, are_names=True), sep="\n")
+    show(described)
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -64,6 +64,14 @@ def import_(
             ),
         ),
     ] = (),
+    entities: Annotated[
+        str | None,
+        Parameter(help="name of the tensor of entities; default: the one with a row for each"),
+    ] = None,
+    relations: Annotated[
+        str | None,
+        Parameter(help="name of the tensor of relations; default: the one with a row for each"),
+    ] = None,
     trust_pickle: Annotated[
         bool,
         Parameter(
@@ -77,16 +85,19 @@ def import_(
     """Read an embedding, check it, and write a bundle.
     An ``InputError`` names the missing or wrong file or tensor.
     """
-    if trust_pickle and (model or set or tensors or loss):
+    names = {"entities": entities, "relations": relations}
+    chosen = tensors or any(names.values())
+    if trust_pickle and (model or set or chosen or loss):
         raise InputError(
             "--trust-pickle",
             "",
-            "expected no --family, --set, --loss or --tensors: the pickle determines them",
+            "expected no --family, --set, --loss or names of tensors: the pickle determines them",
         )
     if reader := checkpoint_reader(folder):
-        if trust_pickle or model or tensors:
+        if trust_pickle or model or chosen:
             expected = (
-                "expected no --family, --tensors or --trust-pickle: it says which model it holds"
+                "expected no --family, --trust-pickle or names of tensors: it says which model it "
+                "holds"
             )
             raise InputError(folder, "", expected)
         with flags(model=folder, model_options="--set"):
@@ -106,7 +117,7 @@ def import_(
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--family", "", expected)
         with flags(model="--family", model_options="--set"):
-            tables = read_tables(files, str(model))
+            tables = read_tables(files, str(model), labels, names)
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     write(out, bundle)
     options, size = (

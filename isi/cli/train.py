@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from isi.cli import FROM_ONE, FROM_ZERO, NewFolder, Settings, flags, settings, show
+from isi.cli import FROM_ONE, FROM_ZERO, NewFolder, Settings, flags, lines, settings
 
 
 def train(
@@ -66,7 +66,7 @@ def train(
     with flags(**{name: f"--{name.replace('_', '-')}" for name in options}):
         bundle, summary = train_bundle(tables, **options, seed=seed)  # type: ignore[arg-type]
     write(out, bundle)
-    show(read)
+    print(*lines(read, are_names=True), sep="\n")
     if note:
         print(f"Warning: {entities}: {note}.")
     print(summary)

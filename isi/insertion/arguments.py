@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import torch
@@ -32,9 +32,18 @@ if TYPE_CHECKING:
 #: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
 Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
+
+
+class ArrowTable(Protocol):
+    """A table by Arrow's C stream: pyarrow's, DuckDB's, polars' and others."""
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object: ...
+
+
 #: Triples in the forms that ``listed_triples`` describes.
 TripleForms: TypeAlias = (
-    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
+    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | ArrowTable"
+    " | Mapping[str, Mapping[str, Any]]"
 )
 
 
@@ -306,10 +315,12 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     """Triples in any accepted form as an array, (T, 3), or a list.
     The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame or structured array (columns by name,
-    ``triple_columns``; those of a DataFrame without names in order), or the tails of each head and
-    relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
+    Forms: a list, an array, a tensor, a DataFrame, an Arrow table or a structured array (columns by
+    name, ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
+    tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single
+    tail needs no list.
     """
+    triples = of_arrow(triples)
     if isinstance(triples, Mapping):
         rows = []
         for head, facts in triples.items():
@@ -326,6 +337,8 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
         if isinstance(triples, np.ndarray):  # a structured one
             return list(triples.tolist())
     if hasattr(triples, "columns"):
+        if hasattr(triples, "isna") and (missing := triples.isna()).any(axis=None):
+            triples = triples.astype(object).where(~missing, None)  # for NaN, NaT and NA
         triples = triples.to_numpy()
     elif isinstance(triples, torch.Tensor):
         triples = array_of(triples)
@@ -344,6 +357,18 @@ def named_triples(triples: Any) -> np.ndarray:
                 raise InputError("", f"triple {row}: {slot}", f"expected a name, got {short(name)}")
         rows.append([str(name) for name in triple])
     return np.array(rows, object).reshape(-1, len(TRIPLE))
+
+
+def of_arrow(triples: Any) -> Any:
+    """An Arrow table as a DataFrame; other forms as they are."""
+    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "to_numpy"):
+        return triples
+    with extra("pipeline"):
+        import pandas as pd
+        import pyarrow as pa
+
+    # other types would turn whole numbers beside a missing one into floats
+    return pa.table(triples).to_pandas(types_mapper=pd.ArrowDtype)
 
 
 def column_names(triples: Any) -> list[str]:

@@ -49,6 +49,7 @@ from isi.insertion.arguments import (
     column_names,
     listed_triples,
     naming_argument,
+    of_arrow,
 )
 from isi.live.embedding import LiveEmbedding
 from isi.live.folder import Bundle, Manifest
@@ -58,7 +59,7 @@ from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, usual_torch
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names, cleaned
+from isi.sources.readers import COUNT, check_names, cleaned, refuse
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense, scaled_counts
@@ -159,9 +160,10 @@ def tables_of(triples: TripleForms) -> GraphTables:
     InputError for a wrong triple, name or count.
     """
     with naming_argument("triples"):
+        table: Any = of_arrow(triples)
         rows = [
             tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,)
-            for row in listed_triples(triples)
+            for row in listed_triples(table)
         ]
         for row, triple in enumerate(rows):
             if len(triple) != len(TRIPLE):
@@ -171,12 +173,15 @@ def tables_of(triples: TripleForms) -> GraphTables:
         frame = pd.DataFrame(
             rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object
         )
+        for slot in frame:
+            no_text = [not isinstance(name, str) for name in frame[slot]]
+            refuse("", frame[slot], pd.Series(no_text, frame.index), f"{slot}: expected a name")
         check_names(frame, "")
         frame = cleaned(frame)
         counted: Any = next(
-            (name for name in column_names(triples) if str(name).casefold() == COUNT), None
+            (name for name in column_names(table) if str(name).casefold() == COUNT), None
         )
-        counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
+        counts = np.asarray(table[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError(
@@ -233,9 +238,10 @@ def train(
     that ``isi train`` reads.
 
     ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
-    ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns if the model has
-    learned nothing, of counts that were scaled down, of names in ``kinds`` that match no entity,
-    and of entities without a kind.
+    ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns of what the
+    file's reader counts, such as lines without a header, if the model has learned nothing, of
+    counts that were scaled down, of names in ``kinds`` that match no entity, and of entities
+    without a kind.
 
     Example:
         >>> import isi
@@ -244,7 +250,14 @@ def train(
         >>> home.base.manifest.made["entities"], home.ask("cup", "in").answers[0].entity
         (5, 'kitchen')
     """
-    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
+    if isinstance(triples, str | Path):
+        tables, read = read_graph([triples])
+        for file, counted in read.items():
+            for label, number in counted.items():
+                if label != "reader":
+                    warnings.warn(f"{file}: {label}: {number:,}", stacklevel=2)
+    else:
+        tables = tables_of(triples)
     if kinds:
         with naming_argument("kinds"):
             tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))

@@ -18,13 +18,14 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.errors import InputError
+from isi.errors import InputError, at
 from isi.extras import procthor_houses
 from isi.extras.recorder import Recording
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.live.stream import answer
+from isi.live.train import tables_of
 from isi.names import name_fault
 from isi.sources import KINDS, OBSERVATIONS, Source
 from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
@@ -265,6 +266,13 @@ def pipeline_tensors() -> str:
     return repr(tables.read_tensors(Path("vectors.safetensors"), ["vectors"])["vectors"].shape)
 
 
+def arrow_table() -> str:
+    """The graph that ``isi.train`` makes of a table of pyarrow's."""
+    with at("log.parquet"):
+        table = pq.read_table("log.parquet")
+    return str(tables_of(table).triples.to_csv())
+
+
 TIME = re.compile(r"'time': '[^']*'")
 """When a change was made: two readings of the same requests differ in it."""
 
@@ -451,6 +459,17 @@ def _formats() -> dict[str, Format]:
             reader="table",
             path="train.txt",
         ),
+        "table of Wikidata": _source(
+            {"query.csv": b"itemLabel,propLabel,valueLabel\nmug,at,kitchen\ncup,at,hall\n"},
+            reader="table",
+            path="query.csv",
+        ),
+        "table of a benchmark": _source(
+            {"train.txt": b"e1\trel\te2\nmug\tat\tkitchen\ncup\tat\tkitchen\n"},
+            reader="table",
+            path="train.txt",
+        ),
+        "table of Arrow in Python": Format({"log.parquet": parquet()}, arrow_table),
         "folder of triples": _source(
             {"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
             reader="table",
