@@ -8,9 +8,11 @@ A command imports its modules when it runs, so that ``--help`` does not wait for
 from __future__ import annotations
 
 import gc
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -105,6 +107,7 @@ def insert(
     ):
         if name is None:
             names, facts, kinds = _from_files(live, from_)
+            request["new"] = True  # names in files are exact
             effect = live.insert(names, facts, kind=kinds, **request)  # type: ignore[arg-type]
             summary(live, effect, json)
         else:
@@ -450,14 +453,11 @@ def _from_files(
 ) -> tuple[list[str], list[list[str]], dict[str, str]]:
     """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
     from isi.graph.files import read_graph
-    from isi.live.names import same_name
 
     tables, _ = read_graph(files)
     kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    names = [
-        name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)
-    ]
+    names = [name for name in kinds if live.now.known_entities.same(name) is None]
     return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
 
 
@@ -522,4 +522,6 @@ def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) 
     gc.freeze()
     gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_live(path, vectors=vectors, journal=journal)
+    live = open_live(path, vectors=vectors, journal=journal)
+    live.note = partial(print, file=sys.stderr)
+    return live

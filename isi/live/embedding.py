@@ -9,8 +9,9 @@ together (``isi.insertion.engine``).
 
 from __future__ import annotations
 
+import warnings
 from collections import ChainMap
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property, partial
@@ -41,10 +42,10 @@ from isi.live.journal import (
     Selected,
 )
 from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
-from isi.live.names import check_new, find, known_as
+from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors
 from isi.live.stored import StoredVector
-from isi.names import bare, clean, plain
+from isi.names import clean, loose, plain
 
 #: Changes, after which the computed vectors are written, in case the process is killed.
 STORED_EVERY = 100
@@ -54,8 +55,10 @@ class LiveEmbedding:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and
     ``isi.from_pykeen`` make one.
 
-    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores
-    of known names are ignored. An ``InputError`` refuses an unknown name, and changes nothing.
+    Facts are triples of names in any form that ``isi.insert`` accepts. An ``InputError`` refuses an
+    unknown name, suggests similar ones, and changes nothing. In questions, case counts little, and
+    so do spaces, hyphens and underscores between letters: if one known name alone differs in
+    nothing else, the answer is about it, and a warning says so.
 
     Example:
         >>> import isi
@@ -81,6 +84,8 @@ class LiveEmbedding:
         """Use ``isi.open``. ``lines``: those of the journal;
         None: the bundle's own records of insertions.
         """
+        #: takes the sentence that says which name a question was understood to have
+        self.note: Callable[[str], object] = partial(warnings.warn, stacklevel=4)
         opened = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
         records = opened.manifest.inserted
         listed = list(journals.from_records(opened)) if lines is None else list(lines)
@@ -172,30 +177,22 @@ class LiveEmbedding:
             isinstance(tails, Mapping) for tails in facts.values()
         ):
             facts = dict.fromkeys(names, facts)
-        present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
-        names = [name for name in names if name not in present]
-        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), dict[str, NewEntity]()
-        spellings = dict[str, str]()
-        for name in names:
-            first = spellings.setdefault(bare(name), clean(name))
-            if first != clean(name):
-                raise InputError(
-                    repr(name)[:80],
-                    "",
-                    f"expected each new entity once: {first!r:.80} is the same name",
+        known = self.now.known_entities
+        present = {name for name in names if upsert and known.same(name) is not None}
+        kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        about, first_of = dict[str, NewEntity](), dict[str, str]()
+        for name in [name for name in names if name not in present]:
+            first = first_of.setdefault(loose(name), clean(name))
+            if first != clean(name) and not new:
+                expected = (
+                    f"expected new entities that differ in more from {first!r:.80}, or new=True"
                 )
-            words = self.groups.words(name, NewEntity())
-            same = words.nearest is not None and (words.cosine or 0.0) > SAME
-            check_new(
-                name,
-                self.now.entity_names,
-                self.base.entity_names[words.nearest or 0] if same else None,
-                new,
-            )
+                raise InputError(repr(name)[:80], "", expected)
+            check_new(name, known, None if new else self._same_words(name), new)
             text, named = (
                 each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
             )
-            of_kind = named and find(named, kinds, "kind", "a kind")
+            of_kind = named and kinds.find(named, "kind", "a kind")
             with at(repr(name)[:80]):
                 about[clean(name)] = NewEntity(
                     definition=text,
@@ -233,11 +230,9 @@ class LiveEmbedding:
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
-            unknown = dict[str, str]()  # in its first spelling
-            for end in dict.fromkeys(ends):
-                if not known_as(end, self.now.entity_ids):
-                    unknown.setdefault(bare(end), end)
-            return self.insert(list(unknown.values()), facts, time=time, source=source)
+            known = self.now.known_entities
+            unknown = [end for end in dict.fromkeys(map(clean, ends)) if known.same(end) is None]
+            return self.insert(unknown, facts, time=time, source=source)
         listed = self.now.facts(facts)
         added = self.now.unknown(listed)
         change = _checked_change("observe", facts=added, time=time, source=source)
@@ -402,14 +397,15 @@ class LiveEmbedding:
             )
         now, given = self.now, self.additions.facts
         first, last = (
-            None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail)
+            None if name is None else now.entity_ids[self._queried(name)] for name in (head, tail)
         )
         if relation is None:
             ends = first or 0, last or 0
             # of an inserted entity if there is one
             curve_of = partial(self._curve, max(ends), slot=TAIL)
             return answer_relation(now, *ends, top, curve_of, given)
-        label = now.relation_ids[find(relation, now.relation_ids, "relation", "a relation")]
+        known_relation = now.known_relations.queried(relation, "relation", "a relation", self.note)
+        label = now.relation_ids[known_relation]
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
         return self.ask_query(query, top)
 
@@ -426,7 +422,7 @@ class LiveEmbedding:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
-        row = self.now.entity_ids[self._entity(entity)]
+        row = self.now.entity_ids[self._queried(entity)]
         return [
             (self.now.entity_names[other], cosine)
             for other, cosine in self.now.nearest(row, number)
@@ -442,7 +438,7 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
-        return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
+        return explain(self._snapshot(), self._rows[self._inserted(self._queried(entity))], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity,
@@ -454,7 +450,7 @@ class LiveEmbedding:
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
-        name = self._inserted(entity)
+        name = self._inserted(self._queried(entity))
         return report(
             self._snapshot(),
             self._rows[name],
@@ -485,7 +481,7 @@ class LiveEmbedding:
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
             return None
-        chosen = [now.entity_ids[self._inserted(name)] for name in entities]
+        chosen = [now.entity_ids[self._inserted(self._queried(name))] for name in entities]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
             part.embedding,
@@ -694,7 +690,18 @@ class LiveEmbedding:
         self._listed = len(choices)
 
     def _entity(self, name: str) -> str:
-        return find(name, self.now.entity_ids, "entity", "an entity")
+        return self.now.known_entities.find(name, "entity", "an entity")
+
+    def _queried(self, name: str) -> str:
+        """The known entity that a question is about."""
+        return self.now.known_entities.queried(name, "entity", "an entity", self.note)
+
+    def _same_words(self, name: str) -> str | None:
+        """The known entity with the words of a new one, if there is one."""
+        words = self.groups.words(name, NewEntity())
+        if words.nearest is None or (words.cosine or 0.0) <= SAME:
+            return None
+        return self.base.entity_names[words.nearest]
 
     def _inserted(self, name: str) -> str:
         """The name of an inserted entity; InputError for another one."""
