@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
+from isi.cli.output import refuse_inputs
 from isi.config import check, read, value_of
 from isi.errors import InputError, at
 from isi.tables import paths
@@ -93,6 +94,8 @@ def insert(
         raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
+    if out:
+        refuse_inputs([out], [*from_, *filter(None, [vectors])])
     options = _options_in_params(initializer) | settings(set)
     request = {
         "initializer": initializer,
