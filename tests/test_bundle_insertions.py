@@ -401,15 +401,34 @@ def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
     assert live.insert([new, f"{new}0"], both).inserted == [new, f"{new}0"]
 
 
+@pytest.mark.parametrize("top", [-1, 0, 1.5, True, "2", None])
+def test_a_number_of_answers_below_one_is_refused_by_name(home: LiveEmbedding, top: Any) -> None:
+    with pytest.raises(InputError, match="'top'"):
+        home.ask("kettle", "atLocation", top=top)
+    with pytest.raises(InputError, match="'number'"):
+        home.nearest("kettle", top)
+    assert len(home.nearest("kettle", int(np.int64(2)))) == len(home.nearest("kettle", np.int64(2)))  # type: ignore[arg-type]
+
+
+def test_tails_by_relation_are_facts_of_one_entity(home: LiveEmbedding) -> None:
+    for names in (["qx", "qz"], []):
+        with pytest.raises(InputError, match="'facts'"):
+            home.insert(names, {"atLocation": "kitchen"})
+    assert home.insert(["qx"], {"atLocation": "kitchen"}).facts == 1
+    each = {"qz": {"atLocation": "kitchen"}, "qy": {"atLocation": "bedroom"}}
+    assert home.insert(["qz", "qy"], each).facts == 2
+
+
 def test_units_that_differ_in_case_are_two_entities_where_that_is_meant() -> None:
     live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], "mW"]))
+    facts = [(name, "atLocation", "kitchen") for name in ("MW", "Co", "CO")]
     with pytest.raises(InputError, match="'mW' is known"):
         live.insert("MW", {"atLocation": "kitchen"})
     with pytest.raises(InputError, match="'Co'"):
-        live.insert(["Co", "CO"], {"atLocation": "kitchen"})
+        live.insert(["Co", "CO"], facts)
     with pytest.warns(UserWarning, match="'MW' is not known.*'mW'"):
         assert live.ask("MW", "hasAffordance").query[0] == "mW"
-    live.insert(["MW", "Co", "CO"], {"atLocation": "kitchen"}, new=True)
+    live.insert(["MW", "Co", "CO"], facts, new=True)
     assert [live.ask(name, "atLocation").query[0] for name in ("MW", "mW", "CO")] == [
         "MW",
         "mW",

@@ -135,8 +135,22 @@ def test_a_fact_about_a_new_entity_may_have_all_three_parts(
 ) -> None:
     other = ["--fact", "hasAffordance", "turn on", "--dry-run"]
     expected = parsed(capsys, "insert", "hob", *in_two_parts, *other)
-    assert parsed(capsys, "insert", "hob", "--fact", *fact, *other) == expected
+    for command in (
+        ["insert", "hob", "--fact", *fact],
+        ["insert", "--fact", *fact, "hob"],
+        ["insert", "--embedding", "home", "hob", "--fact", *fact],
+    ):
+        assert parsed(capsys, *command, *other) == expected
     assert fact in expected["facts"]
+
+
+def test_a_name_may_stand_behind_its_fact_and_one_of_several_words_needs_quotes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    report = parsed(capsys, "insert", "--dry-run", "--fact", "atLocation", "kitchen", "hob")
+    assert report["facts"] == [["hob", "atLocation", "kitchen"]]
+    with pytest.raises(SystemExit, match="quotes"):
+        main(["insert", "hob", "--fact", "atLocation", "dining", "room", "--embedding", "home"])
 
 
 def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:

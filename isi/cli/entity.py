@@ -52,6 +52,7 @@ def insert(
             help="RELATION ENTITY: a fact about NAME; or all three parts, NAME first or last"
         ),
     ] = (),
+    whole_fact: Annotated[tuple[tuple[str, str, str], ...], Parameter(show=False)] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
@@ -90,7 +91,11 @@ def insert(
     """Insert an entity, or what is new in files,
     and report what the embedding predicts about it.
     """
-    if (name is None) == (not from_) or (from_ and (fact or inverse_fact or definition or kind)):
+    if name is None and not from_ and len(whole_fact) == 1:  # --fact RELATION ENTITY NAME
+        fact, name, whole_fact = (*fact, whole_fact[0][:2]), whole_fact[0][2], ()
+    if (name is None) == (not from_) or (
+        from_ and (fact or whole_fact or inverse_fact or definition or kind)
+    ):
         raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
@@ -115,6 +120,7 @@ def insert(
             summary(live, effect, json)
         else:
             about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+            about += [_about(name, whole) for whole in whole_fact]
             effect = live.insert(
                 name,
                 about,
@@ -449,6 +455,17 @@ def _percent(probability: float | None) -> str:
 
 def _joined(names: Sequence[str]) -> str:
     return ", ".join(names) or "nothing"
+
+
+def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
+    """A fact that has a name at an end; InputError for another one."""
+    if name not in (fact[0], fact[2]):
+        expected = (
+            "expected RELATION ENTITY, or three parts, of which NAME is the first or the last"
+        )
+        place = " ".join(fact)[:80]
+        raise InputError("--fact", place, f"{expected}; a name of several words stands in quotes")
+    return fact
 
 
 def _from_files(

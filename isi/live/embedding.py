@@ -21,9 +21,9 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 
-from isi.errors import InputError, at
+from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import TripleForms
+from isi.insertion.arguments import TripleForms, is_whole
 from isi.insertion.interference import Interference, measure
 from isi.live import folder as folders
 from isi.live import journal as journals
@@ -148,7 +148,7 @@ class LiveEmbedding:
         Args:
             entities: a name, or several.
             facts: triples; for one entity also its tails by relation,
-                ``{"atLocation": "kitchen"}``.
+                ``{"atLocation": "kitchen"}``; for several, these by name.
             definition: a sentence for the word vector; by name for several entities. So is
                 ``kind``; without it, the kind follows from the facts, or else from the most similar
                 words.
@@ -176,6 +176,9 @@ class LiveEmbedding:
         if isinstance(facts, Mapping) and not any(
             isinstance(tails, Mapping) for tails in facts.values()
         ):
+            if facts and len(names) != 1:
+                expected = f"expected triples, or tails by relation for each of {len(names)} names"
+                raise InputError("argument 'facts'", "", expected)
             facts = dict.fromkeys(names, facts)
         known = self.now.known_entities
         present = {name for name in names if upsert and known.same(name) is not None}
@@ -391,6 +394,7 @@ class LiveEmbedding:
             >>> home.ask(head="cup", tail="kitchen").answers[0].entity
             'in'
         """
+        _check_count(top, "top")
         if (head is None) + (relation is None) + (tail is None) != 1:
             raise InputError(
                 "ask", "", "expected two of head, relation and tail: the third one is the answer"
@@ -422,6 +426,7 @@ class LiveEmbedding:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
+        _check_count(number, "number")
         row = self.now.entity_ids[self._queried(entity)]
         return [
             (self.now.entity_names[other], cosine)
@@ -438,6 +443,7 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
+        _check_count(top, "top")
         return explain(self._snapshot(), self._rows[self._inserted(self._queried(entity))], top)
 
     def report(self, entity: str, top: int = 5) -> Report:
@@ -450,6 +456,7 @@ class LiveEmbedding:
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
+        _check_count(top, "top")
         name = self._inserted(self._queried(entity))
         return report(
             self._snapshot(),
@@ -759,6 +766,12 @@ def open_live(
         if lock:
             lock.close()
         raise
+
+
+def _check_count(value: int, name: str) -> None:
+    if not is_whole(value) or value < 1:
+        expected = "expected a whole number from 1"
+        raise InputError(f"argument {name!r}", "", f"{expected}, got {short(value)}")
 
 
 def _checked_change(do: str, **fields: Any) -> Change:
