@@ -61,6 +61,28 @@ def home(tmp_path: Path) -> Path:
     return written(tmp_path / "home")
 
 
+def test_a_question_in_another_spelling_has_a_note_in_its_answer() -> None:
+    live = live_of()
+
+    def result(request: dict[str, Any]) -> dict[str, Any]:
+        parsed: dict[str, Any] = json.loads(answer(live, json.dumps(request).encode()))
+        return parsed
+
+    result({"insert": "gas hob", "facts": [["gas hob", "in", "e1"]]})
+    for request in (
+        {"ask": ["Gas-Hob", "in", None]},
+        {"nearest": "Gas-Hob"},
+        {"explain": "Gas-Hob"},
+        {"interference": ["Gas-Hob"]},
+    ):
+        (note,) = result(request)["notes"]
+        assert "'Gas-Hob'" in note
+        assert "'gas hob'" in note
+    assert "notes" not in result({"ask": ["gas hob", "in", None]})
+    assert "'gas hob'" in result({"remove": "Gas-Hob"})["error"]
+    assert "'gas hob'" in result({"observe": [["Gas-Hob", "in", "e1"]]})["error"]
+
+
 def test_each_request_has_an_answer(home: Path) -> None:
     requests: list[dict[str, Any]] = [
         {"insert": "new a", "facts": [["new a", "in", "e1"]], "kind": "place", "id": 1},

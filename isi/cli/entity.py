@@ -8,9 +8,11 @@ A command imports its modules when it runs, so that ``--help`` does not wait for
 from __future__ import annotations
 
 import gc
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
+from isi.cli.output import refuse_inputs
 from isi.config import check, read, value_of
 from isi.errors import InputError, at
 from isi.tables import paths
@@ -49,6 +52,7 @@ def insert(
             help="RELATION ENTITY: a fact about NAME; or all three parts, NAME first or last"
         ),
     ] = (),
+    whole_fact: Annotated[tuple[tuple[str, str, str], ...], Parameter(show=False)] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
@@ -87,10 +91,16 @@ def insert(
     """Insert an entity, or what is new in files,
     and report what the embedding predicts about it.
     """
-    if (name is None) == (not from_) or (from_ and (fact or inverse_fact or definition or kind)):
+    if name is None and not from_ and len(whole_fact) == 1:  # --fact RELATION ENTITY NAME
+        fact, name, whole_fact = (*fact, whole_fact[0][:2]), whole_fact[0][2], ()
+    if (name is None) == (not from_) or (
+        from_ and (fact or whole_fact or inverse_fact or definition or kind)
+    ):
         raise InputError("", "", "expected either NAME with --fact RELATION ENTITY, or --from FILE")
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer: --set gives its options")
+    if out:
+        refuse_inputs([out], [*from_, *filter(None, [vectors])])
     options = _options_in_params(initializer) | settings(set)
     request = {
         "initializer": initializer,
@@ -105,10 +115,12 @@ def insert(
     ):
         if name is None:
             names, facts, kinds = _from_files(live, from_)
+            request["new"] = True  # names in files are exact
             effect = live.insert(names, facts, kind=kinds, **request)  # type: ignore[arg-type]
             summary(live, effect, json)
         else:
             about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+            about += [_about(name, whole) for whole in whole_fact]
             effect = live.insert(
                 name,
                 about,
@@ -445,19 +457,27 @@ def _joined(names: Sequence[str]) -> str:
     return ", ".join(names) or "nothing"
 
 
+def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
+    """A fact that has a name at an end; InputError for another one."""
+    if name not in (fact[0], fact[2]):
+        expected = (
+            "expected RELATION ENTITY, or three parts, of which NAME is the first or the last"
+        )
+        place = " ".join(fact)[:80]
+        raise InputError("--fact", place, f"{expected}; a name of several words stands in quotes")
+    return fact
+
+
 def _from_files(
     live: LiveEmbedding, files: Sequence[Path]
 ) -> tuple[list[str], list[list[str]], dict[str, str]]:
     """Names that are new in files, all facts, and the kinds of new names that the bundle has."""
     from isi.graph.files import read_graph
-    from isi.live.names import same_name
 
     tables, _ = read_graph(files)
     kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    names = [
-        name for name in kinds if not any(same_name(name, other) for other in live.now.entity_names)
-    ]
+    names = [name for name in kinds if live.now.known_entities.same(name) is None]
     return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
 
 
@@ -522,4 +542,6 @@ def open_folder(path: Path, vectors: Path | None = None, journal: bool = False) 
     gc.freeze()
     gc.enable()
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    return open_live(path, vectors=vectors, journal=journal)
+    live = open_live(path, vectors=vectors, journal=journal)
+    live.note = partial(print, file=sys.stderr)
+    return live

@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
+from isi.cli.output import refuse_inputs
 from isi.errors import InputError, at
 from isi.live.checkpoints import checkpoint_reader
 from isi.live.folder import write
@@ -85,6 +86,7 @@ def import_(
     """Read an embedding, check it, and write a bundle.
     An ``InputError`` names the missing or wrong file or tensor.
     """
+    refuse_inputs([out], [folder, *tensors])
     names = {"entities": entities, "relations": relations}
     chosen = tensors or any(names.values())
     if trust_pickle and (model or set or chosen or loss):

@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isi.cli import FROM_ONE, FROM_ZERO, NewFolder, Settings, flags, lines, settings
+from isi.cli.output import paths_in, refuse_inputs
 
 
 def train(
@@ -48,12 +49,14 @@ def train(
     """Read files as ``isi graph`` does, train an embedding of their graph, and write a bundle."""
     import torch
 
-    from isi.graph.files import read_graph
+    from isi.graph.files import path_of, read_graph
     from isi.live.folder import write
     from isi.live.train import described, train_bundle
 
     torch.set_num_threads(1)  # so that equal commands write equal bytes
-    tables, read = read_graph(files, reader, settings(set), min_count, seed)
+    of_reader = settings(set)
+    refuse_inputs([out], [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)])
+    tables, read = read_graph(files, reader, of_reader, min_count, seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)

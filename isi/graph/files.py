@@ -4,7 +4,6 @@ each read by a named reader or by the one that fits it.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from isi.sources.names import ENTITY
 from isi.sources.readers import COUNT, MOST, json_lines, open_bytes, parse_json, suffix_of
 from isi.sources.triples import ENTITIES_FILE, TRIPLE, TRIPLES_FILE
 from isi.tables import paths
-from isi.tables.io import atomically
 
 JSON = (".json", ".jsonl")  #: Suffixes of files whose reader is guessed from their content.
 
@@ -66,14 +64,21 @@ def read_graph(
     return tables, read
 
 
-def write_graph(folder: Path, tables: GraphTables) -> None:
-    """Write a folder that the reader ``table`` reads: ``triples.csv`` and ``entities.csv``."""
-    triples, entities = (
-        tables.triples[[*TRIPLE, COUNT]],
-        tables.entities[["entity", "kind", "phrase"]],
-    )
-    for name, frame in ((TRIPLES_FILE, triples), (ENTITIES_FILE, entities)):
-        atomically(folder / name, partial(frame.to_csv, index=False, lineterminator="\n"))
+def graph_files(tables: GraphTables) -> dict[str, str]:
+    """The texts of ``triples.csv`` and ``entities.csv``, which the reader ``table`` reads."""
+    frames = {
+        TRIPLES_FILE: tables.triples[[*TRIPLE, COUNT]],
+        ENTITIES_FILE: tables.entities[["entity", "kind", "phrase"]],
+    }
+    files = dict[str, str]()
+    for name, frame in frames.items():
+        files[name] = frame.to_csv(index=False, lineterminator="\n")
+    return files
+
+
+def path_of(file: str | Path) -> Path:
+    """The path of ``FILE`` or ``ROOM=FILE``."""
+    return _room_and_path(file)[1]
 
 
 def _room_and_path(file: str | Path) -> tuple[str, Path]:

@@ -9,8 +9,9 @@ together (``isi.insertion.engine``).
 
 from __future__ import annotations
 
+import warnings
 from collections import ChainMap
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property, partial
@@ -20,10 +21,10 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 
-from isi.config import Seed, check, plain_number, plain_numbers
-from isi.errors import InputError, at
+from isi.config import plain_number, plain_numbers
+from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import TripleForms
+from isi.insertion.arguments import TripleForms, is_whole
 from isi.insertion.interference import Interference, measure
 from isi.live import folder as folders
 from isi.live import journal as journals
@@ -42,11 +43,11 @@ from isi.live.journal import (
     Selected,
 )
 from isi.live.loaded import Fact, LoadedEmbedding, Query, as_facts, open_bundle
-from isi.live.names import check_new, find, known_as
+from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors
 from isi.live.stored import StoredVector
 from isi.models.stack import usual_torch
-from isi.names import bare, clean, plain
+from isi.names import clean, loose, plain
 
 #: Changes, after which the computed vectors are written, in case the process is killed.
 STORED_EVERY = 100
@@ -56,8 +57,10 @@ class LiveEmbedding:
     """An embedding that lives with a robot. ``isi.open``, ``isi.train`` and
     ``isi.from_pykeen`` make one.
 
-    Facts are triples of names in any form that ``isi.insert`` accepts; case, spaces and underscores
-    of known names are ignored. An ``InputError`` refuses an unknown name, and changes nothing.
+    Facts are triples of names in any form that ``isi.insert`` accepts. An ``InputError`` refuses an
+    unknown name, suggests similar ones, and changes nothing. In questions, case counts little, and
+    so do spaces, hyphens and underscores between letters: if one known name alone differs in
+    nothing else, the answer is about it, and a warning says so.
 
     Example:
         >>> import isi
@@ -84,6 +87,8 @@ class LiveEmbedding:
         """Use ``isi.open``. ``lines``: those of the journal;
         None: the bundle's own records of insertions.
         """
+        #: takes the sentence that says which name a question was understood to have
+        self.note: Callable[[str], object] = partial(warnings.warn, stacklevel=4)
         opened = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
         records = opened.manifest.inserted
         listed = list(journals.from_records(opened)) if lines is None else list(lines)
@@ -146,7 +151,7 @@ class LiveEmbedding:
         Args:
             entities: a name, or several.
             facts: triples; for one entity also its tails by relation,
-                ``{"atLocation": "kitchen"}``.
+                ``{"atLocation": "kitchen"}``; for several, these by name.
             definition: a sentence for the word vector; by name for several entities. So is
                 ``kind``; without it, the kind follows from the facts, or else from the most similar
                 words.
@@ -174,31 +179,26 @@ class LiveEmbedding:
         if isinstance(facts, Mapping) and not any(
             isinstance(tails, Mapping) for tails in facts.values()
         ):
+            if facts and len(names) != 1:
+                expected = f"expected triples, or tails by relation for each of {len(names)} names"
+                raise InputError("argument 'facts'", "", expected)
             facts = dict.fromkeys(names, facts)
-        present = [name for name in names if upsert and known_as(name, self.now.entity_ids)]
-        names = [name for name in names if name not in present]
-        kinds, about = dict.fromkeys(filter(None, self.base.kinds)), dict[str, NewEntity]()
-        spellings = dict[str, str]()
-        for name in names:
-            first = spellings.setdefault(bare(name), clean(name))
-            if first != clean(name):
-                raise InputError(
-                    repr(name)[:80],
-                    "",
-                    f"expected each new entity once: {first!r:.80} is the same name",
+        known = self.now.known_entities
+        present = {name for name in names if upsert and known.same(name) is not None}
+        kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        about, first_of = dict[str, NewEntity](), dict[str, str]()
+        for name in [name for name in names if name not in present]:
+            first = first_of.setdefault(loose(name), clean(name))
+            if first != clean(name) and not new:
+                expected = (
+                    f"expected new entities that differ in more from {first!r:.80}, or new=True"
                 )
-            words = self.groups.words(name, NewEntity())
-            same = words.nearest is not None and (words.cosine or 0.0) > SAME
-            check_new(
-                name,
-                self.now.entity_names,
-                self.base.entity_names[words.nearest or 0] if same else None,
-                new,
-            )
+                raise InputError(repr(name)[:80], "", expected)
+            check_new(name, known, None if new else self._same_words(name), new)
             text, named = (
                 each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
             )
-            of_kind = named and find(named, kinds, "kind", "a kind")
+            of_kind = named and kinds.find(named, "kind", "a kind")
             with at(repr(name)[:80]):
                 about[clean(name)] = NewEntity(
                     definition=text,
@@ -236,11 +236,9 @@ class LiveEmbedding:
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
-            unknown = dict[str, str]()  # in its first spelling
-            for end in dict.fromkeys(ends):
-                if not known_as(end, self.now.entity_ids):
-                    unknown.setdefault(bare(end), end)
-            return self.insert(list(unknown.values()), facts, time=time, source=source)
+            known = self.now.known_entities
+            unknown = [end for end in dict.fromkeys(map(clean, ends)) if known.same(end) is None]
+            return self.insert(unknown, facts, time=time, source=source)
         listed = self.now.facts(facts)
         added = self.now.unknown(listed)
         change = _checked_change("observe", facts=added, time=time, source=source)
@@ -401,20 +399,22 @@ class LiveEmbedding:
             >>> home.ask(head="cup", tail="kitchen").answers[0].entity
             'in'
         """
+        _check_count(top, "top")
         if (head is None) + (relation is None) + (tail is None) != 1:
             raise InputError(
                 "ask", "", "expected two of head, relation and tail: the third one is the answer"
             )
         now, given = self.now, self.additions.facts
         first, last = (
-            None if name is None else now.entity_ids[self._entity(name)] for name in (head, tail)
+            None if name is None else now.entity_ids[self._queried(name)] for name in (head, tail)
         )
         if relation is None:
             ends = first or 0, last or 0
             # of an inserted entity if there is one
             curve_of = partial(self._curve, max(ends), slot=TAIL)
             return answer_relation(now, *ends, top, curve_of, given)
-        label = now.relation_ids[find(relation, now.relation_ids, "relation", "a relation")]
+        known_relation = now.known_relations.queried(relation, "relation", "a relation", self.note)
+        label = now.relation_ids[known_relation]
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
         return self.ask_query(query, top)
 
@@ -433,8 +433,8 @@ class LiveEmbedding:
             >>> [entity for entity, cosine in home.nearest("cup", 2)]
             ['pan', 'fork']
         """
-        number = check(number, Seed, "", "argument 'number'")
-        row = self.now.entity_ids[self._entity(entity)]
+        _check_count(number, "number")
+        row = self.now.entity_ids[self._queried(entity)]
         return [
             (self.now.entity_names[other], cosine)
             for other, cosine in self.now.nearest(row, number)
@@ -451,7 +451,8 @@ class LiveEmbedding:
             >>> sorted(indicator.entity for indicator in explanation.indicators)
             ['cup', 'fork', 'pan']
         """
-        return explain(self._snapshot(), self._rows[self._inserted(entity)], top)
+        _check_count(top, "top")
+        return explain(self._snapshot(), self._rows[self._inserted(self._queried(entity))], top)
 
     @usual_torch()
     def report(self, entity: str, top: int = 5) -> Report:
@@ -464,7 +465,8 @@ class LiveEmbedding:
             >>> report.facts, report.initializer, report.why
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
-        name = self._inserted(entity)
+        _check_count(top, "top")
+        name = self._inserted(self._queried(entity))
         return report(
             self._snapshot(),
             self._rows[name],
@@ -496,7 +498,7 @@ class LiveEmbedding:
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
             return None
-        chosen = [now.entity_ids[self._inserted(name)] for name in entities]
+        chosen = [now.entity_ids[self._inserted(self._queried(name))] for name in entities]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
             part.embedding,
@@ -706,7 +708,18 @@ class LiveEmbedding:
         self._listed = len(choices)
 
     def _entity(self, name: str) -> str:
-        return find(name, self.now.entity_ids, "entity", "an entity")
+        return self.now.known_entities.find(name, "entity", "an entity")
+
+    def _queried(self, name: str) -> str:
+        """The known entity that a question is about."""
+        return self.now.known_entities.queried(name, "entity", "an entity", self.note)
+
+    def _same_words(self, name: str) -> str | None:
+        """The known entity with the words of a new one, if there is one."""
+        words = self.groups.words(name, NewEntity())
+        if words.nearest is None or (words.cosine or 0.0) <= SAME:
+            return None
+        return self.base.entity_names[words.nearest]
 
     def _inserted(self, name: str) -> str:
         """The name of an inserted entity; InputError for another one."""
@@ -764,6 +777,12 @@ def open_live(
         if lock:
             lock.close()
         raise
+
+
+def _check_count(value: int, name: str) -> None:
+    if not is_whole(value) or value < 1:
+        expected = "expected a whole number from 1"
+        raise InputError(f"argument {name!r}", "", f"{expected}, got {short(value)}")
 
 
 def _checked_change(do: str, **fields: Any) -> Change:

@@ -220,7 +220,8 @@ def _refuse_to_replace(folder: Path, journal: bytes) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "a file or a link: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
-    for name in sorted(present - {MANIFEST, VECTORS, JOURNAL, STORED, *COLUMNS}):
+    of_bundle = {MANIFEST, VECTORS, JOURNAL, STORED, *COLUMNS} if MANIFEST in present else set()
+    for name in sorted(present - of_bundle):
         raise InputError(
             "",
             name,

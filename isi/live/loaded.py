@@ -18,7 +18,7 @@ from isi.errors import InputError, at, short
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import Names, checked_model, listed_triples, stack_of_one, table
 from isi.live.folder import MANIFEST, VECTORS, Bundle, read
-from isi.live.names import find
+from isi.live.names import KnownNames
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -52,6 +52,9 @@ class LoadedEmbedding(Bundle):
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
+    #: of ``kinded_in_slot``, by relation and slot
+    _kinded: dict[tuple[int, int], np.ndarray] = field(init=False, default_factory=dict)
+
     @cached_property
     def model(self) -> Model:
         return self.scoring or checked_model(
@@ -71,6 +74,14 @@ class LoadedEmbedding(Bundle):
     @cached_property
     def relation_ids(self) -> dict[str, int]:
         return {name: row for row, name in enumerate(self.relation_names)}
+
+    @cached_property
+    def known_entities(self) -> KnownNames:
+        return KnownNames(self.entity_ids)
+
+    @cached_property
+    def known_relations(self) -> KnownNames:
+        return KnownNames(self.relation_ids)
 
     @cached_property
     def names(self) -> Names:
@@ -186,6 +197,17 @@ class LoadedEmbedding(Bundle):
 
         return count
 
+    def kinded_in_slot(self, relation: int, slot: int) -> np.ndarray:
+        """The ids of the entities in a slot of the known triples of a relation whose kind is usual
+        there, sorted.
+        """
+        if (relation, slot) not in self._kinded:
+            usual = self.candidates(relation, slot).numpy()
+            in_slot = np.array(self.in_slot(relation, slot), np.int64)
+            has_kind = self.kind_ids[in_slot] >= 0
+            self._kinded[relation, slot] = in_slot[has_kind & np.isin(in_slot, usual)]
+        return self._kinded[relation, slot]
+
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
         """The kind of a new entity and the reason; empty texts if unknown.
         ``alike``: cosines of its words, (E,).
@@ -197,24 +219,24 @@ class LoadedEmbedding(Bundle):
         votes, roles = np.zeros(len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
             slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
-            usual = set(self.candidates(self.relation_ids[relation], slot).tolist())
-            in_slot = self.in_slot(self.relation_ids[relation], slot)
-            if there := [row for row in in_slot if self.kinds[row] and row in usual]:
-                listed = there if alike is None else [max(there, key=alike.__getitem__)]
+            there = self.kinded_in_slot(self.relation_ids[relation], slot)
+            if len(there):
+                listed = there if alike is None else there[[alike[there].argmax()]]
                 votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))
                 roles[f"the {role} of {relation}"] = None
         like = " and ".join(roles)
         if not roles and alike is not None:
-            listed = [row for row, kind in enumerate(self.kinds) if kind]
+            listed = np.flatnonzero(self.kind_ids >= 0)
             votes = self._of_kinds(listed, np.exp(alike[listed] / TEMPERATURE))
-            of_kind = [row for row in listed if self.kind_ids[row] == votes.argmax()]
-            like = self.entity_names[max(of_kind, key=alike.__getitem__)] if of_kind else ""
+            if len(listed):
+                of_kind = listed[self.kind_ids[listed] == votes.argmax()]
+                like = self.entity_names[of_kind[alike[of_kind].argmax()]]
         if not like:
             return "", ""
         kind = list(self.kind_numbers)[int(votes.argmax())]
         return kind, f"{new} counts as {kind}, like {like}"
 
-    def _of_kinds(self, entities: Sequence[int], weights: np.ndarray) -> np.ndarray:
+    def _of_kinds(self, entities: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The total weight of entities, (N,), of each kind; ``entities``: ids."""
         return np.bincount(self.kind_ids[entities], weights, len(self.kind_numbers))
 
@@ -222,11 +244,12 @@ class LoadedEmbedding(Bundle):
         """Facts in any form of ``listed_triples``, by name and once each;
         InputError for a name that is unknown.
         """
-        names, listed = ChainMap(dict.fromkeys(new, -1), self.entity_ids), dict[Fact, None]()
+        entities = KnownNames(ChainMap(dict.fromkeys(new, -1), self.entity_ids))
+        listed = dict[Fact, None]()
         for head, relation, tail in as_facts(facts):
             place = f"{head} {relation} {tail}"[:80]
-            ends = [find(end, names, place, "an entity") for end in (head, tail)]
-            label = find(relation, self.relation_ids, place, "a relation")
+            ends = [entities.find(end, place, "an entity") for end in (head, tail)]
+            label = self.known_relations.find(relation, place, "a relation")
             listed[ends[0], label, ends[1]] = None
         return list(listed)
 

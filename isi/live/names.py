@@ -1,36 +1,116 @@
-"""Names as people type them: spellings that are the same, known names that a new one resembles,
-suggestions.
-"""
+"""Known names as people type them: which name a text is, which it may mean, suggestions."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import cached_property
 from typing import Annotated
 
 from pydantic import AfterValidator
 
 from isi.config import check
 from isi.errors import InputError
-from isi.names import bare, check_name, plain
+from isi.names import check_name, clean, loose, numbers, plain
 
-#: Maximum number of names that a message suggests: similar ones; ``same_name`` or all names.
+#: Maximum number of names that a message suggests: similar ones, or all names.
 SUGGESTED, LISTED = 3, 8
 NewName = Annotated[str, AfterValidator(check_name)]
 
 
-def check_new(name: str, known: Sequence[str], like: str | None, new: bool) -> None:
-    """InputError for a known name, and (unless ``new``) for a plural or singular of one
-    and for a name ``like`` one.
+class KnownNames:
+    """Known names, to be found by what was typed: in dictionaries, which are built when needed.
+
+    A name *is* another one if they are equal in Unicode's NFC, without outer spaces (``clean``).
+    A text *may mean* a name that differs in case, or in spaces, hyphens and underscores between
+    letters (``loose``).
+    """
+
+    def __init__(self, names: Collection[str]) -> None:
+        self.names = names  #: a mapping or a set
+
+    @cached_property
+    def _by_clean(self) -> dict[str, list[str]]:
+        return _grouped(self.names, clean)
+
+    @cached_property
+    def _by_loose(self) -> dict[str, list[str]]:
+        return _grouped(self.names, loose)
+
+    @cached_property
+    def _by_plain(self) -> dict[str, list[str]]:
+        return _grouped(self.names, plain)
+
+    def same(self, text: str) -> str | None:
+        """The name that a text is, or None."""
+        for form in (text, clean(text)):
+            if form in self.names:
+                return form
+        return next(iter(self._by_clean.get(clean(text), [])), None)
+
+    def meant(self, text: str) -> str | None:
+        """The only name that a text may mean, or None: also if several spellings are known."""
+        meant = self._by_loose.get(loose(text), [])
+        return meant[0] if len(meant) == 1 else None
+
+    def find(self, text: str, place: str, expected: str) -> str:
+        """The name that a text is; an ``InputError`` suggests similar names."""
+        same = self.same(text)
+        if same is None:
+            problem = f"expected {expected} of this embedding, got {text!r:.80}"
+            raise InputError(place, "", problem + self._hint(text))
+        return same
+
+    def queried(self, text: str, place: str, expected: str, note: Callable[[str], object]) -> str:
+        """The name that a text of a question is, or else may mean, which a ``note`` says."""
+        meant = None if self.same(text) is not None else self.meant(text)
+        if meant is None:
+            return self.find(text, place, expected)
+        note(f"{text!r:.80} is not known: the answer is about {meant!r:.80}")
+        return meant
+
+    def resembled(self, text: str) -> str | None:
+        """A name that a new one looks like: one that it may mean, or its plural or singular."""
+        if meant := self._by_loose.get(loose(text)):
+            return meant[0]
+        forms = sorted(singulars(text) | plurals(text))
+        near = [name for form in forms for name in self._by_plain.get(form, [])]
+        return next((name for name in near if numbers(name) == numbers(text)), None)
+
+    def _hint(self, text: str) -> str:
+        wanted = plain(text)
+        forms = get_close_matches(wanted, self._by_plain, SUGGESTED) or [
+            form for form in self._by_plain if wanted and wanted in form
+        ]
+        close = (
+            self._by_loose.get(loose(text), [])[:LISTED]
+            or [name for form in forms for name in self._by_plain[form]][:SUGGESTED]
+            or list(self.names) * (len(self.names) <= LISTED)
+        )
+        return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def _grouped(names: Iterable[str], form_of: Callable[[str], str]) -> dict[str, list[str]]:
+    groups = dict[str, list[str]]()
+    for name in names:
+        groups.setdefault(form_of(name), []).append(name)
+    return groups
+
+
+def check_new(name: str, known: KnownNames, like: str | None, new: bool) -> None:
+    """InputError for a known name, and (unless ``new``) for one that resembles a known name.
+
+    ``like``: the known name with the most similar words, if they are very similar.
     """
     check(name, NewName, "", "name")
-    if same := [other for other in known if same_name(other, name)]:
+    if (same := known.same(name)) is not None:
         raise InputError(
-            repr(name)[:80], "", f"expected a new name: {same[0]!r:.80} is known; use observe"
+            repr(name)[:80], "", f"expected a new name: {same!r:.80} is known; use observe"
         )
-    text, forms = plain(name), singulars(name)
-    near = next(
-        (other for other in known if plain(other) in forms or text in singulars(other)), like
-    )
-    if near is not None and not new:
+    if new:
+        return
+    near = known.resembled(name)
+    if near is None and like is not None and numbers(like) == numbers(name):
+        near = like
+    if near is not None:
         expected = f"{near!r:.80} is known: use observe, or insert it as new (new=True, --new)"
         raise InputError(repr(name)[:80], "", expected)
 
@@ -47,79 +127,49 @@ def singulars(name: str) -> set[str]:
     }
 
 
-def same_name(first: str, second: str) -> bool:
-    """Whether two names are equal up to case, spaces, hyphens, underscores, Unicode's forms,
-    invisible characters.
-    """
-    return bare(first) == bare(second)
-
-
-def known_as(text: str, names: Collection[str]) -> str | None:
-    """The first of some names that is the same as a text (``same_name``), or None."""
-    if text in names:
-        return text
-    return next((name for name in names if same_name(name, text)), None)
-
-
-def find(text: str, names: Collection[str], place: str, expected: str) -> str:
-    """The name that equals a text, or else the only ``same_name``;
-    an ``InputError`` suggests similar names.
-    """
-    same = [text] if text in names else [name for name in names if same_name(name, text)]
-    if len(same) == 1:
-        return same[0]
-    wanted, by_plain = plain(text), {plain(name): name for name in names}
-    near = get_close_matches(wanted, by_plain, SUGGESTED) or [
-        name for name in by_plain if wanted and wanted in name
-    ]
-    close = (
-        same[:LISTED]
-        or [by_plain[name] for name in near[:SUGGESTED]]
-        or list(names) * (len(names) <= LISTED)
-    )
-    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
-    raise InputError(place, "", f"expected {expected} of this embedding, got {text!r:.80}{hint}")
+def plurals(name: str) -> set[str]:
+    """The plain forms that have a name among their ``singulars``, and differ from it."""
+    text = plain(name)
+    forms = text + "s", text + "es", text[:-1] + "ies", text[:-1] + "ves", text[:-2] + "ves"
+    return {form for form in forms if text in singulars(form)}
 
 
 def by_known_name(
     values: Mapping[str, str], known: Collection[str]
 ) -> tuple[dict[str, str], list[str]]:
-    """Values by the known name that equals theirs, or else the only ``same_name``;
-    and the names that match none.
-
-    Names that are the same as several others match none.
+    """Values by the known name that theirs is (``KnownNames.same``), and the names of the others:
+    of several for one name, the one that is written as the name, or else the first, counts.
     """
-    exact = values.keys() & set(known)
-    matched = {name: value for name, value in values.items() if name in exact}
-    free = _by_bare(name for name in known if name not in exact)
+    known_names = KnownNames(dict.fromkeys(known))
+    matched = {name: value for name, value in values.items() if name in known_names.names}
     missing = list[str]()
-    for form, names in _by_bare(name for name in values if name not in exact).items():
-        candidates = free.get(form, [])
-        if len(names) == len(candidates) == 1:
-            matched[candidates[0]] = values[names[0]]
+    for name, value in values.items():
+        same = known_names.same(name)
+        if same is None or (same != name and same in matched):
+            missing.append(name)
         else:
-            missing += names
+            matched[same] = value
     return matched, missing
 
 
-def _by_bare(names: Iterable[str]) -> dict[str, list[str]]:
-    groups = dict[str, list[str]]()
-    for name in names:
-        groups.setdefault(bare(name), []).append(name)
-    return groups
-
-
 def note_of_kinds(
-    missing: Sequence[str], listed: int, without: Sequence[str], entities: int
+    missing: Sequence[str], listed: int, without: Sequence[str], known: Collection[str]
 ) -> str:
     """A sentence about listed names that match no entity, and entities without a kind;
     empty if there are none.
     """
     parts = []
     if missing:
-        parts.append(f"{len(missing):,} of {listed:,} names match no entity ({_first(missing)})")
+        known_names = KnownNames(dict.fromkeys(known))
+        meant = [known_names.meant(name) for name in missing[:SUGGESTED]]
+        known_meant = [name for name in meant if name is not None]
+        hint = f"; did you mean {_first(known_meant)}?" if known_meant else ""
+        parts.append(
+            f"{len(missing):,} of {listed:,} names match no entity ({_first(missing)}{hint})"
+        )
     if without:
-        parts.append(f"{len(without):,} of {entities:,} entities have no kind ({_first(without)})")
+        number = f"{len(without):,} of {len(known):,}"
+        parts.append(f"{number} entities have no kind ({_first(without)})")
     return "; ".join(parts)
 
 

@@ -201,7 +201,8 @@ VERBS: dict[str, type[Request]] = {
 def answer(live: LiveEmbedding, line: bytes) -> bytes:
     """The line that answers a request: what was done or found.
 
-    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has
+    ``notes`` say which known name a question is about if it has another spelling. A request that
+    is refused has the key ``error`` in its answer, and nothing has changed. So has
     one that fails unexpectedly (``internal: ...``); its traceback goes to standard error.
     """
     label: dict[str, Any] = {}
@@ -214,8 +215,12 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
                 expected = f"expected one of {', '.join(VERBS)}"
                 raise InputError("", "", f"{expected}, got {short(list(request))}")
             given = check(request, VERBS[verbs[0]], "", "")
-        result = given.result(live)
-        return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
+        notes = list[str]()
+        live.note = notes.append
+        result = dict(given.result(live))
+        if notes:
+            result["notes"] = notes
+        return to_json(label | result, inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}
     except Exception as error:  # a fault of ours must not end the process, which serves others

@@ -211,7 +211,7 @@ def with_kinds(
     new_phrases, _ = by_known_name(phrases or {}, names)
     matched, missing = by_known_name(listed, names)
     if not matched:
-        got = note_of_kinds(missing, len(listed), [], len(names)) or "none"
+        got = note_of_kinds(missing, len(listed), [], names) or "none"
         raise InputError(
             "", "", f"expected the kind or the phrase of an entity of the graph, got {got}"
         )
@@ -220,7 +220,7 @@ def with_kinds(
         new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)
     ]
     without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
-    note = note_of_kinds(missing, len(listed), without, len(names))
+    note = note_of_kinds(missing, len(listed), without, names)
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 
@@ -237,7 +237,7 @@ def train(
     """Train an embedding of triples by name (in any form of ``isi.insert``) or of a file
     that ``isi train`` reads.
 
-    ``kinds``: by entity, in any spelling (``same_name``). The other arguments are those of
+    ``kinds``: by entity. The other arguments are those of
     ``train_bundle``. ``base.manifest.made`` of the result has its measures. Warns of what the
     file's reader counts, such as lines without a header, if the model has learned nothing, of
     counts that were scaled down, of names in ``kinds`` that match no entity, and of entities

@@ -31,7 +31,7 @@ from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
 from isi.models.model import Model
 from isi.models.stack import usual_torch
-from isi.names import bare
+from isi.names import loose, numbers
 from isi.pykeen import reading
 from isi.pykeen.reading import (
     PykeenModel,
@@ -376,7 +376,7 @@ def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     """For new labels that a slip of the pen may have made of a known label, that label.
 
     They differ in case, blanks, hyphens, underscores and Unicode's forms, or in one letter
-    (another, missing, added, or exchanged with its neighbour), but in no digit.
+    (another, missing, added, or exchanged with its neighbour), but in no number.
     """
     spellings = {
         form: label for label in new if len(label) >= SHORTEST for form in _spellings(label)
@@ -384,15 +384,15 @@ def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
     lengths = {length for form in spellings for length in (len(form) - 1, len(form), len(form) + 1)}
     near = dict[str, str]()
     for other in known:
-        if len(bare(other)) in lengths:
+        if len(loose(other)) in lengths:
             for form in _spellings(other) & spellings.keys():
                 label = spellings[form]
-                if [c for c in label if c.isdigit()] == [c for c in other if c.isdigit()]:
+                if numbers(label) == numbers(other):
                     near.setdefault(label, other)
     return near
 
 
 def _spellings(label: str) -> set[str]:
     """A label without case and marks, and all texts that lack one of its characters."""
-    plain = bare(label)
+    plain = loose(label)
     return {plain, *(plain[:place] + plain[place + 1 :] for place in range(len(plain)))}

@@ -89,7 +89,7 @@ def from_pykeen(
         factory: the triples factory with labels that the model was trained on; not with a result of
             the pipeline.
         kinds: kinds of entities by label, which leave unfitting answers out. Warns of labels that
-            match no entity (``same_name``), and of entities without a kind.
+            match no entity, and of entities without a kind.
         margin: of a distance model; None: estimated (``isi.pykeen.insert``).
 
     Raises:
@@ -120,7 +120,7 @@ def from_pykeen(
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
     kind_of, missing = by_known_name(kinds or {}, entities)
     without = [label for label in entities if kinds and label not in kind_of]
-    if note := note_of_kinds(missing, len(kinds or {}), without, len(entities)):
+    if note := note_of_kinds(missing, len(kinds or {}), without, entities):
         warnings.warn(f"kinds: {note}", stacklevel=3)
     loaded = LoadedEmbedding(
         manifest,
