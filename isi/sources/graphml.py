@@ -64,8 +64,11 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             continue
         with at(path, f"edge {number}"):
             relation = attributes.get("relation") or _label(attributes, ["label"]) or None
-            triple: dict[str, Any]
-            triple = {"head": name_of[head], "relation": relation, "tail": name_of[tail]}
+            triple: dict[str, Any] = {
+                "head": name_of[head],
+                "relation": relation,
+                "tail": name_of[tail],
+            }
             for key, value in triple.items():
                 config.check(value, Name, key, "")
             count = config.check(attributes.get("count", 1), Count, "count", "")
