@@ -296,4 +296,6 @@ def test_nodes_of_graphml_that_share_a_label_stay_apart(tmp_path: Path) -> None:
     assert observed.phrase_of()["hall (n0)"] == "hall"
     by_type = observe("graphml", path, names="t")
     assert by_type.rows("head", "tail") == [("x", "n1"), ("mug", "n1")]
+    by_id = observe("graphml", path, names="id")
+    assert by_id.rows("head", "tail") == [("n0", "n1"), ("mug", "n1")]
     refused("graphml", path, ["names colour"], names="colour")

@@ -27,9 +27,9 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
     """Observations of GraphML, read as a whole: an edge has a ``relation``, else a ``label``, and
     perhaps a ``count``.
 
-    ``names``: the attribute of nodes that names them; None: the first of ``LABELS`` that a node
-    has. A node without it is named by its id, and nodes that share a name by both. Attributes
-    ``kind`` and ``phrase`` are those of the entity.
+    ``names``: the attribute of nodes that names them, or ``id``; None: the first of ``LABELS`` that
+    a node has. A node without it is named by its id, and nodes that share a name by both.
+    Attributes ``kind`` and ``phrase`` are those of the entity.
     """
     import networkx as nx  # imported here: few calls need it
 
@@ -44,21 +44,16 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             path, "graph", "expected edgedefault directed: an edge leads from head to tail"
         )
     mining.name_entities = named = Naming()
-    if names and not any(names in attributes for _, attributes in graph.nodes(data=True)):
+    nodes: dict[str, dict[str, Any]] = dict(graph.nodes(data=True))
+    if names not in (None, "id") and not any(names in attributes for attributes in nodes.values()):
         raise InputError(path, f"names {names}", "expected an attribute of nodes of this file")
-    labels = {
-        node: _label(attributes, [names] if names else LABELS) or node
-        for node, attributes in graph.nodes(data=True)
-    }
-    number_of = Counter(labels.values())
-    name_of = dict(labels)
-    for node, label in labels.items():
-        if number_of[label] > 1 and label != node:
-            name_of[node] = f"{label} ({node})"
-            named.phrase_of[name_of[node]] = label
-            mining.counts[SHARED] += 1
-    for node, attributes in graph.nodes(data=True):
+    labels = _labels(nodes, names)
+    name_of = _unique(labels)
+    for node, attributes in nodes.items():
         name = name_of[node]
+        if name != labels[node]:
+            named.phrase_of[name] = labels[node]
+            mining.counts[SHARED] += 1
         for key, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
@@ -69,11 +64,32 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             continue
         with at(path, f"edge {number}"):
             relation = attributes.get("relation") or _label(attributes, ["label"]) or None
-            triple = {"head": name_of[head], "relation": relation, "tail": name_of[tail]}
-            for key, name in triple.items():
-                config.check(name, Name, key, "")
+            triple: dict[str, Any] = {
+                "head": name_of[head],
+                "relation": relation,
+                "tail": name_of[tail],
+            }
+            for key, value in triple.items():
+                config.check(value, Name, key, "")
             count = config.check(attributes.get("count", 1), Count, "count", "")
         yield None, None, None, *triple.values(), count
+
+
+def _labels(nodes: dict[str, dict[str, Any]], names: str | None) -> dict[str, str]:
+    """The label of each node, or its id; ``names``: the setting."""
+    if names == "id":
+        return {node: node for node in nodes}
+    sought = [names] if names else LABELS
+    return {node: _label(attributes, sought) or node for node, attributes in nodes.items()}
+
+
+def _unique(labels: dict[str, str]) -> dict[str, str]:
+    """The labels of nodes, with the id behind where several nodes share one."""
+    number = Counter(labels.values())
+    return {
+        node: f"{label} ({node})" if number[label] > 1 and label != node else label
+        for node, label in labels.items()
+    }
 
 
 def _label(attributes: dict[str, Any], names: Sequence[str]) -> str:
