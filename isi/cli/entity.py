@@ -477,7 +477,8 @@ def _from_files(
     tables, _ = read_graph(files)
     kinds = dict(zip(tables.entities["entity"], tables.entities["kind"], strict=True))
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    names = [name for name in kinds if live.now.known_entities.same(name) is None]
+    known = live.now.known_entities
+    names = [name for name in kinds if known.same(name) is None]
     return names, facts, {name: kinds[name] for name in names if kinds[name] in live.base.kinds}
 
 

@@ -183,7 +183,7 @@ class LiveEmbedding:
                 expected = f"expected triples, or tails by relation for each of {len(names)} names"
                 raise InputError("argument 'facts'", "", expected)
             facts = dict.fromkeys(names, facts)
-        known = self.now.known_entities
+        known = self._known_entities
         present = {name for name in names if upsert and known.same(name) is not None}
         kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
         about, first_of = dict[str, NewEntity](), dict[str, str]()
@@ -236,7 +236,7 @@ class LiveEmbedding:
         """
         if upsert:
             ends = [end for fact in as_facts(facts) for end in (fact[0], fact[2])]
-            known = self.now.known_entities
+            known = self._known_entities
             unknown = [end for end in dict.fromkeys(map(clean, ends)) if known.same(end) is None]
             return self.insert(unknown, facts, time=time, source=source)
         listed = self.now.facts(facts)
@@ -707,12 +707,17 @@ class LiveEmbedding:
             self._pending += lines
         self._listed = len(choices)
 
+    @property
+    def _known_entities(self) -> KnownNames:
+        """The names of all entities."""
+        return KnownNames(self._rows, self.base.known_entities)
+
     def _entity(self, name: str) -> str:
-        return self.now.known_entities.find(name, "entity", "an entity")
+        return self._known_entities.find(name, "entity", "an entity")
 
     def _queried(self, name: str) -> str:
         """The known entity that a question is about."""
-        return self.now.known_entities.queried(name, "entity", "an entity", self.note)
+        return self._known_entities.queried(name, "entity", "an entity", self.note)
 
     def _same_words(self, name: str) -> str | None:
         """The known entity with the words of a new one, if there is one."""
