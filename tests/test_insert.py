@@ -30,6 +30,7 @@ from isi.insertion.arguments import Names, triples_of
 from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
 from isi.models.bilinear import DistMult
 from isi.models.distance import RotatE
+from isi.models.losses import Loss
 from isi.random import stream
 from isi.tables import paths
 from tests.init_contexts import insertion
@@ -444,6 +445,22 @@ def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_re
     )
     insert(novel, Method(Registered("measured", measured, "Measured"), {}, ""))
     assert sizes == [4 * FEW * dimension] * 4
+
+
+@pytest.mark.parametrize("loss", ["logistic", "softmax"])
+def test_facts_are_weighed_by_their_confidence(loss: Loss) -> None:
+    sure = call(initializer="map", loss=loss)
+    number = len(sure.checked.novel.triples)
+    same = call(initializer="map", loss=loss, confidence=np.ones(number))
+    assert np.array_equal(same.vectors, sure.vectors)
+    doubtful = call(initializer="map", loss=loss, confidence=np.linspace(0.1, 1, number))
+    assert not np.allclose(doubtful.vectors, sure.vectors)
+
+
+@pytest.mark.parametrize("confidence", [[1.0], [0.0] * 99, [1.5], np.ones((1, 3)), [np.nan]])
+def test_a_confidence_that_fits_no_triples_is_refused(confidence: Any) -> None:
+    with pytest.raises(InputError, match="confidence"):
+        call(initializer="map", confidence=confidence)
 
 
 def test_batches_of_rotate_have_the_vectors_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -333,6 +333,33 @@ def test_without_known_negatives_map_is_map_of_own_facts(of: InitContext) -> Non
     )
 
 
+def test_a_fact_counts_as_much_as_it_is_believed(of: InitContext) -> None:
+    half = torch.where(of.relation == 0, 0.5, 1.0).double()
+    believed = evidence_of(replace(of, confidence=half), 4, 1.0)
+    whole = evidence_of(of, 4, 1.0)
+    weights = (half * of.observed)[..., None]
+    positive = dense(believed, believed.positive)
+    assert positive.sum() == pytest.approx(weights.sum())
+    # known triples stay; corrupted ones weigh as the fact that they stem from
+    fewer = whole.negative.sum() - believed.negative.sum()
+    assert fewer == pytest.approx(2 * 4 * (of.observed.sum() - weights.sum()))
+
+
+def test_map_of_doubtful_facts_lies_between_that_of_sure_ones_and_the_prior(
+    of: InitContext,
+) -> None:
+    prior, sure = insert("mean", of).vectors, insert("map", of, **MEAN)
+    ones = torch.ones(of.observed.shape, dtype=torch.float64)
+    assert torch.equal(insert("map", replace(of, confidence=ones), **MEAN).vectors, sure.vectors)
+    options = MEAN | {"known_negatives": 0.0, "prior": "mean"}
+    distances = list[torch.Tensor]()
+    for belief in (1.0, 0.5, 0.1, 1e-9):
+        doubtful = insert("map", replace(of, confidence=belief * ones), **options).vectors
+        distances.append((doubtful - prior)[0, [0, 1, 3]].norm(dim=-1))
+    assert (torch.stack(distances).diff(dim=0) < 0).all()
+    assert (distances[-1] < 1e-5).all()
+
+
 def test_entities_are_solved_alike_in_batches_of_any_size(
     of: InitContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:

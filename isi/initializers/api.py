@@ -70,6 +70,14 @@ class InitContext:
     entity_keys: Tensor | None = None
     #: vectors of the round before, near which an optimum lies; shape: (M, n, d); None: first round
     start: Tensor | None = None
+    #: how far each insert triple is believed, from 0 to 1; (M, n, I), float64; None: fully
+    confidence: Tensor | None = None
+
+    @property
+    def weight(self) -> Tensor:
+        """How much each insert triple counts: its confidence, 0 for padding; (M, n, I), float64."""
+        observed = self.observed.double()
+        return observed if self.confidence is None else observed * self.confidence
 
     @property
     def worded(self) -> Tensor:

@@ -40,12 +40,8 @@ def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evi
 
     ``known_negatives``: β, weight of the known triples that are corrupted by a novel entity.
     """
-    observed, none = (
-        context.observed.double(),
-        torch.zeros(context.observed.shape, dtype=torch.float64),
-    )
     ids = context.novel_is_tail, context.relation, context.other
-    parts = [Evidence(*ids, observed, none)]
+    parts = [Evidence(*ids, context.weight, torch.zeros_like(context.weight))]
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
@@ -64,7 +60,7 @@ def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     perhaps by the true one.
     """
     relations, models = context.theta0.relation.shape[1], context.novel.shape
-    number, slot = slots_of(context, context.observed.double())
+    number, slot = slots_of(context, context.weight)
     most = min(context.observed.shape[-1], 2 * relations)  # slots of an entity with triples
     number, slot = number[..., :most], slot[..., :most]
     ends, share = spread(context.known.double(), max(1, SAMPLE // most))
@@ -97,7 +93,7 @@ def corrupted_relations(context: InitContext, ratio: int) -> Evidence:
         1 + (torch.arange(number) + 0.5).mul((relations - 1) / max(1, number)).long()
     )  # evenly spaced, all different
     relation = (context.relation[..., None] + steps) % relations
-    weight = ratio / max(1, number) * context.observed.double()[..., None].expand_as(relation)
+    weight = ratio / max(1, number) * context.weight[..., None].expand_as(relation)
     is_tail, other = (
         ids[..., None].expand_as(relation) for ids in (context.novel_is_tail, context.other)
     )

@@ -32,15 +32,15 @@ def facts(context: InitContext, queries: KnownQueries) -> Evidence:
         context.relation.reshape(per_model),
         context.other.reshape(per_model),
     )
-    observed = context.observed.double()
+    weight = context.weight
     if queries.tails_only:
-        observed = observed * context.novel_is_tail
+        weight = weight * context.novel_is_tail
     return Evidence(
         context.novel_is_tail,
         context.relation,
         context.other,
-        observed,
-        torch.zeros_like(observed),
+        weight,
+        torch.zeros_like(weight),
         -log_z.view(shape),
     )
 
@@ -163,5 +163,5 @@ def _likely_candidates(context: InitContext, slot: Tensor, at: Tensor) -> tuple[
 
 def _number_of_queries(context: InitContext, queries: KnownQueries) -> Tensor:
     """Number of queries about the novel entity with each insert triple as right answer."""
-    observed = context.observed.double()
-    return observed * ~context.novel_is_tail if queries.tails_only else observed
+    weight = context.weight
+    return weight * ~context.novel_is_tail if queries.tails_only else weight

@@ -51,6 +51,8 @@ class NovelEntities:
     #: a key for each novel entity's own random streams, so that its draws do not depend on the
     #: others; None: entities of a batch draw from one; shape (n,), int64
     entity_keys: np.ndarray | None = None
+    #: how far each triple is believed, from 0 to 1; None: fully; shape: (T,)
+    confidence: np.ndarray | None = None
 
     @cached_property
     def queries(self) -> KnownQueries | None:
@@ -107,7 +109,7 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
         usable = _fit_new_relations(novel, has_vector)
         again = bool(has_vector[ids].all())
-        result = _in_batches(novel, method, torch.from_numpy(ids), triples[seen & usable], again)
+        result = _in_batches(novel, method, torch.from_numpy(ids), seen & usable, again)
         if result is not None and novel.has_rows:
             novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
@@ -140,16 +142,19 @@ def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarr
 
 
 def _in_batches(
-    novel: NovelEntities, method: Method, ids: Tensor, triples: np.ndarray, again: bool
+    novel: NovelEntities, method: Method, ids: Tensor, usable: np.ndarray, again: bool
 ) -> InitResult | None:
-    """Insert the novel entities ``ids``, (m,), from their ``triples``, (T, 3), batch by batch;
-    ``again``: they have vectors of an earlier round.
+    """Insert the novel entities ``ids``, (m,), from the ``usable`` triples, a mask, (T,), batch by
+    batch; ``again``: they have vectors of an earlier round.
     """
+    triples = novel.triples[usable]
+    confidence = None if novel.confidence is None else novel.confidence[usable]
     _, relations, width = novel.theta.relation.shape
     _, entities, dimension = novel.theta.entity.shape
     most = max(1, BUDGET // max(entities, relations * dimension))
     parts = batches(ids, triples, most, max(relations, width, dimension))
-    results = [method.initialize(context_for(novel, part, triples, again)) for part in parts]
+    contexts = (context_for(novel, part, triples, again, confidence) for part in parts)
+    results = [method.initialize(context) for context in contexts]
     if len(results) < 2:
         return results[0] if results else None
     order = torch.argsort(torch.cat(parts))
@@ -221,11 +226,17 @@ def layers(triples: np.ndarray, known: int, number: int) -> np.ndarray:
 
 
 def context_for(
-    novel: NovelEntities, ids: Tensor, triples: np.ndarray, again: bool = False
+    novel: NovelEntities,
+    ids: Tensor,
+    triples: np.ndarray,
+    again: bool = False,
+    confidence: np.ndarray | None = None,
 ) -> InitContext:
     """What an initializer sees of the novel entities ``ids``, (m,), ascending, and their
-    ``triples``, (T, 3). Other novel entities may have vectors; they are no candidates. These have
-    vectors themselves if they are inserted ``again``.
+    ``triples``, (T, 3), with their ``confidence``, (T,).
+
+    Other novel entities may have vectors; they are no candidates. These have vectors themselves if
+    they are inserted ``again``.
 
     Without known triples, all known entities are eligible.
     """
@@ -255,6 +266,7 @@ def context_for(
         novel.seed,
         keys,
         torch.from_numpy(triples),
+        None if confidence is None else torch.from_numpy(confidence),
     )
     context = replace(context, entity_keys=entity_keys)
     if not novel.has_rows:  # a row of the table stands for one without words
@@ -293,6 +305,7 @@ def context_in_session(
     root: int,
     keys: Tensor,
     listed: Tensor | None = None,
+    confidence: Tensor | None = None,
 ) -> InitContext:
     """What an initializer sees of the novel entities, (M, n), of a stack of sessions.
 
@@ -303,6 +316,7 @@ def context_in_session(
         words: word vectors, (E, v).
         root: seed of the random streams; ``keys``: of each model's streams, (M, K).
         listed: the triples that ``insert_triples`` are rows of, (L, 3); None: the graph's.
+        confidence: of these triples, (L,), float64; None: each is believed fully.
     """
     model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
@@ -331,6 +345,7 @@ def context_in_session(
         trained=before.members(TRAIN),
         root=root,
         keys=keys,
+        confidence=None if confidence is None else padded(confidence[triple]),
     )
 
 

@@ -28,6 +28,7 @@ class Settings(TypedDict, total=False):
     initializer: str | None
     options: Mapping[str, Any] | None
     seed: int
+    confidence: Sequence[float] | np.ndarray | None
     calibrate: bool
     tolerance: float
     budget: float
@@ -68,6 +69,9 @@ class InsertRequest:
     #: whether new entities may have neither triples nor words, also without a named initializer:
     #: their vector is the mean of the known ones
     allow_without_facts: bool = False
+    #: how far each of ``triples``, which are all different, is believed, from 0 to 1: its weight in
+    #: MAP's objective; None: fully; shape (T,)
+    confidence: Sequence[float] | np.ndarray | None = None
     #: without a named initializer and ``options``, hide known entities, insert them from as many of
     #: their triples as the new ones have, and select the initializer with the highest MRR about
     #: them, less a price on what earlier triples lose (``Inserted.selection``). If false, or
@@ -192,6 +196,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         kinds=arguments.kinds_of(request.kinds, names),
         seed=request.seed,
         entity_keys=request.entity_keys,
+        confidence=_confidence(request.confidence, len(given.triples)),
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))
@@ -202,3 +207,14 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         )
         raise checked.refusal(without, expected)
     return checked
+
+
+def _confidence(values: Sequence[float] | np.ndarray | None, triples: int) -> np.ndarray | None:
+    """The argument ``confidence`` as an array, (T,), float64; an ``InputError`` if it is none."""
+    if values is None:
+        return None
+    listed = np.asarray(values, np.float64)
+    if listed.shape != (triples,) or not ((listed > 0) & (listed <= 1)).all():
+        expected = f"expected a number above 0, at most 1, for each of {triples} different triples"
+        raise InputError("argument 'confidence'", "", expected)
+    return listed
