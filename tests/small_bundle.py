@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isi.live.folder import MODEL, Bundle, Manifest, WordSource
 
 from isi.live import folder
-from isi.live.folder import MODEL, Bundle, Manifest, WordSource
 from isi.live.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph
 

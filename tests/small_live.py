@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from isi.live.journal import Change, Selected
 
 from isi.live.embedding import LiveEmbedding
 from isi.live.groups import PREPARED
-from isi.live.journal import Change, Selected
 from tests.small_bundle import random_bundle
 
 KINDS = ["object", "place"]

@@ -25,7 +25,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from isi.config import Count, check
+from isi.config import Count, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.interference import Interference, measure
@@ -39,6 +39,7 @@ from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
+from isi.models.stack import usual_torch
 from isi.names import clean, plain
 
 P = ParamSpec("P")
@@ -84,12 +85,12 @@ def one_at_a_time(
     method: Callable[Concatenate[Any, P], R],
 ) -> Callable[Concatenate[Any, P], R]:
     """A method that one thread runs at a time, after what other processes have changed is taken
-    over.
+    over, under PyTorch's usual settings.
     """
 
     @wraps(method)
     def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with self._lock:
+        with self._lock, usual_torch():
             self._take_over()
             return method(self, *args, **kwargs)
 
@@ -596,8 +597,7 @@ class LiveEmbedding:
     @property
     def _known(self) -> KnownNames:
         if self._known_names is None:
-            names = [*self.base.entity_names, *self._rows]
-            self._known_names = KnownNames(dict.fromkeys(names))
+            self._known_names = KnownNames(dict(self._rows), self.base.known_entities)
         return self._known_names
 
     @property
@@ -975,8 +975,8 @@ def _about(
                 definition=text,
                 kind=named,
                 initializer=initializer,
-                options=dict(options or {}),
-                seed=seed,
+                options=plain_numbers(dict(options or {})),
+                seed=plain_number(seed),
             )
 
     return of

@@ -29,7 +29,7 @@ from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from isi.live.phrases import PhraseVector, PhraseVectors
 from isi.models.losses import Loss
-from isi.models.stack import without_denormals
+from isi.models.stack import usual_torch
 from isi.names import plain
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
@@ -327,7 +327,7 @@ class EntityGroups:
     def _choose(self, conditions: Conditions) -> Choice:
         base, entities = self.base, len(self.base.entities)
         number, words, warnings = conditions.facts, conditions.words, list[str]()
-        with without_denormals():
+        with usual_torch():
             test = self._hold_out(number, words)
             if conditions.initializer is None:
                 method, selection = select(
