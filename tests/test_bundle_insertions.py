@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from isi.live.folder import WordSource, read
+from isi.live.journal import Effect
 
 import isi
 from isi.errors import InputError
 from isi.live.embedding import LiveEmbedding
-from isi.live.folder import WordSource, read
 from isi.live.groups import TOLERANCE
-from isi.live.journal import Effect
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     BETWEEN,
@@ -107,8 +107,8 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known(
 def test_facts_are_given_in_any_form_and_a_kind_that_is_given_counts(home: LiveEmbedding) -> None:
     home.insert(
         "stove",
-        {"at location": "Kitchen", "hasaffordance": ["turnOn"]},
-        kind="Room",
+        {"atLocation": "kitchen", "hasAffordance": ["turn on"]},
+        kind="room",
         initializer="mean",
     )
     row = home.inserted["stove"]
@@ -300,10 +300,8 @@ def test_a_vector_follows_from_all_facts_in_whatever_order_they_came_and_changes
     assert at_once.now.named_triples() == live.now.named_triples() == small().named_triples()
 
 
-@pytest.mark.parametrize("other", ["Gas_Hob", "gasHob", "gas\u200b hob", "gas hob"])
-def test_spellings_of_a_name_in_one_observation_are_one_entity(
-    home: LiveEmbedding, other: str
-) -> None:
+@pytest.mark.parametrize("other", [" gas hob", "gas\u200b hob", "gas\u00a0hob", "gas hob"])
+def test_forms_of_a_name_in_one_observation_are_one_entity(home: LiveEmbedding, other: str) -> None:
     facts = [("gas hob", "atLocation", "kitchen"), (other, "hasAffordance", "turn on")]
     effect = home.observe(facts, upsert=True)
     assert (effect.inserted, effect.facts) == (["gas hob"], 2)
@@ -371,11 +369,73 @@ def test_a_name_that_looks_like_a_known_one_is_refused_unless_it_is_new(
     with pytest.raises(InputError, match=r"kettle|bedroom|turn on"):
         live.insert(name, facts)
     assert not live.history
-    if name in ("Kettle", "BedRoom", "turnOn"):  # these are known names
-        with pytest.raises(InputError):
-            live.insert(name, facts, new=True)
-    else:
-        assert live.insert(name, facts, new=True).inserted == [name]
+    with pytest.raises(InputError, match=r"did you mean|is known"):
+        live.observe([("kettle", "atLocation", name)], upsert=name == "kettles")
+    assert live.insert(name, facts, new=True).inserted == [name]
+
+
+@pytest.mark.parametrize(
+    ("known", "new"),
+    [
+        ("10", "-10"),
+        ("5", "+5"),
+        ("2021-11-2", "2021-1-12"),
+        ("chair_1_12", "chair_11_2"),
+        ("a1", "a-1"),
+        ("a 1", "a-1"),
+        ("x1", "x 1"),
+    ],
+)
+def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
+    known: str, new: str
+) -> None:
+    live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], known]))
+    facts = [(new, "atLocation", "kitchen")]
+    with pytest.raises(InputError, match="did you mean"):
+        live.observe(facts)
+    assert live.observe(facts, upsert=True).inserted == [new]
+    assert live.history[-1].facts == facts
+    assert live.ask(new, "atLocation").query[0] == new
+    assert live.remove(new).removed == [new]
+    both = [*facts, (f"{new}0", "atLocation", "kitchen")]
+    assert live.insert([new, f"{new}0"], both).inserted == [new, f"{new}0"]
+
+
+@pytest.mark.parametrize("top", [-1, 0, 1.5, True, "2", None])
+def test_a_number_of_answers_below_one_is_refused_by_name(home: LiveEmbedding, top: Any) -> None:
+    with pytest.raises(InputError, match="'top'"):
+        home.ask("kettle", "atLocation", top=top)
+    with pytest.raises(InputError, match="'number'"):
+        home.nearest("kettle", top)
+    assert len(home.nearest("kettle", int(np.int64(2)))) == len(home.nearest("kettle", np.int64(2)))  # type: ignore[arg-type]
+
+
+def test_tails_by_relation_are_facts_of_one_entity(home: LiveEmbedding) -> None:
+    for names in (["qx", "qz"], []):
+        with pytest.raises(InputError, match="'facts'"):
+            home.insert(names, {"atLocation": "kitchen"})
+    assert home.insert(["qx"], {"atLocation": "kitchen"}).facts == 1
+    each = {"qz": {"atLocation": "kitchen"}, "qy": {"atLocation": "bedroom"}}
+    assert home.insert(["qz", "qy"], each).facts == 2
+
+
+def test_units_that_differ_in_case_are_two_entities_where_that_is_meant() -> None:
+    live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], "mW"]))
+    facts = [(name, "atLocation", "kitchen") for name in ("MW", "Co", "CO")]
+    with pytest.raises(InputError, match="'mW' is known"):
+        live.insert("MW", {"atLocation": "kitchen"})
+    with pytest.raises(InputError, match="'Co'"):
+        live.insert(["Co", "CO"], facts)
+    with pytest.warns(UserWarning, match="'MW' is not known.*'mW'"):
+        assert live.ask("MW", "hasAffordance").query[0] == "mW"
+    live.insert(["MW", "Co", "CO"], facts, new=True)
+    assert [live.ask(name, "atLocation").query[0] for name in ("MW", "mW", "CO")] == [
+        "MW",
+        "mW",
+        "CO",
+    ]
+    with pytest.raises(InputError, match="did you mean 'mW' or 'MW'"):
+        live.ask("mw", "atLocation")  # one of two is not chosen
 
 
 @pytest.mark.parametrize(

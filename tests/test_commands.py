@@ -32,7 +32,7 @@ tell hob atLocation kitchen => facts seen again: 1 ! inserted
 tell hob hasAffordance 'turn on' => updated: hob | facts added: 1
 ask hob hasAffordance => turn on (given)
 undo => facts removed: 1
-undo => updated: hob
+undo => facts seen again
 undo => removed: hob
 undo => [1] undo
 history => tell (undone) | hob atLocation kitchen
@@ -85,8 +85,11 @@ ask --relation 'at location' --tail bedroom => bed (known)
 ask kettle --tail kitchen => atLocation (known)
 ask kettle atLocation --new => bedroom ! kitchen
 ask kettle atLocation --among bedroom bed => bedroom ! kitchen
+explain Gas-Hob => [1] 'Gas-Hob'
+tell 'gas hob' atLocation kitchen => inserted
+explain Gas-Hob => 'gas hob' | gas hob atLocation kitchen
 ask kettle atLocation --among nowhere => [1] 'nowhere'
-ask KETTLE atLocation => kettle
+ask KETTLE 'at location' => 'kettle' | 'atLocation' | kitchen (known)
 ask kettle => [1] relation
 ask kettle atLocation --from queries.csv => [1] --from
 ask => [1] --from
@@ -185,7 +188,7 @@ def test_any_tool_reads_what_holds_from_the_database(
     assert now == [("hob", "atLocation", "kitchen", "added", 1, 0.5, utc, utc, "camera")]
     assert history == [
         ("train", None, None, None),
-        ("tell", "added", None, "hob"),
+        ("tell", "inserted", None, "hob"),
         ("tell", "added", "hob", None),
         ("remove", "retracted", "kettle", None),
     ]
@@ -202,7 +205,8 @@ def test_a_fact_about_a_new_entity_may_have_all_three_parts(
     capsys: pytest.CaptureFixture[str], fact: list[str], in_two_parts: list[str]
 ) -> None:
     expected = printed(capsys, "insert", "hob", *in_two_parts, "--dry-run")
-    assert printed(capsys, "insert", "hob", "--fact", *fact, "--dry-run") == expected
+    for command in (["hob", "--fact", *fact], ["--fact", *fact, "hob"]):
+        assert printed(capsys, "insert", *command, "--dry-run") == expected
     printed(capsys, "insert", "hob", "--fact", *fact)
     assert parsed(capsys, "explain", "hob")["facts"] == [fact]
 

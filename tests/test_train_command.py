@@ -25,6 +25,8 @@ from isi.graph.graph import Graph, build_graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.live.bundle import write
 from isi.live.train import (
+    OBSERVED,
+    PER_TRIPLE,
     described,
     frequencies,
     groups_of,
@@ -338,6 +340,36 @@ def test_kinds_given_in_python_count_for_triples_and_for_a_file(
     assert home.base.kinds[home.base.entity_names.index("kitchen")] == "room"
     with pytest.raises(InputError, match="argument 'kinds'"):
         isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
+
+
+@pytest.mark.parametrize(("entities", "triples"), [(40, 80), (9000, 4000)])
+def test_a_count_of_millions_costs_no_more_than_small_ones(entities: int, triples: int) -> None:
+    """On a small graph and on one with lists of triples."""
+    ends = np.random.default_rng(0).integers(entities, size=(triples, 2)).tolist()
+    rows = [(f"e{head}", "near", f"e{tail}", 1) for head, tail in ends]
+    rows[0] = (*rows[0][:3], 200_000_000)
+    frame = pd.DataFrame(rows, columns=["head", "relation", "tail", "count"])
+    frame = frame.drop_duplicates(["head", "tail"])
+    with pytest.warns(UserWarning, match="scaled down"):
+        made = isi.train(frame, model="distmult", dimension=4, budget=0.1).base.manifest.made
+    assert made["observations"] == 200_000_000 + len(frame) - 1
+    assert made["epoch_observations"] < max(OBSERVED, PER_TRIPLE * len(frame)) + len(frame)
+
+
+@pytest.mark.parametrize("name", [["cup"], {"cup": 1}, {"cup"}, None, 1, b"cup"])
+def test_names_that_are_no_text_are_refused(name: Any) -> None:
+    with pytest.raises(InputError, match="argument 'triples': triple 1: tail: expected a name"):
+        tables_of([("cup", "in", "kitchen"), ("bed", "in", name)])
+
+
+def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "home.csv"
+    pd.DataFrame(HOMES).to_csv(path, index=False, header=["Thing", "Link", "Other thing"])
+    with (
+        pytest.warns(UserWarning, match=f"without a header.*: {len(HOMES) + 1}"),
+        pytest.warns(UserWarning, match="first line.*'Thing Link Other thing'"),
+    ):
+        isi.train(path, dimension=8, budget=0.1)
 
 
 def test_core_packages_suffice(tmp_path: Path) -> None:

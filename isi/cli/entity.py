@@ -109,7 +109,7 @@ def tell(
 
 
 def insert(
-    name: str,
+    name: str | None = None,
     *,
     fact: Annotated[
         tuple[tuple[str, str], ...],
@@ -117,6 +117,7 @@ def insert(
             help="RELATION ENTITY: a fact about NAME; or all three parts, NAME first or last"
         ),
     ] = (),
+    whole_fact: Annotated[tuple[tuple[str, str, str], ...], Parameter(show=False)] = (),
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
@@ -139,7 +140,12 @@ def insert(
     json: Json = False,
 ) -> None:
     """Insert an entity by its facts and words, and report what is predicted about it."""
+    if name is None and len(whole_fact) == 1:  # --fact RELATION ENTITY NAME
+        fact, name, whole_fact = (*fact, whole_fact[0][:2]), whole_fact[0][2], ()
+    if name is None:
+        raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
     about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+    about += [_about(name, whole) for whole in whole_fact]
     with changing(home, dry_run) as live, flags(initializer="--initializer", options="--set"):
         effect = live.insert(
             name,
@@ -453,6 +459,17 @@ def _percent(probability: float | None) -> str:
 
 def _joined(names: Sequence[str]) -> str:
     return ", ".join(names) or "nothing"
+
+
+def _about(name: str, fact: tuple[str, str, str]) -> tuple[str, str, str]:
+    """A fact that has a name at an end; InputError for another one."""
+    if name not in (fact[0], fact[2]):
+        expected = (
+            "expected RELATION ENTITY, or three parts, of which NAME is the first or the last"
+        )
+        place = " ".join(fact)[:80]
+        raise InputError("--fact", place, f"{expected}; a name of several words stands in quotes")
+    return fact
 
 
 def _from_files(

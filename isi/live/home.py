@@ -195,6 +195,7 @@ class Home:
         self.folder = folder
         self.durability: Durability = "memory"
         self.is_read_only = False
+        self.read_file: str | None = None  #: The file of trained vectors that was read or written.
         self._connection: sqlite3.Connection | None = connection
 
     # -- open and close ----------------------------------------------------------------------------
@@ -414,6 +415,7 @@ class Home:
             _remove_vectors(self.folder, name, old)
             raise
         _remove_vectors(self.folder, old, name)
+        self.read_file = name
 
     def _fill(self, bundle: Bundle) -> None:
         connection = self.connection
@@ -450,7 +452,13 @@ class Home:
         labels = [
             row[0] for row in self.read("SELECT name FROM relation WHERE trained ORDER BY id")
         ]
-        tensors = read_vectors(self.folder / name, len(names), len(labels))
+        try:
+            tensors = read_vectors(self.folder / name, len(names), len(labels))
+        except InputError:
+            if self.vectors_file == name:
+                raise
+            return self.bundle()  # it was trained again in between
+        self.read_file = name
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )

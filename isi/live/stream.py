@@ -10,7 +10,6 @@ import json
 import multiprocessing
 import os
 import socket as sockets
-import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -218,7 +217,8 @@ VERBS: dict[str, type[Request]] = {
 def answer(live: LiveEmbedding, line: bytes) -> bytes:
     """The line that answers a request: what was done or found.
 
-    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has
+    ``notes`` say which known name a question is about if it has another spelling. A request that
+    is refused has the key ``error`` in its answer, and nothing has changed. So has
     one that fails unexpectedly (``internal: ...``); its traceback goes to standard error.
     """
     label: dict[str, Any] = {}
@@ -287,11 +287,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def answer_input(live: LiveEmbedding) -> None:
-    """Answer standard input on standard output, to its end. An ``InputError`` refuses a closed one:
-    another file of the process may have its descriptor.
-    """
-    if sys.stdin is None or sys.stdout is None:
-        raise InputError("standard input or output", "", "is closed")
+    """Answer standard input on standard output, to its end."""
     for descriptor in (0, 1):  # a pipe that does not block would lose requests and answers
         os.set_blocking(descriptor, True)
     with open(0, "rb", closefd=False) as requests, open(1, "wb", closefd=False) as answers:
