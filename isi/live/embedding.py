@@ -42,6 +42,7 @@ from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
 
+FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -329,15 +330,15 @@ class LiveEmbedding:
 
     @property
     def history(self) -> list[Change]:
-        """All changes since the first training, that included, and those that were undone.
+        """All changes since the first training, those that were undone included.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> [(change.verb, change.added) for change in home.history]
-            [('train', []), ('tell', [('mug', 'in', 'kitchen')])]
+            [('tell', [('mug', 'in', 'kitchen')])]
         """
         with self._lock:
-            return changes_of(self.home)
+            return changes_of(self.home, FIRST_TRAINING + 1)
 
     @one_at_a_time
     def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
@@ -608,8 +609,10 @@ class LiveEmbedding:
         return self._known_relations
 
     @one_at_a_time
-    def save(self, folder: str | Path) -> None:
+    def save(self, folder: str | Path | None = None) -> None:
         """Write a copy of the home into another folder, where ``isi.open`` finds it.
+
+        None: of a home in a folder, all is there already.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"})
@@ -623,7 +626,10 @@ class LiveEmbedding:
                 "TransE or RotatE without inverse triples"
             )
             raise InputError("save", "", expected)
-        self.home.write_to(Path(folder), self.base)
+        if folder is None and self.folder is None:
+            raise InputError("save", "", "expected a folder: this home is in memory")
+        if folder is not None:
+            self.home.write_to(Path(folder), self.base)
 
     @one_at_a_time
     def train_again(self, bundle: Bundle) -> None:
@@ -667,8 +673,7 @@ class LiveEmbedding:
     @property
     def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
-        names = LoadedEmbedding.__dataclass_fields__
-        return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
+        return (replace(self.base),)  # without what is derived from its fields
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
@@ -879,7 +884,9 @@ class LiveEmbedding:
         )
 
 
-def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
+def open_live(
+    folder: str | Path, durability: Durability = "full", *, journal: bool | None = None
+) -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write. A folder that was
@@ -889,6 +896,7 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
             may take the last ones, which makes changes faster; ``memory``: changes stay in this
             object.
+        journal: has no effect any more.
 
     Raises:
         InputError: the home is missing or broken.
@@ -903,6 +911,9 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
+    if journal is not None:
+        gone = "isi.open writes each change when it is made: journal= is not needed"
+        warnings.warn(gone, DeprecationWarning, stacklevel=2)
     if convert.is_old(path) and not (path / DATABASE).exists():
         return _converted(path, durability)
     home = Home.opened(path, durability)
