@@ -126,7 +126,7 @@ class LiveEmbedding:
         """
         self._lock = RLock()
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
-        loaded = with_words(loaded)
+        loaded = with_words(loaded) if home is None else _with_own_words(loaded)
         self.home = home or Home.create(loaded)
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
@@ -814,7 +814,7 @@ class LiveEmbedding:
             return
         self._version = version
         if self.home.vectors_file != self.home.read_file:
-            self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
+            self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()
         if last != self._last:
@@ -942,6 +942,11 @@ def _unpacked(
 ) -> LiveEmbedding:
     """A copy of an embedding in memory."""
     return kind(*parts, Home.of_bytes(content))
+
+
+def _with_own_words(loaded: LoadedEmbedding) -> LoadedEmbedding:
+    """What a home has, with words that can be had here; one without was found to have none."""
+    return loaded if loaded.words is None else with_words(loaded)
 
 
 def _is_mapping(value: object) -> bool:
