@@ -33,7 +33,7 @@ NO_EXAMPLE = {
     "isi.insertion.result.Inserted",
     *(
         f"isi.live.embedding.LiveEmbedding.{name}"
-        for name in ("ask_query", "close", "now", "prepare")
+        for name in ("close", "folder", "now", "prepare", "train_again")
     ),
 }
 #: Of a timeline: read in the example of the class; ``benchmark`` needs a checkout.

@@ -76,12 +76,12 @@ def tell(
     """Tell facts: what is not known is inserted, what is known is seen once more.
     A relation is new if two or more facts have it.
     """
-    one = (head, relation, tail)
+    typed = (head, relation, tail)
     if relation is not None and tail is None:
         raise InputError("", "", "expected HEAD RELATION TAIL, or --fact HEAD RELATION TAIL")
     if head is not None and relation is None:
         raise InputError("", "", f"expected HEAD RELATION TAIL, or --entity {head!r} for its words")
-    facts: list[Any] = [*([one] if tail is not None else []), *fact]
+    facts: list[Any] = [*([typed] if tail is not None else []), *fact]
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
     about: dict[str, Any] = {

@@ -48,7 +48,7 @@ class Effect:
     notes: list[str] = field(default_factory=list)  #: sentences
 
 
-@dataclass(frozen=True)
+@dataclass
 class Change:
     """A change since the first training, as ``history`` lists it."""
 
@@ -59,44 +59,52 @@ class Change:
     undone: bool
     inserted: list[str] = field(default_factory=list)
     removed: list[str] = field(default_factory=list)
+    relations: list[str] = field(default_factory=list)  #: new ones
     added: list[Fact] = field(default_factory=list)  #: facts that held afterwards and not before
     seen: list[Fact] = field(default_factory=list)  #: facts that held already
     lost: list[Fact] = field(default_factory=list)  #: facts that held before and not afterwards
+    believed: list[Fact] = field(default_factory=list)  #: of ``seen``, with another confidence
+    training: bool = False  #: whether facts of training came or went
 
 
-#: The list of a ``Change`` that names what an effect was on.
-_LISTS = {
-    "added": "added",
-    "restored": "added",
-    "seen": "seen",
-    "removed": "lost",
-    "retracted": "lost",
+#: The list of a ``Change`` that has what an effect was on; and that of a change that undoes it.
+LISTS = {
+    "inserted": ("inserted", "removed"),
+    "removed": ("removed", "inserted"),
+    "new relation": ("relations", ""),
+    "added": ("added", "lost"),
+    "restored": ("added", "lost"),
+    "taken": ("lost", "added"),
+    "retracted": ("lost", "added"),
+    "seen": ("seen", "seen"),
+    "believed": ("seen", "seen"),
 }
 
 
-def changes_of(home: Home) -> list[Change]:
-    """All changes of a home, in order; of one that undoes another, the effects are reversed."""
-    query = "SELECT id, verb, time, source, undone, undoes FROM change ORDER BY id"
-    changes, number_of = list[Change](), dict[int, list[tuple[Change, bool]]]()
-    for number, verb, time, source, undone, undoes in home.read(query):
-        change = Change(number, verb, time, source, undone is not None)
-        changes.append(change)
-        number_of.setdefault(undoes or number, []).append((change, undoes is not None))
-    query = "SELECT change, effect, entity, head, relation, tail FROM effect ORDER BY rowid"
-    for number, effect, entity, *fact in home.read(query):
-        for change, is_undo in number_of[number]:
-            if entity:
-                is_new = (effect == "added") != is_undo
-                (change.inserted if is_new else change.removed).append(entity)
-            elif fact[0]:
-                name = _LISTS[effect]
-                if is_undo and name != "seen":
-                    name = "lost" if name == "added" else "added"
-                getattr(change, name).append((fact[0], fact[1], fact[2]))
-    return changes
+def changes_of(home: Home, first: int = 0) -> list[Change]:
+    """The changes of a home from a number on, in order."""
+    changes = dict[int, Change]()
+    query = (
+        "SELECT id, verb, time, source, undone, undoes, effect, entity, head, relation, tail"
+        " FROM change LEFT JOIN effect ON effect.change = coalesce(undoes, id)"
+        " WHERE id >= ? ORDER BY id, effect.rowid"
+    )
+    for number, verb, time, source, undone, undoes, effect, *item in home.read(query, first):
+        made = Change(number, verb, time, source, undone is not None)
+        change = changes.setdefault(number, made)
+        if effect is None:
+            continue
+        entity, head, relation, tail = item
+        what = (head, relation, tail) if head else entity or relation
+        if name := LISTS[effect][undoes is not None]:
+            getattr(change, name).append(what)
+        if effect == "believed":
+            change.believed.append(what)
+        change.training |= effect in ("restored", "retracted")
+    return list(changes.values())
 
 
-def told(facts: Any, confidence: float | None = None) -> dict[Fact, float | None]:
+def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, float | None]:
     """Facts in any form of ``listed_triples``, by name and once each, with their confidence: a
     fourth part of a fact, or else ``confidence``.
 
@@ -117,6 +125,7 @@ def told(facts: Any, confidence: float | None = None) -> dict[Fact, float | None
     return listed
 
 
-def names_in(facts: Iterable[Fact]) -> list[str]:
-    """The ends of facts, once each, in order."""
-    return list(dict.fromkeys(end for head, _, tail in facts for end in (head, tail)))
+def names_in(facts: Iterable[Fact], others: Iterable[str] = ()) -> list[str]:
+    """Other names, and the ends of facts, once each, in order."""
+    ends = (end for head, _, tail in facts for end in (head, tail))
+    return list(dict.fromkeys([*others, *ends]))

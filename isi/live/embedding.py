@@ -18,7 +18,7 @@ from datetime import datetime, timedelta
 from functools import partial, wraps
 from pathlib import Path
 from threading import RLock
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, ParamSpec, Self, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import torch
@@ -31,9 +31,9 @@ from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.live.bundle import Bundle, Fact, NewEntity, Record, Text
-from isi.live.changes import Change, Effect, Time, changes_of, names_in, told
+from isi.live.changes import Change, Effect, Time, changes_of, checked_facts, names_in
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
-from isi.live.groups import Computed, EntityGroups, Given, InsertedEntity, stored
+from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import KnownNames, check_new
@@ -51,6 +51,20 @@ class Stamp(Record):
     source: Text | None = None
 
 
+class About(TypedDict, total=False):
+    """What ``tell`` and ``insert`` may be told beside facts."""
+
+    definition: str | Mapping[str, str] | None
+    kind: str | Mapping[str, str] | None
+    initializer: str | None
+    options: Mapping[str, Any] | None
+    seed: int
+    confidence: float | None
+    new: bool
+    time: datetime | str | float | None
+    source: str | None
+
+
 @dataclass
 class Pending:
     """A change while it is made."""
@@ -58,33 +72,7 @@ class Pending:
     number: int
     time: str
     source: str | None
-    inserted: list[str] = field(default_factory=list)
-    removed: list[str] = field(default_factory=list)
-    relations: list[str] = field(default_factory=list)
-    added: list[Fact] = field(default_factory=list)
-    seen: list[Fact] = field(default_factory=list)
-    lost: list[Fact] = field(default_factory=list)
-    touched: set[str] = field(default_factory=set)  #: names whose input may have changed
-    training: bool = False  #: whether facts of training came or went
-    notes: list[str] = field(default_factory=list)
     result: Effect = field(default_factory=Effect)  #: when it is made
-
-    @property
-    def is_empty(self) -> bool:
-        lists = self.inserted, self.removed, self.added, self.seen, self.lost
-        return not any(lists)
-
-    def finish(self, updated: Sequence[str]) -> None:
-        self.result = Effect(
-            inserted=self.inserted,
-            updated=list(updated),
-            removed=self.removed,
-            relations=self.relations,
-            facts=len(self.added),
-            lost=self.lost,
-            known=len(self.seen),
-            notes=list(dict.fromkeys(self.notes)),
-        )
 
 
 class _NothingChanged(Exception):
@@ -151,7 +139,7 @@ class LiveEmbedding:
         self._last = self._last_change()
         self._rows = dict[str, InsertedEntity]()
         self._read_rows(0)
-        if missing := set(self._rows_in_order()) - self._rows.keys():
+        if missing := set(self.home.inserted()) - self._rows.keys():
             self._insert_missing(missing)
 
     # -- changes -----------------------------------------------------------------------------------
@@ -196,10 +184,11 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        listed = _cleaned(told(facts, confidence))
+        names, listed = _names(entities), _cleaned(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
         with self._changing("tell", time, source) as change:
-            self._insert_entities(change, _names(entities), listed, about, new=new)
+            unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
+            self._insert_entities(change, unknown, about, new)
             self._add_relations(change, listed)
             self._add_facts(change, listed)
         return change.result
@@ -210,18 +199,11 @@ class LiveEmbedding:
         entities: str | Sequence[str],
         facts: Any = (),
         *,
-        definition: str | Mapping[str, str] | None = None,
-        kind: str | Mapping[str, str] | None = None,
-        initializer: str | None = None,
-        options: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        confidence: float | None = None,
-        new: bool = False,
         upsert: bool = False,
-        time: datetime | str | float | None = None,
-        source: str | None = None,
+        **about: Unpack[About],
     ) -> Effect:
-        """``tell`` that names the new entities, so that no other unknown name is accepted.
+        """``tell`` that names the new entities, so that no other unknown name is accepted; the
+        other arguments are those of ``tell``.
 
         Args:
             entities: a name, or several.
@@ -236,50 +218,29 @@ class LiveEmbedding:
             (['mug', 'sofa'], 2)
         """
         names = _names(entities)
-        if isinstance(facts, Mapping) and not any(
-            isinstance(each, Mapping) for each in facts.values()
-        ):
-            if len(names) != 1 and facts:
-                expected = "expected one entity, or facts by name: tails by relation are of one"
+        if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
+            if len(names) > 1 and facts:
+                expected = "expected facts by name: tails by relation are of one entity"
                 raise InputError("facts", "", expected)
             facts = dict.fromkeys(names, facts)
-        listed = _cleaned(told(facts, confidence))
-        about = _about(definition, kind, initializer, options, seed)
-        with self._changing("insert", time, source) as change:
-            present = [name for name in names if self._known.same(name) is not None]
-            if present and not upsert:
-                refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
-                raise InputError(repr(present[0])[:80], "", refused)
-            absent = [name for name in names if name not in present]
-            change.notes += [f"{name} is known: its facts alone are added" for name in present]
-            self._refuse_unknown(listed, absent)
-            self._insert_entities(change, absent, {}, about, new=new)
-            self._add_facts(change, listed)
-        return change.result
+        present = [name for name in names if self._known.same(name) is not None]
+        if present and not upsert:
+            refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
+            raise InputError(repr(present[0])[:80], "", refused)
+        self._refuse_unknown(_cleaned(checked_facts(facts)), names)
+        return self.tell(facts, entities=names, **about)
 
     @one_at_a_time
-    def observe(
-        self,
-        facts: Any,
-        *,
-        upsert: bool = False,
-        confidence: float | None = None,
-        time: datetime | str | float | None = None,
-        source: str | None = None,
-    ) -> Effect:
+    def observe(self, facts: Any, *, upsert: bool = False, **about: Unpack[About]) -> Effect:
         """``tell`` of entities that are known, unless ``upsert``.
 
         Example:
             >>> home.observe([("lamp", "in", "kitchen")]).facts
             1
         """
-        if upsert:
-            return self.tell(facts, confidence=confidence, time=time, source=source)
-        listed = _cleaned(told(facts, confidence))
-        with self._changing("observe", time, source) as change:
-            self._refuse_unknown(listed, ())
-            self._add_facts(change, listed)
-        return change.result
+        if not upsert:
+            self._refuse_unknown(_cleaned(checked_facts(facts)), ())
+        return self.tell(facts, **about)
 
     @one_at_a_time
     def move(
@@ -305,14 +266,12 @@ class LiveEmbedding:
         (fact,) = listed = _cleaned({(head, relation, tail): None})
         with self._changing("move", time, source) as change:
             self._refuse_unknown(listed, ())
-            rows = self.home.facts_of(fact[0])
-            old = [row for row in rows if row.fact[:2] == fact[:2]]
+            old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
             if instead_of is not None:
-                old = [row for row in old if row.tail == clean(instead_of)]
-                if not old:
-                    expected = "expected a fact that holds, which is to be replaced"
-                    raise InputError("", " ".join([*fact[:2], instead_of]), expected)
-            self._take_facts(change, [row for row in old if row.fact != fact])
+                old = [(*fact[:2], clean(instead_of))]
+            for each in old:
+                if each != fact:
+                    self.home.take_fact(change.number, each)
             self._add_facts(change, listed)
         return change.result
 
@@ -335,16 +294,14 @@ class LiveEmbedding:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, listed = _names(entities), list(_cleaned(told(facts)))
+        names, listed = _names(entities), _cleaned(checked_facts(facts))
         with self._changing("remove", time, source) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
-                row = self.home.fact(fact)
-                if row is None or row.status == "retracted":
-                    raise InputError("", " ".join(fact), "expected a fact that holds")
-                self._take_facts(change, [row])
-            for name in [self._inserted(self._entity(name)) for name in names]:
-                self._remove_entity(change, name)
+                self.home.take_fact(change.number, fact)
+            for name in names:
+                known = self._known.find(name, "entity", "an entity")
+                self.home.remove_entity(change.number, self._inserted(known))
         return change.result
 
     @one_at_a_time
@@ -360,11 +317,7 @@ class LiveEmbedding:
             ['mug']
         """
         with self._changing("undo", time, source) as change:
-            target = self.home.last_to_undo()
-            if target is None:
-                raise InputError("undo", "", "there is no change to take back")
-            self._reverse(change, target)
-            self.home.put_back(change.number, target)
+            self.home.put_back(change.number)
         return change.result
 
     @property
@@ -673,24 +626,19 @@ class LiveEmbedding:
         self._load(loaded)
 
     @one_at_a_time
-    def repeat(self, line: convert.Line) -> None:
+    def _repeat(self, line: convert.Line) -> None:
         """Make a change of a journal again."""
         if line.do == "undo":
             self.undo(time=line.time, source=line.source)
             return
         with self._changing(line.do, line.time, line.source) as change:
             for fact in line.removed:
-                row = self.home.fact(fact)
-                if row is None or row.status == "retracted":
-                    raise InputError("", " ".join(fact), "expected a fact that holds")
-                self._take_facts(change, [row])
+                self.home.take_fact(change.number, fact)
             for name, about in line.entities.items():
                 if line.do == "remove":
-                    self._remove_entity(change, self._inserted(name))
+                    self.home.remove_entity(change.number, self._inserted(name))
                 else:
                     self.home.add_entity(change.number, name, about)
-                    change.inserted.append(name)
-                    change.touched.add(name)
             self._add_facts(change, dict.fromkeys(line.added))
 
     def close(self) -> None:
@@ -707,10 +655,10 @@ class LiveEmbedding:
     def __reduce__(self) -> tuple[Any, ...]:
         if self.folder is not None and self.home.durability != "memory":
             return open_live, (self.folder, self.home.durability)
-        return _unpacked, (type(self), self.parts, self.home.as_bytes())
+        return _unpacked, (type(self), self._parts, self.home.as_bytes())
 
     @property
-    def parts(self) -> tuple[Any, ...]:
+    def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
         names = LoadedEmbedding.__dataclass_fields__
         return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
@@ -740,133 +688,100 @@ class LiveEmbedding:
                 number = self.home.add_change(verb, when, stamp.source)
                 change = Pending(number, when, stamp.source)
                 yield change
-                if change.is_empty:
+                (made,) = changes_of(self.home, number)
+                if not any((made.inserted, made.removed, made.added, made.seen, made.lost)):
                     raise _NothingChanged
-                computed = self._computed(change)
-                self._write(change, computed)
+                computed = self._computed(made)
+                self._write(number, computed)
         except _NothingChanged:
-            change.finish([])
             return
         except BaseException:
             self.groups.forget()
-            self._forget(names=True)
+            self._forget()
             raise
-        updated = [name for name in computed if name not in change.inserted]
-        change.notes += [note for each in computed.values() for note in each.entity.notes]
-        change.notes += self.groups.warnings()
+        self._last = number
         self._rows |= {name: each.entity for name, each in computed.items()}
-        self._rows = {name: self._rows[name] for name in self._rows_in_order()}
-        self._last = change.number
-        if change.added or change.lost or change.inserted or change.removed:
-            self._forget(names=bool(change.inserted or change.removed))
-        change.finish(updated)
+        self._rows = {name: self._rows[name] for name in self.home.inserted()}
+        if made.inserted or made.removed or made.added or made.lost:
+            self._forget()
+        notes = [note for each in computed.values() for note in each.entity.notes]
+        change.result = Effect(
+            inserted=made.inserted,
+            updated=[name for name in computed if name not in made.inserted],
+            removed=made.removed,
+            relations=made.relations,
+            facts=len(made.added),
+            lost=made.lost,
+            known=len(made.seen),
+            notes=list(dict.fromkeys([*notes, *self.groups.warnings()])),
+        )
 
     def _insert_entities(
-        self,
-        change: Pending,
-        names: Sequence[str],
-        facts: Iterable[Fact],
-        about: Callable[[str], NewEntity],
-        new: bool,
+        self, change: Pending, names: Sequence[str], about: Callable[[str], NewEntity], new: bool
     ) -> None:
-        """Insert named entities, and the ends of facts that are not known."""
-        unknown = [end for end in names_in(facts) if self._known.same(end) is None]
-        named = [name for name in names if self._known.same(name) is None]
+        """Insert entities that are not known."""
         kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
-        for name in dict.fromkeys([*named, *unknown]):
+        for name in names:
             check_new(name, self._known, None if new else self._same_words(name), new)
             each = about(name)
             if each.kind is not None:
                 each = each.model_copy(update={"kind": kinds.find(each.kind, "kind", "a kind")})
             self.home.add_entity(change.number, name, each)
-            change.inserted.append(name)
-        change.touched.update(change.inserted)
 
     def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
         """Insert the relations that two or more facts have and that are not known."""
-        relations = Counter(fact[1] for fact in facts)
-        known = {name for (name,) in self.home.read("SELECT name FROM relation")}
-        for name, number in relations.items():
-            if name in known:
+        known = self.now.known_relations
+        for name, number in Counter(fact[1] for fact in facts).items():
+            if known.same(name) is not None:
                 continue
             if number < 2:
-                hint = KnownNames(dict.fromkeys(known)).hint(name)
-                expected = f"expected a known relation, or two facts or more of a new one{hint}"
-                raise InputError(repr(name)[:80], "", expected)
+                expected = "expected a known relation, or two facts or more of a new one"
+                raise InputError(repr(name)[:80], "", expected + known.hint(name))
             self.home.add_relation(change.number, name)
-            change.relations.append(name)
 
     def _add_facts(self, change: Pending, facts: Mapping[Fact, float | None]) -> None:
         for fact, confidence in facts.items():
-            effect = self.home.put_fact(change.number, fact, change.time, change.source, confidence)
-            (change.seen if effect == "seen" else change.added).append(fact)
-            change.training |= effect == "restored"
-            if effect != "seen" or confidence is not None:
-                change.touched |= {fact[0], fact[2]}
+            self.home.put_fact(change.number, fact, change.time, change.source, confidence)
 
-    def _take_facts(self, change: Pending, rows: Iterable[StoredFact]) -> None:
-        for row in rows:
-            effect = self.home.take_fact(change.number, row)
-            change.lost.append(row.fact)
-            change.training |= effect == "retracted"
-            change.touched |= {row.head, row.tail}
-
-    def _remove_entity(self, change: Pending, name: str) -> None:
-        """Remove an inserted entity with all its facts."""
-        self._take_facts(change, self.home.facts_of(name))
-        self.home.remove_entity(change.number, name)
-        change.removed.append(name)
-
-    def _reverse(self, change: Pending, target: int) -> None:
-        """What undoing the change of a number will do."""
-        query = "SELECT effect, entity, head, relation, tail FROM effect WHERE change = ?"
-        for effect, entity, head, relation, tail in self.home.read(query, target):
-            if entity:
-                (change.removed if effect == "added" else change.inserted).append(entity)
-                change.touched.add(entity)
-            elif head:
-                lists = {"added": change.lost, "restored": change.lost, "seen": change.seen}
-                lists.get(effect, change.added).append((head, relation, tail))
-                change.training |= effect in ("restored", "retracted")
-                change.touched |= {head, tail}
-
-    def _computed(self, change: Pending) -> dict[str, Computed]:
+    def _computed(self, made: Change) -> dict[str, Computed]:
         """The inserted entities whose vectors follow from a change, with those that share facts
         with them.
         """
-        if change.training:
+        inserted = set(self.home.inserted())
+        if made.training:
             self._known_triples = None
-        inserted = set(self._rows_in_order())
-        names = inserted if change.training else change.touched & inserted
-        if not names:
-            return {}
-        return self.groups.insert(self._given(names), self.known_triples)
+            touched = inserted
+        else:
+            touched = {*made.inserted, *names_in([*made.added, *made.lost, *made.believed])}
+        if names := touched & inserted:
+            return self.groups.insert(self._given(names), self.known_triples)
+        return {}
 
-    def _given(self, names: Collection[str]) -> dict[str, Given]:
+    def _given(self, names: Collection[str]) -> dict[str, EntityInput]:
         """What is given about inserted entities, and about all that a chain of facts joins to
         them.
         """
-        trained, inserted = self.base.relation_ids, set(self._rows_in_order())
-        given, waiting = dict[str, Given](), sorted(names)
+        trained, inserted = self.base.relation_ids, set(self.home.inserted())
+        given, waiting = dict[str, EntityInput](), sorted(names)
         while waiting:
             name = waiting.pop()
             if name in given:
                 continue
             rows = [row for row in self.home.facts_of(name) if row.relation in trained]
             facts = {row.fact: row.confidence or 1.0 for row in sorted(rows, key=_fact_of)}
-            given[name] = Given(self.home.about(name), facts)
+            given[name] = EntityInput(self.home.about(name), facts)
             waiting += [end for end in names_in(facts) if end in inserted and end not in given]
         return given
 
-    def _write(self, change: Pending, computed: Mapping[str, Computed]) -> None:
+    def _write(self, change: int, computed: Mapping[str, Computed]) -> None:
         """Write computed vectors, and the rows of relations that are not trained."""
         for each in computed.values():
-            each.entity.store(self.home, change.number)
+            each.entity.store(self.home, change)
         names = self.home.read("SELECT name FROM relation WHERE NOT trained")
         if not names:
             return
         rows = self._rows | {name: each.entity for name, each in computed.items()}
-        present = self._as_it_is({name: rows[name] for name in self._rows_in_order()})
+        present = self._as_it_is({name: rows[name] for name in self.home.inserted()})
         of_relation = {name: self.home.facts("relation = ?", name) for (name,) in names}
         facts = {name: [row.fact for row in rows] for name, rows in of_relation.items() if rows}
         for name, row in self.groups.relation_rows(facts, present).items():
@@ -876,10 +791,9 @@ class LiveEmbedding:
         """Compute the vectors of entities that have none: they came while this was trained."""
         with self.home.transaction():
             computed = self.groups.insert(self._given(names), self.known_triples)
-            for each in computed.values():
-                each.entity.store(self.home, self._last)
+            self._write(self._last, computed)
         self._rows |= {name: each.entity for name, each in computed.items()}
-        self._rows = {name: self._rows[name] for name in self._rows_in_order()}
+        self._rows = {name: self._rows[name] for name in self.home.inserted()}
 
     def _take_over(self) -> None:
         """Take over what other processes have changed, in a time that grows with that."""
@@ -898,22 +812,16 @@ class LiveEmbedding:
     def _read_rows(self, after: int) -> None:
         """Read the vectors of changes after one."""
         self._rows |= stored(self.home, after, self.base.entities.dtype)
-        self._rows = {
-            name: self._rows[name] for name in self._rows_in_order() if name in self._rows
-        }
-        self._forget(names=True)
-
-    def _rows_in_order(self) -> list[str]:
-        return self.home.inserted()
+        present = self.home.inserted()
+        self._rows = {name: self._rows[name] for name in present if name in self._rows}
+        self._forget()
 
     def _last_change(self) -> int:
         return int(self.home.read("SELECT max(id) FROM change")[0][0])
 
-    def _forget(self, names: bool) -> None:
-        """Derive again, when it is needed, what the tables say; ``names``: also which are known."""
-        self._now = self._known_triples = None
-        if names:
-            self._known_names = None
+    def _forget(self) -> None:
+        """Derive again, when it is needed, what the tables say."""
+        self._now = self._known_triples = self._known_names = None
 
     def _refuse_unknown(self, facts: Iterable[Fact], new: Collection[str]) -> None:
         """``InputError`` for a fact with an unknown name that is not among the new ones."""
@@ -924,9 +832,6 @@ class LiveEmbedding:
                 if end not in new:
                     self._known.find(end, place, "an entity")
             known_relations.find(fact[1], place, "a relation")
-
-    def _entity(self, name: str) -> str:
-        return self._known.find(name, "entity", "an entity")
 
     def _queried(self, name: str, notes: list[str] | None = None) -> str:
         """The known entity that a question is about; without ``notes``, a warning says which."""
@@ -1008,7 +913,7 @@ def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     made = LiveEmbedding(trained)
     for number, line in enumerate(lines, 1):
         with at(folder / convert.JOURNAL, f"change {number}"):
-            made.repeat(line)
+            made._repeat(line)
     if durability == "memory":
         return made
     made.home.write_to(folder, made.base, beside=True)
@@ -1020,6 +925,10 @@ def _unpacked(
 ) -> LiveEmbedding:
     """A copy of an embedding in memory."""
     return kind(*parts, Home.of_bytes(content))
+
+
+def _is_mapping(value: object) -> bool:
+    return isinstance(value, Mapping)
 
 
 def _fact_of(row: StoredFact) -> Fact:

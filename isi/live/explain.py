@@ -18,7 +18,7 @@ from isi.initializers import similarity
 from isi.insertion.engine import context_for
 from isi.live.answers import Answers, completed
 from isi.live.bundle import Fact, NewEntity
-from isi.live.groups import Computed, EntityGroups, Given, InsertedEntity
+from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity
 from isi.live.loaded import LoadedEmbedding, Query, queries_of
 from isi.live.phrases import PhraseVector
 
@@ -103,7 +103,7 @@ class Snapshot:
     groups: EntityGroups
     known_triples: np.ndarray  #: of training that hold; ids, shape: (T, 3)
     #: what is given about the entity, and about those that share facts with it
-    given: Mapping[str, Given]
+    given: Mapping[str, EntityInput]
     row: InsertedEntity
 
     @property
@@ -205,9 +205,11 @@ def _falling(ablation: Ablation) -> float:
     return -float("inf") if ablation.moved is None else -ablation.moved
 
 
-def _fewer_facts(given: Mapping[str, Given], holds: Callable[[Fact], bool]) -> dict[str, Given]:
+def _fewer_facts(
+    given: Mapping[str, EntityInput], holds: Callable[[Fact], bool]
+) -> dict[str, EntityInput]:
     """What is given, with the facts for which a condition holds alone."""
-    fewer = dict[str, Given]()
+    fewer = dict[str, EntityInput]()
     for name, each in given.items():
         facts = {fact: believed for fact, believed in each.facts.items() if holds(fact)}
         fewer[name] = replace(each, facts=facts)

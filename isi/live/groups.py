@@ -70,7 +70,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class EntityInput:
     """What is given about an entity that is to be inserted."""
 
     about: NewEntity
@@ -81,7 +81,7 @@ class Given:
 class Member:
     """An entity before it is inserted."""
 
-    given: Given
+    given: EntityInput
     words: PhraseVector
     kind: str
     notes: tuple[str, ...]  #: sentences on its kind, its words and unusual facts
@@ -105,6 +105,7 @@ class InsertedEntity:
         """Write it into a home, as a change's."""
         values = {
             "entity": self.entity,
+            "change": change,
             "initializer": self.initializer,
             "options": json.dumps(dict(self.options)),
             "why": self.why,
@@ -113,8 +114,9 @@ class InsertedEntity:
             "notes": json.dumps(self.notes),
             "facts": self.conditions.facts,
             "words": self.conditions.words,
+            "vector": self.vector.tobytes(),
         }
-        home.put_vector(change, values, self.vector)
+        home.put_vector(values)
 
 
 def stored(home: Home, after: int, dtype: np.dtype[Any]) -> dict[str, InsertedEntity]:
@@ -165,7 +167,10 @@ class EntityGroups:
     _warnings: list[str] = field(default_factory=list)  #: of choices that were made now
 
     def insert(
-        self, given: Mapping[str, Given], known_triples: np.ndarray, choice: Choice | None = None
+        self,
+        given: Mapping[str, EntityInput],
+        known_triples: np.ndarray,
+        choice: Choice | None = None,
     ) -> dict[str, Computed]:
         """Insert entities, each with all that share facts with it.
 
@@ -192,7 +197,7 @@ class EntityGroups:
             return NO_WORDS
         return self.phrases.vector(plain(name), definition)
 
-    def _member(self, name: str, given: Given) -> Member:
+    def _member(self, name: str, given: EntityInput) -> Member:
         about = given.about
         words = self.words(name, about.definition)
         kind, reason = about.kind or "", ""
@@ -433,7 +438,7 @@ def prepared(facts: float) -> int:
     return max(number for number in PREPARED if number <= facts)
 
 
-def components(given: Mapping[str, Given]) -> Iterator[list[str]]:
+def components(given: Mapping[str, EntityInput]) -> Iterator[list[str]]:
     """The entities that a chain of facts joins to each other, sorted, one component after the
     other.
     """

@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -129,7 +129,30 @@ COLUMNS = {
     "relation": "id, name, trained",
     "fact": ("id, head, relation, tail, status, count, confidence, first_seen, last_seen, source"),
 }
-KEYS = {"entity": ("name",), "relation": ("name",), "fact": ("head", "relation", "tail")}
+KEYS = {
+    "entity": "name = ?",
+    "relation": "name = ?",
+    "fact": "head = ? AND relation = ? AND tail = ?",
+}
+FACT = ("head", "relation", "tail")
+#: What a home that is trained again keeps of before: what is known of facts; facts that the new
+#: embedding lacks, since they were told while it was trained, and those that were retracted then;
+#: their entities, and inserted ones without facts.
+CARRIED_OVER = (
+    "UPDATE fact SET (count, confidence, first_seen, last_seen, source) = "
+    "(old.count, old.confidence, old.first_seen, old.last_seen, old.source), "
+    "status = CASE old.status WHEN 'retracted' THEN 'retracted' ELSE 'trained' END "
+    "FROM old_fact AS old "
+    "WHERE (fact.head, fact.relation, fact.tail) = (old.head, old.relation, old.tail)",
+    "INSERT OR IGNORE INTO fact (head, relation, tail, status, count, confidence, first_seen, "
+    "last_seen, source) SELECT head, relation, tail, 'added', count, confidence, first_seen, "
+    "last_seen, source FROM old_fact "
+    "WHERE status <> 'retracted' AND relation IN (SELECT name FROM relation) ORDER BY id",
+    "INSERT OR IGNORE INTO entity (name, trained, kind, phrase, definition, initializer, options, "
+    "seed) SELECT name, 0, kind, phrase, definition, initializer, options, seed FROM old_entity "
+    "WHERE name IN (SELECT head FROM fact UNION SELECT tail FROM fact) OR NOT (trained OR name IN "
+    "(SELECT head FROM old_fact UNION SELECT tail FROM old_fact)) ORDER BY id",
+)
 ADD_FACT = "INSERT INTO fact (head, relation, tail, status, count) VALUES (?, ?, ?, 'trained', ?)"
 
 
@@ -367,15 +390,17 @@ class Home:
         if self.folder:
             name, old = write_vectors(self.folder, bundle), self.vectors_file
         try:
-            with self.transaction() as connection:
-                seen = self.facts() if keep else []
-                entities = self.read(f"SELECT {COLUMNS['entity']} FROM entity ORDER BY id")  # noqa: S608
+            with self.transaction():
+                for table in ("entity", "fact"):
+                    self.read(f"DROP TABLE IF EXISTS temp.old_{table}")
+                    self.read(f"CREATE TEMP TABLE old_{table} AS SELECT * FROM {table}")
                 for table in ("entity", "relation", "fact", "vector", "choice", "setting"):
-                    connection.execute(f"DELETE FROM {table}")  # noqa: S608
+                    self.read(f"DELETE FROM {table}")
                 self._fill(bundle)
                 self.set("vectors", name)
                 self.add_change("train", time or as_text(now()))
-                self._carry_over(seen, {row[1]: row for row in entities})
+                for statement in CARRIED_OVER if keep else ():
+                    self.read(statement)
         except BaseException:
             _remove_vectors(self.folder, name, old)
             raise
@@ -396,42 +421,6 @@ class Home:
         counts = [1] * len(bundle.triples) if bundle.counts is None else bundle.counts.tolist()
         facts = ((*fact, count) for fact, count in zip(bundle.named_triples(), counts, strict=True))
         connection.executemany(ADD_FACT, facts)
-
-    def _carry_over(
-        self, seen: Iterable[StoredFact], entities: Mapping[str, Sequence[Any]]
-    ) -> None:
-        """Give facts what was known of them, and let those hold that a newly trained embedding
-        lacks, with their entities.
-        """
-        known = {name for (name,) in self.read("SELECT name FROM entity")}
-        labels = {name for (name,) in self.read("SELECT name FROM relation")}
-        without_facts = {name for name, row in entities.items() if not row[2]}
-        without_facts -= {end for row in seen for end in (row.head, row.tail)}
-        for name in without_facts - known:
-            self._insert_again(entities[name])
-        for row in seen:
-            there = self.fact(row.fact)
-            status: str = "added"
-            if there is not None:
-                status = "retracted" if row.status == "retracted" else "trained"
-            elif row.status == "retracted" or row.relation not in labels:
-                continue
-            for name in {row.head, row.tail} - known:
-                self._insert_again(entities[name])
-                known.add(name)
-            self.connection.execute(
-                "REPLACE INTO fact (id, head, relation, tail, status, count, confidence,"
-                " first_seen, last_seen, source) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (there and there.id, *row.fact, status, *row.observations),
-            )
-
-    def _insert_again(self, entity: Sequence[Any]) -> None:
-        """Insert an entity by its row of before."""
-        columns = "name, trained, kind, phrase, definition, initializer, options, seed"
-        self.connection.execute(
-            f"INSERT INTO entity ({columns}) VALUES (?, 0, ?, ?, ?, ?, ?, ?)",  # noqa: S608
-            (entity[1], *entity[3:]),
-        )
 
     @property
     def vectors_file(self) -> str | None:
@@ -497,13 +486,12 @@ class Home:
 
     def fact(self, fact: Fact) -> StoredFact | None:
         """What is known of a fact, whether it holds or not."""
-        query = f"SELECT {COLUMNS['fact']} FROM fact WHERE head = ? AND relation = ? AND tail = ?"  # noqa: S608
-        rows = self.read(query, *fact)
-        return StoredFact(*rows[0]) if rows else None
+        rows = self.facts(KEYS["fact"], *fact)
+        return rows[0] if rows else None
 
     def facts(self, where: str = "1", *values: Any) -> list[StoredFact]:
         """The facts of a condition, in order."""
-        query = f"SELECT {COLUMNS['fact']} FROM fact WHERE {where} ORDER BY id"  # noqa: S608
+        query = f"SELECT {COLUMNS['fact']} FROM fact WHERE {where} ORDER BY id"
         return [StoredFact(*row) for row in self.read(query, *values)]
 
     def facts_of(self, entity: str) -> list[StoredFact]:
@@ -514,132 +502,108 @@ class Home:
 
     def add_change(self, verb: str, time: str, source: str | None = None) -> int:
         """List a change; its number."""
-        add = "INSERT INTO change (verb, time, source) VALUES (?, ?, ?)"
-        number = self.connection.execute(add, (verb, time, source)).lastrowid
-        return int(number or 0)
+        add = "INSERT INTO change (verb, time, source) VALUES (?, ?, ?) RETURNING id"
+        return int(self.read(add, verb, time, source)[0][0])
 
-    def note(self, change: int, effect: str, table: str, key: Sequence[str]) -> None:
+    def note(self, change: int, effect: str, table: str, *key: str) -> None:
         """List the effect of a change on a row, before it is made."""
-        columns, where = COLUMNS[table], " AND ".join(f"{name} = ?" for name in KEYS[table])
-        row = self.connection.execute(
-            f"SELECT {columns} FROM {table} WHERE {where}",  # noqa: S608
-            tuple(key),
-        ).fetchone()
-        before = None if row is None else json.dumps(row, ensure_ascii=False)
-        item = dict(zip(KEYS[table], key, strict=True))
-        if table != "fact":
-            item = {table: key[0]}
-        values = [change, effect, *map(item.get, ("entity", "head", "relation", "tail")), before]
-        self.connection.execute("INSERT INTO effect VALUES (?, ?, ?, ?, ?, ?, ?)", values)
+        found = self.read(f"SELECT {COLUMNS[table]} FROM {table} WHERE {KEYS[table]}", *key)
+        before = json.dumps(found[0], ensure_ascii=False) if found else None
+        names = ("head", "relation", "tail") if table == "fact" else (table,)
+        item = dict(zip(names, key, strict=True))
+        self._insert(
+            "INSERT", "effect", {"change": change, "effect": effect, "before": before} | item
+        )
 
     def put_fact(
         self, change: int, fact: Fact, time: str, source: str | None, confidence: float | None
-    ) -> Literal["added", "seen", "restored"]:
+    ) -> None:
         """Let a fact hold, and count that it was seen."""
         row = self.fact(fact)
         if row is None:
-            self.note(change, "added", "fact", fact)
-            self.connection.execute(
-                "INSERT INTO fact (head, relation, tail, status, confidence, first_seen, last_seen,"
-                " source) VALUES (?, ?, ?, 'added', ?, ?, ?, ?)",
-                (*fact, confidence, time, time, source),
-            )
-            return "added"
-        effect: Literal["seen", "restored"] = "restored" if row.status == "retracted" else "seen"
-        self.note(change, effect, "fact", fact)
-        status = "trained" if effect == "restored" else row.status
-        self.connection.execute(
-            "UPDATE fact SET status = ?1, count = count + 1, confidence = coalesce(?2, confidence),"
+            self.note(change, "added", "fact", *fact)
+            new = {"status": "added", "confidence": confidence, "source": source}
+            new |= {"first_seen": time, "last_seen": time}
+            self._insert("INSERT", "fact", dict(zip(FACT, fact, strict=True)) | new)
+            return
+        is_believed = confidence not in (None, row.confidence)
+        effect = "believed" if is_believed else "seen"
+        if row.status == "retracted":
+            effect = "restored"
+        self.note(change, effect, "fact", *fact)
+        self.read(
+            "UPDATE fact SET status = replace(status, 'retracted', 'trained'), count = count + 1,"
+            " confidence = coalesce(?2, confidence), source = coalesce(?4, source),"
             " first_seen = min(coalesce(first_seen, ?3), ?3),"
-            " last_seen = max(coalesce(last_seen, ?3), ?3), source = coalesce(?4, source)"
-            " WHERE id = ?5",
-            (status, confidence, time, source, row.id),
+            " last_seen = max(coalesce(last_seen, ?3), ?3) WHERE id = ?1",
+            *(row.id, confidence, time, source),
         )
-        return effect
 
-    def take_fact(self, change: int, fact: StoredFact) -> Literal["removed", "retracted"]:
-        """Let a fact hold no longer: one of training is retracted, another one is gone."""
-        if fact.status == "trained":
-            self.note(change, "retracted", "fact", fact.fact)
-            self.connection.execute("UPDATE fact SET status = 'retracted' WHERE id = ?", (fact.id,))
-            return "retracted"
-        self.note(change, "removed", "fact", fact.fact)
-        self.connection.execute("DELETE FROM fact WHERE id = ?", (fact.id,))
-        return "removed"
+    def take_fact(self, change: int, fact: Fact) -> None:
+        """Let a fact hold no longer: one of training is retracted, another one is gone. An
+        ``InputError`` refuses one that does not hold.
+        """
+        row = self.fact(fact)
+        if row is None or row.status == "retracted":
+            raise InputError("", " ".join(fact), "expected a fact that holds")
+        if row.status == "trained":
+            self.note(change, "retracted", "fact", *fact)
+            self.read("UPDATE fact SET status = 'retracted' WHERE id = ?", row.id)
+        else:
+            self.note(change, "taken", "fact", *fact)
+            self.read("DELETE FROM fact WHERE id = ?", row.id)
 
     def add_entity(self, change: int, name: str, about: NewEntity) -> None:
         """Insert an entity; its vector comes by ``put_vector``."""
-        self.note(change, "added", "entity", (name,))
-        self.connection.execute(
-            "INSERT INTO entity (name, trained, kind, phrase, definition, initializer, options,"
-            " seed) VALUES (?, 0, ?, ?, ?, ?, ?, ?)",
-            (
-                name,
-                about.kind,
-                plain(name),
-                about.definition,
-                about.initializer,
-                json.dumps(about.options),
-                about.seed,
-            ),
-        )
+        self.note(change, "inserted", "entity", name)
+        row = {"name": name, "trained": 0, "phrase": plain(name)} | about.model_dump()
+        self._insert("INSERT", "entity", row | {"options": json.dumps(about.options)})
 
     def remove_entity(self, change: int, name: str) -> None:
-        """Remove an inserted entity, whose facts are gone already."""
-        self.note(change, "removed", "entity", (name,))
-        self.connection.execute("DELETE FROM entity WHERE name = ?", (name,))
-        self.connection.execute("DELETE FROM vector WHERE entity = ?", (name,))
+        """Remove an inserted entity with its facts."""
+        for row in self.facts_of(name):
+            self.take_fact(change, row.fact)
+        self.note(change, "removed", "entity", name)
+        self.read("DELETE FROM entity WHERE name = ?", name)
+        self.read("DELETE FROM vector WHERE entity = ?", name)
 
     def add_relation(self, change: int, name: str) -> None:
         """Insert a relation, which has no vector yet."""
-        self.note(change, "added", "relation", (name,))
-        self.connection.execute("INSERT INTO relation (name, trained) VALUES (?, 0)", (name,))
+        self.note(change, "new relation", "relation", name)
+        self._insert("INSERT", "relation", {"name": name, "trained": 0})
 
-    def put_vector(self, change: int, values: Mapping[str, Any], vector: np.ndarray) -> None:
-        """Write the vector of an inserted entity, and how it was computed: the other columns of
-        ``vector``.
-        """
-        row = {**values, "change": change, "vector": vector.tobytes()}
+    def put_vector(self, row: Mapping[str, Any]) -> None:
+        """Write a row of ``vector``."""
+        self._insert("REPLACE", "vector", row)
+
+    def _insert(self, how: str, table: str, row: Mapping[str, Any]) -> None:
         places = ", ".join("?" * len(row))
-        self.connection.execute(
-            f"REPLACE INTO vector ({', '.join(row)}) VALUES ({places})",  # noqa: S608
-            tuple(row.values()),
-        )
+        self.read(f"{how} INTO {table} ({', '.join(row)}) VALUES ({places})", *row.values())
 
-    def put_back(self, change: int, target: int) -> None:
-        """Undo the effects of a change, the last one first; the change that does so is
-        ``change``.
+    def put_back(self, change: int) -> None:
+        """Undo the effects of the last change since training that was not undone, the last one
+        first; ``change`` is the one that does so. ``InputError`` if there is none.
         """
-        mark = "UPDATE change SET undoes = ? WHERE id = ?"
-        self.connection.execute(mark, (target, change))
-        self.connection.execute("UPDATE change SET undone = ? WHERE id = ?", (change, target))
-        query = (
-            "SELECT entity, head, relation, tail, before FROM effect WHERE change = ?"
-            " ORDER BY rowid DESC"
-        )
-        for entity, head, relation, tail, before in self.read(query, target):
-            table = "entity" if entity else "fact" if head else "relation"
-            key = {"entity": (entity,), "relation": (relation,), "fact": (head, relation, tail)}
-            where = " AND ".join(f"{name} = ?" for name in KEYS[table])
-            self.connection.execute(f"DELETE FROM {table} WHERE {where}", key[table])  # noqa: S608
-            if before is not None:
-                row = json.loads(before)
-                places = ", ".join("?" * len(row))
-                self.connection.execute(
-                    f"INSERT INTO {table} ({COLUMNS[table]}) VALUES ({places})",  # noqa: S608
-                    row,
-                )
-        gone = "DELETE FROM vector WHERE entity NOT IN (SELECT name FROM entity)"
-        self.connection.execute(gone)
-
-    def last_to_undo(self) -> int | None:
-        """The last change since training that was not undone; None if there is none."""
-        query = (
+        ((target,),) = self.read(
             "SELECT max(id) FROM change WHERE verb NOT IN ('undo', 'train') AND undone IS NULL"
             " AND id > (SELECT max(id) FROM change WHERE verb = 'train')"
         )
-        ((number,),) = self.read(query)
-        return None if number is None else int(number)
+        if target is None:
+            raise InputError("undo", "", "there is no change to take back")
+        self.read("UPDATE change SET undoes = ? WHERE id = ?", target, change)
+        self.read("UPDATE change SET undone = ? WHERE id = ?", change, target)
+        query = (
+            "SELECT before, entity, head, relation, tail FROM effect WHERE change = ?"
+            " ORDER BY rowid DESC"
+        )
+        for before, entity, *fact in self.read(query, target):
+            table = "entity" if entity else "fact" if fact[0] else "relation"
+            key = {"entity": (entity,), "relation": (fact[1],), "fact": fact}[table]
+            self.read(f"DELETE FROM {table} WHERE {KEYS[table]}", *key)
+            if before is not None:
+                names = COLUMNS[table].split(", ")
+                self._insert("INSERT", table, dict(zip(names, json.loads(before), strict=True)))
+        self.read("DELETE FROM vector WHERE entity NOT IN (SELECT name FROM entity)")
 
     def number_of_changes(self) -> int:
         """Changes since training, those that were undone included."""

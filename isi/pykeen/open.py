@@ -47,8 +47,8 @@ class PykeenEmbedding(LiveEmbedding):
         self._made_from: LoadedEmbedding | None = None
 
     @property
-    def parts(self) -> tuple[Any, ...]:
-        return (*super().parts, *self._trained)
+    def _parts(self) -> tuple[Any, ...]:
+        return (*super()._parts, *self._trained)
 
     @property
     def model(self) -> PykeenModel:
