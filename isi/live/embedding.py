@@ -471,7 +471,7 @@ class LiveEmbedding:
 
     def _snapshot(self, entity: str) -> Snapshot:
         name = self._inserted(self._queried(entity))
-        given = self._given([name])
+        given = self._inputs_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
 
     @one_at_a_time
@@ -754,10 +754,10 @@ class LiveEmbedding:
         else:
             touched = {*made.inserted, *names_in([*made.added, *made.lost, *made.believed])}
         if names := touched & inserted:
-            return self.groups.insert(self._given(names), self.known_triples)
+            return self.groups.insert(self._inputs_of(names), self.known_triples)
         return {}
 
-    def _given(self, names: Collection[str]) -> dict[str, EntityInput]:
+    def _inputs_of(self, names: Collection[str]) -> dict[str, EntityInput]:
         """What is given about inserted entities, and about all that a chain of facts joins to
         them.
         """
@@ -790,7 +790,7 @@ class LiveEmbedding:
     def _insert_missing(self, names: Collection[str]) -> None:
         """Compute the vectors of entities that have none: they came while this was trained."""
         with self.home.transaction():
-            computed = self.groups.insert(self._given(names), self.known_triples)
+            computed = self.groups.insert(self._inputs_of(names), self.known_triples)
             self._write(self._last, computed)
         self._rows |= {name: each.entity for name, each in computed.items()}
         self._rows = {name: self._rows[name] for name in self.home.inserted()}

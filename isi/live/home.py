@@ -425,8 +425,8 @@ class Home:
     @property
     def vectors_file(self) -> str | None:
         """The name of the file of trained vectors; None in memory, and before training."""
-        found = self.read("SELECT value FROM setting WHERE name = 'vectors'")
-        return json.loads(found[0][0]) if found else None
+        rows = self.read("SELECT value FROM setting WHERE name = 'vectors'")
+        return json.loads(rows[0][0]) if rows else None
 
     def bundle(self) -> Bundle:
         """The trained embedding. An ``InputError`` names what is missing or broken."""
@@ -507,8 +507,8 @@ class Home:
 
     def note(self, change: int, effect: str, table: str, *key: str) -> None:
         """List the effect of a change on a row, before it is made."""
-        found = self.read(f"SELECT {COLUMNS[table]} FROM {table} WHERE {KEYS[table]}", *key)
-        before = json.dumps(found[0], ensure_ascii=False) if found else None
+        rows = self.read(f"SELECT {COLUMNS[table]} FROM {table} WHERE {KEYS[table]}", *key)
+        before = json.dumps(rows[0], ensure_ascii=False) if rows else None
         names = ("head", "relation", "tail") if table == "fact" else (table,)
         item = dict(zip(names, key, strict=True))
         self._insert(
@@ -576,9 +576,9 @@ class Home:
         """Write a row of ``vector``."""
         self._insert("REPLACE", "vector", row)
 
-    def _insert(self, how: str, table: str, row: Mapping[str, Any]) -> None:
+    def _insert(self, statement: str, table: str, row: Mapping[str, Any]) -> None:
         places = ", ".join("?" * len(row))
-        self.read(f"{how} INTO {table} ({', '.join(row)}) VALUES ({places})", *row.values())
+        self.read(f"{statement} INTO {table} ({', '.join(row)}) VALUES ({places})", *row.values())
 
     def put_back(self, change: int) -> None:
         """Undo the effects of the last change since training that was not undone, the last one

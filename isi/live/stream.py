@@ -176,8 +176,8 @@ class Ask(Request):
         results = []
         for head, relation, tail in self.ask:
             best = live.ask(head, relation, tail, self.top, new=self.new, among=self.among)
-            found = {"query": best.query, "sure": best.sure, "answers": best.answers}
-            results.append(found | ({"notes": best.notes} if best.notes else {}))
+            fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
+            results.append(fields | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
 
 
@@ -319,7 +319,7 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
                 socket.unlink()
         server = ThreadingUnixStreamServer(str(socket), Handler)
         socket.chmod(0o600)
-        own = socket.stat().st_ino
+        inode = socket.stat().st_ino
     except OSError as error:
         raise unwritable(socket, error) from error
     server.daemon_threads, server.block_on_close = True, False
@@ -328,7 +328,7 @@ def serve(live: LiveEmbedding, socket: Path) -> None:
     finally:
         server.server_close()
         with suppress(OSError):
-            if socket.stat().st_ino == own:  # else another process serves it by now
+            if socket.stat().st_ino == inode:  # else another process serves it by now
                 socket.unlink()
 
 
