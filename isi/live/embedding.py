@@ -83,14 +83,20 @@ def one_at_a_time(
     method: Callable[Concatenate[Any, P], R],
 ) -> Callable[Concatenate[Any, P], R]:
     """A method that one thread runs at a time, after what other processes have changed is taken
-    over.
+    over; what it calls sees the same state.
     """
 
     @wraps(method)
     def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
         with self._lock:
-            self._take_over()
-            return method(self, *args, **kwargs)
+            if self._is_inside:
+                return method(self, *args, **kwargs)
+            self._is_inside = True
+            try:
+                self._take_over()
+                return method(self, *args, **kwargs)
+            finally:
+                self._is_inside = False
 
     return locked
 
@@ -121,7 +127,7 @@ class LiveEmbedding:
 
         ``home``: of the bundle; None: one in memory.
         """
-        self._lock = RLock()
+        self._lock, self._is_inside = RLock(), False
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
         loaded = with_words(loaded)
         self.home = home or Home.create(loaded)
@@ -135,7 +141,7 @@ class LiveEmbedding:
         self.base = base  #: the trained entities, with the triples of training
         self.groups = EntityGroups(base, phrase_vectors(base), self.home)
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
-        self._version, self._vectors_file = self.home.version(), self.home.vectors_file
+        self._version, self._training = self.home.version(), self.home.last_training()
         self._last = self._last_change()
         self._rows = dict[str, InsertedEntity]()
         self._read_rows(0)
@@ -515,6 +521,7 @@ class LiveEmbedding:
         return self.home.folder
 
     @property
+    @one_at_a_time
     def inserted(self) -> dict[str, InsertedEntity]:
         """The inserted entities by name, in order.
 
@@ -540,6 +547,7 @@ class LiveEmbedding:
             return self.home.facts("status <> 'retracted'")
 
     @property
+    @one_at_a_time
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3).
 
@@ -553,12 +561,12 @@ class LiveEmbedding:
         return self._known_triples
 
     @property
+    @one_at_a_time
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
-        with self._lock:
-            if self._now is None:
-                self._now = self._as_it_is(self._rows)
-            return self._now
+        if self._now is None:
+            self._now = self._as_it_is(self._rows)
+        return self._now
 
     def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
         """The bundle with inserted entities, and what the tables say holds."""
@@ -801,7 +809,7 @@ class LiveEmbedding:
         if version == self._version:
             return
         self._version = version
-        if self.home.vectors_file != self._vectors_file:
+        if self.home.last_training() != self._training:
             self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()

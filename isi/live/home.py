@@ -137,13 +137,15 @@ KEYS = {
 FACT = ("head", "relation", "tail")
 #: What a home that is trained again keeps of before: what is known of facts; facts that the new
 #: embedding lacks, since they were told while it was trained, and those that were retracted then;
-#: their entities, and inserted ones without facts.
+#: their entities, and inserted ones without facts. What was removed meanwhile is retracted.
 CARRIED_OVER = (
     "UPDATE fact SET (count, confidence, first_seen, last_seen, source) = "
     "(old.count, old.confidence, old.first_seen, old.last_seen, old.source), "
     "status = CASE old.status WHEN 'retracted' THEN 'retracted' ELSE 'trained' END "
     "FROM old_fact AS old "
     "WHERE (fact.head, fact.relation, fact.tail) = (old.head, old.relation, old.tail)",
+    "UPDATE fact SET status = 'retracted' WHERE (head, relation, tail) NOT IN "
+    "(SELECT head, relation, tail FROM old_fact)",
     "INSERT OR IGNORE INTO fact (head, relation, tail, status, count, confidence, first_seen, "
     "last_seen, source) SELECT head, relation, tail, 'added', count, confidence, first_seen, "
     "last_seen, source FROM old_fact "
@@ -233,9 +235,9 @@ class Home:
         home = cls(folder, _connected(str(folder / DATABASE)))
         home.durability = durability
         try:
-            with home._in_words():
-                home.connection.execute("PRAGMA journal_mode = WAL")
-                home.connection.execute(f"PRAGMA synchronous = {durability.upper()}")
+            home._check_version()
+            home.read("PRAGMA journal_mode = WAL")
+            home.read(f"PRAGMA synchronous = {durability.upper()}")
             home._upgrade()
         except BaseException:
             home.close()
@@ -275,7 +277,9 @@ class Home:
     def as_bytes(self) -> bytes:
         """The database, without the trained vectors."""
         with self._in_words():
-            return self.connection.serialize()
+            content = bytearray(self.connection.serialize())
+        content[18:20] = b"\1\1"  # without WAL, which a database in memory cannot have
+        return bytes(content)
 
     def write_to(self, folder: Path, bundle: Bundle, beside: bool = False) -> None:
         """Write a copy of the home, whose trained embedding is ``bundle``, into another folder;
@@ -287,17 +291,12 @@ class Home:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(folder, error) from error
-        name = write_vectors(folder, bundle)
-        there = Home._in_folder(folder, "full")
-        try:
-            old = there.vectors_file
-            with there._in_words():
-                self.connection.backup(there.connection)
-            with there.transaction():
-                there.set("vectors", name)
+        with Home._in_folder(folder, "full") as there, self.copied() as copy:
+            name, old = write_vectors(folder, bundle), there.vectors_file
+            copy.set("vectors", name)
+            with there._in_words():  # at once: whoever is killed leaves the old home or the new one
+                copy.connection.backup(there.connection)
             _remove_vectors(folder, old, name)
-        finally:
-            there.close()
 
     @property
     def connection(self) -> sqlite3.Connection:
@@ -321,6 +320,9 @@ class Home:
     def _check_version(self) -> int:
         with self._in_words():
             ((version,),) = self.connection.execute("PRAGMA user_version")
+        tables = {name for (name,) in self.read("SELECT name FROM sqlite_master")}
+        if tables and not {"setting", "effect"} <= tables:
+            raise InputError(self.path, "", "is a database of another program")
         if version > len(STEPS):
             newer = f"was written by a newer isi (version {version} of the database)"
             raise InputError(self.path, "", newer)
@@ -421,6 +423,10 @@ class Home:
         counts = [1] * len(bundle.triples) if bundle.counts is None else bundle.counts.tolist()
         facts = ((*fact, count) for fact, count in zip(bundle.named_triples(), counts, strict=True))
         connection.executemany(ADD_FACT, facts)
+
+    def last_training(self) -> int | None:
+        """The number of the last training among the changes; None before the first."""
+        return self.read("SELECT max(id) FROM change WHERE verb = 'train'")[0][0]  # type: ignore[no-any-return]
 
     @property
     def vectors_file(self) -> str | None:
