@@ -10,7 +10,7 @@ together (``isi.insertion.engine``). What holds is what the tables of the home s
 from __future__ import annotations
 
 import warnings
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -134,6 +134,7 @@ class LiveEmbedding:
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
         self._known_names: KnownNames | None = None
+        self._known_labels: KnownNames | None = None
         self._load(loaded)
 
     def _load(self, base: LoadedEmbedding) -> None:
@@ -190,7 +191,7 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts, confidence))
+        names, listed = _names(entities), self._as_known(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
         with self._changing("tell", time, source) as change:
             unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
@@ -233,7 +234,7 @@ class LiveEmbedding:
         if present and not upsert:
             refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
             raise InputError(repr(present[0])[:80], "", refused)
-        self._refuse_unknown(_cleaned(checked_facts(facts)), names)
+        self._refuse_unknown(self._as_known(checked_facts(facts)), names)
         return self.tell(facts, entities=names, **about)
 
     @one_at_a_time
@@ -245,7 +246,7 @@ class LiveEmbedding:
             1
         """
         if not upsert:
-            self._refuse_unknown(_cleaned(checked_facts(facts)), ())
+            self._refuse_unknown(self._as_known(checked_facts(facts)), ())
         return self.tell(facts, **about)
 
     @one_at_a_time
@@ -269,7 +270,7 @@ class LiveEmbedding:
             >>> home.move("lamp", "in", "kitchen").lost
             [('lamp', 'in', 'bedroom')]
         """
-        (fact,) = listed = _cleaned({(head, relation, tail): None})
+        (fact,) = listed = self._as_known({(head, relation, tail): None})
         with self._changing("move", time, source) as change:
             self._refuse_unknown(listed, ())
             old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
@@ -300,7 +301,7 @@ class LiveEmbedding:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts))
+        names, listed = _names(entities), self._as_known(checked_facts(facts))
         with self._changing("remove", time, source) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
@@ -604,9 +605,15 @@ class LiveEmbedding:
     @property
     def _known(self) -> KnownNames:
         if self._known_names is None:
-            names = [*self.base.entity_names, *self._rows]
-            self._known_names = KnownNames(dict.fromkeys(names))
+            self._known_names = KnownNames(ChainMap[str, Any](self._rows, self.base.entity_ids))
         return self._known_names
+
+    @property
+    def _labels(self) -> KnownNames:
+        if self._known_labels is None:
+            names = [name for (name,) in self.home.read("SELECT name FROM relation ORDER BY id")]
+            self._known_labels = KnownNames(dict.fromkeys(names))
+        return self._known_labels
 
     @one_at_a_time
     def save(self, folder: str | Path) -> None:
@@ -706,6 +713,7 @@ class LiveEmbedding:
         except BaseException:
             self.groups.forget()
             self._forget()
+            self._version = -1  # what was interrupted may be committed: it is read again
             raise
         self._last = number
         self._rows |= {name: each.entity for name, each in computed.items()}
@@ -738,7 +746,7 @@ class LiveEmbedding:
 
     def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
         """Insert the relations that two or more facts have and that are not known."""
-        known = self.now.known_relations
+        known = self._labels
         for name, number in Counter(fact[1] for fact in facts).items():
             if known.same(name) is not None:
                 continue
@@ -829,17 +837,25 @@ class LiveEmbedding:
 
     def _forget(self) -> None:
         """Derive again, when it is needed, what the tables say."""
-        self._now = self._known_triples = self._known_names = None
+        self._now = self._known_triples = self._known_names = self._known_labels = None
+
+    def _as_known(self, facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
+        """Facts by the names that are known, or else in the form in which names are compared."""
+        named = dict[Fact, float | None]()
+        for (head, relation, tail), confidence in facts.items():
+            label = self._labels.same(relation) or clean(relation)
+            first, last = (self._known.same(end) or clean(end) for end in (head, tail))
+            named[first, label, last] = confidence
+        return named
 
     def _refuse_unknown(self, facts: Iterable[Fact], new: Collection[str]) -> None:
         """``InputError`` for a fact with an unknown name that is not among the new ones."""
-        known_relations = self.now.known_relations
         for fact in facts:
             place = " ".join(fact)[:80]
             for end in (fact[0], fact[2]):
                 if end not in new:
                     self._known.find(end, place, "an entity")
-            known_relations.find(fact[1], place, "a relation")
+            self._labels.find(fact[1], place, "a relation")
 
     def _queried(self, name: str, notes: list[str] | None = None) -> str:
         """The known entity that a question is about; without ``notes``, a warning says which."""
@@ -949,14 +965,6 @@ def _names(entities: str | Sequence[str]) -> list[str]:
     for name in listed:
         check(name, str, "", "name of an entity")
     return list(dict.fromkeys(map(clean, listed)))
-
-
-def _cleaned(facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
-    """Facts whose names are in the form in which they are compared."""
-    return {
-        (clean(head), clean(relation), clean(tail)): confidence
-        for (head, relation, tail), confidence in facts.items()
-    }
 
 
 def _about(

@@ -403,10 +403,11 @@ class Home:
                 self.add_change("train", time or as_text(now()))
                 for statement in CARRIED_OVER if keep else ():
                     self.read(statement)
-        except BaseException:
-            _remove_vectors(self.folder, name, old)
-            raise
-        _remove_vectors(self.folder, old, name)
+        finally:  # a signal may come after it is committed
+            with suppress(InputError):
+                in_force = self.vectors_file
+                _remove_vectors(self.folder, name, in_force)
+                _remove_vectors(self.folder, old, in_force)
 
     def _fill(self, bundle: Bundle) -> None:
         connection = self.connection
