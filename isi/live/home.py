@@ -78,6 +78,7 @@ STEPS = (
         undoes INTEGER REFERENCES change,
         undone INTEGER REFERENCES change
     );
+    CREATE INDEX change_that_trained ON change (verb) WHERE verb = 'train';
     CREATE TABLE effect (  -- of a change on an entity, on a relation or on a fact
         change INTEGER NOT NULL REFERENCES change,
         effect TEXT NOT NULL,
@@ -247,13 +248,15 @@ class Home:
     @classmethod
     def _to_read(cls, folder: Path) -> "Home":
         """A home whose folder stays as it is: it may be on a disk that is read-only."""
-        path = folder / DATABASE
-        is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
-        still = "&immutable=1" if is_quiet and not os.access(folder, os.W_OK) else ""
-        home = cls(folder, _connected(f"{path.absolute().as_uri()}?mode=ro{still}"))
+        path, parameters = folder / DATABASE, "mode=rw"  # which leaves no files for readers
+        if not os.access(folder, os.W_OK):
+            is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
+            parameters = "mode=ro" + "&immutable=1" * is_quiet
+        home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
         home.durability, home.is_read_only = "full", True
         try:
             home._check_version()
+            home.read("PRAGMA query_only = 1")
         except BaseException:
             home.close()
             raise

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import count, product
+from itertools import count, islice, product
 from pathlib import Path
 
 import numpy as np
@@ -76,13 +76,11 @@ def killed(folder: Path, way: str, cause: int, chosen: random.Random) -> Fault:
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=ENVIRONMENT, text=True
     ) as process:
-        assert process.stdout
-        for _ in range(chosen.randint(1, 20)):
-            process.stdout.readline()
+        printed = process.stdout or ()
+        lines = list(islice(printed, chosen.randint(1, 20)))
         time.sleep(chosen.uniform(0, 0.02))
         process.send_signal(cause)
-        # a line may be cut short
-        lines = process.stdout.read().split("\n")[:-1]
+        lines += [line for line in printed if line.endswith("\n")]  # the last may be cut short
         status = process.wait()
     check(folder, way, int(lines[-1]) + 1 if lines else 0)
     return Fault("a home", str(cause), way, status)
