@@ -26,6 +26,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PIP) install --quiet --no-deps $(TORCH)
 	$(PIP) install --quiet --no-deps --require-hashes -r requirements.lock
 	$(PIP) install --quiet --editable '.[pipeline,test]'   # and what a CUDA build of torch wants besides
+	@$(VENV)/bin/python -c 'import os, sysconfig; open(sysconfig.get_path("purelib") + "/isi_checkout.pth", "w").write(os.getcwd())'   # stages and tools, where PYTHONSAFEPATH is set
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml continual/params.yaml $(INSTALLED)

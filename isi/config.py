@@ -137,7 +137,21 @@ def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) 
     missing or wrong.
     """
     with at(path, key):
-        return adapter(kind).validate_python(value, strict=True)
+        return adapter(kind).validate_python(plain_numbers(value), strict=True)
+
+
+def plain_number(value: Any) -> Any:
+    """A number of NumPy's or PyTorch's, an array of dimension 0 included, as one of Python's; any
+    other value as it is.
+    """
+    return value.item() if getattr(value, "ndim", None) == 0 and hasattr(value, "item") else value
+
+
+def plain_numbers(value: Any) -> Any:
+    """``plain_number`` of a value, or of the values of a dict."""
+    if isinstance(value, dict):
+        return {key: plain_number(each) for key, each in value.items()}
+    return plain_number(value)
 
 
 @cache

@@ -201,3 +201,18 @@ def test_data_count_training_observations_alone(points: GridPoints) -> None:
     data = batches.training_data(points.last_session, "test", points.keys(), "all")
     train = torch.from_numpy(points.splits) == TRAIN
     assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))
+
+
+@pytest.mark.parametrize(
+    ("counts", "most", "expected"),
+    [
+        ([1, 2, 3], 6, [1, 2, 3]),
+        ([200_000_000, 4, 1], 1000, [999, 1, 1]),
+        ([1, 1, 1], 2, [1, 1, 1]),
+        ([2**31, 2**31], 10, [5, 5]),
+    ],
+)
+def test_large_counts_are_scaled_down_and_no_triple_is_lost(
+    counts: list[int], most: int, expected: list[int]
+) -> None:
+    assert batches.scaled_counts(torch.tensor(counts), most).tolist() == expected

@@ -15,7 +15,7 @@ from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
 from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
 from isi.live.loaded import Query, queries_of
-from isi.live.names import find, singulars
+from isi.live.names import KnownNames, plurals, singulars
 from isi.names import plain
 from tests.small_bundle import TRIPLES, opened
 
@@ -331,21 +331,65 @@ def test_uninformative_scores_give_the_share_of_known_answers() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["turn on", "Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON"]
+    ("known", "text"),
+    [
+        *[
+            ("turn on", text)
+            for text in ("Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON")
+        ],
+        ("mW", "MW"),
+        ("chair_1_12", "Chair 1 12"),
+        ("room 2B", "room_2b"),
+    ],
 )
-def test_names_are_found_without_regard_to_case_and_gaps(text: str) -> None:
-    assert find(text, ["turn off", "turn on"], "ENTITY", "an entity") == "turn on"
+def test_a_question_finds_a_name_without_regard_to_case_and_gaps_and_says_so(
+    known: str, text: str
+) -> None:
+    names, notes = KnownNames(["turn off", known]), list[str]()
+    assert names.queried(text, "ENTITY", "an entity", notes.append) == known
+    assert len(notes) == 1
+    assert repr(known) in notes[0]
+    assert repr(text) in notes[0]
+    with pytest.raises(InputError, match=f"did you mean {known!r}"):
+        names.find(text, "ENTITY", "an entity")
+
+
+@pytest.mark.parametrize(
+    ("known", "text"),
+    [
+        ("10", "-10"),
+        ("5", "+5"),
+        ("inf", "-inf"),
+        ("2021-11-2", "2021-1-12"),
+        ("1-12", "11-2"),
+        ("112", "11 2"),
+        ("chair_1_12", "chair_11_2"),
+        ("a1", "a-1"),
+        ("x1", "x 1"),
+        ("-x", "x"),
+        ("a²-³", "a²³"),
+    ],
+)
+def test_names_that_differ_in_signs_or_between_digits_are_never_taken_for_each_other(
+    known: str, text: str
+) -> None:
+    for one, other in ((known, text), (text, known)):
+        names = KnownNames([one])
+        with pytest.raises(InputError, match="did you mean"):
+            names.queried(other, "", "a name", pytest.fail)
+        assert names.resembled(other) is None
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
-    assert find("apple", ["Apple", "apple"], "", "") == "apple"
+    names = KnownNames(["Apple", "apple"])
+    assert names.queried("apple", "", "", pytest.fail) == "apple"
     for text, hint in (
         ("APPLE", "'Apple' or 'apple'"),
         ("aple", "'apple'"),
         ("zz", "'Apple' or 'apple'"),
     ):
         with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
-            find(text, ["Apple", "apple"], "ENTITY", "an entity")
+            names.queried(text, "ENTITY", "an entity", pytest.fail)
 
 
 @pytest.mark.parametrize(
@@ -368,6 +412,7 @@ def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
 )
 def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
     assert plain(one) in singulars(several)
+    assert plain(several) in plurals(one)
     assert plain(several) not in singulars(one)
 
 
@@ -375,5 +420,5 @@ def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
     ("one", "other"), [("gas", "ga"), ("glass", "glas"), ("tube", "tub"), ("tubes", "tubs")]
 )
 def test_words_that_differ_otherwise_are_no_plurals_of_each_other(one: str, other: str) -> None:
-    assert plain(other) not in singulars(one)
-    assert plain(one) not in singulars(other)
+    assert plain(other) not in singulars(one) | plurals(one)
+    assert plain(one) not in singulars(other) | plurals(other)

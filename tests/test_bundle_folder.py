@@ -12,11 +12,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from isi.live.folder import Bundle, EntityRecord, read
 from safetensors.numpy import load_file
 
 from isi.errors import InputError
 from isi.experiment.final_model import train_final, usual_epochs, whole_graph
-from isi.live.folder import Bundle, EntityRecord, read
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start

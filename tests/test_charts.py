@@ -2,6 +2,7 @@
 
 import re
 from io import BytesIO
+from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -104,3 +105,16 @@ def test_a_png_has_the_dots_too() -> None:
     charts.dots(axes, np.array([[0.3, 0.5], [0.7, 0.5]]), 10, charts.ISI)
     pixels = imread(BytesIO(rendered(canvas, "png")))[..., :3]
     assert (np.abs(pixels - to_rgb(charts.ISI)).max(-1) < 0.02).sum() > 100
+
+
+@pytest.mark.parametrize("name", ["cup $5 to $6", r"$\alpha$", r"a \$ b", "$x_1$ & <b>"])
+def test_names_with_dollar_signs_are_shown_as_they_are(name: str) -> None:
+    with mpl.rc_context(figures.STYLE):
+        canvas, (panel,) = figures.panels(1, columns=1)
+        panel.set(title=name, xlabel=name)
+        panel.set_yticks([0, 1], [name, "plain"])
+        panel.plot([0, 1], label=name)
+        figures.legend(canvas, [panel])
+    drawn = ElementTree.fromstring(rendered(canvas, "svg"))  # noqa: S314
+    texts = [element.text for element in drawn.iter("{http://www.w3.org/2000/svg}text")]
+    assert texts.count(name) == 4

@@ -3,15 +3,19 @@ in every function that takes triples.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 import isi
 from isi.columns import triple_columns
 from isi.errors import InputError
+from isi.graph.files import read_graph
+from isi.insertion.arguments import listed_triples
 from isi.live.embedding import LiveEmbedding
 from isi.live.train import tables_of
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, small
@@ -29,9 +33,12 @@ ARRAYS: dict[str, Any] = {"model": "distmult", "relation_names": BETWEEN}
         (["Subject", "Object", "Predicate"], [0, 2, 1]),
         (["from", "to", "rel"], [0, 2, 1]),
         (["source", "target", "label"], [0, 2, 1]),
-        (["source", "target", "relation", "label"], [0, 2, 1]),
+        (["subjectLabel", "predicateLabel", "objectLabel"], [0, 1, 2]),
+        (["?valueLabel", "?propLabel", "?item"], [2, 1, 0]),
+        (["e1", "rel", "e2", "Count"], [0, 1, 2]),
+        (["node1", "label", "node2"], [0, 1, 2]),
+        (["Head_Entity", "relation_id", "tailEntity", "scene"], [0, 1, 2]),
         ([" Head ", "rel", "TAIL"], [0, 1, 2]),
-        (["head", "relation", "tail", "source", "target", "label"], [0, 1, 2]),
     ],
 )
 def test_columns_are_found_by_name(columns: list[str], expected: list[int]) -> None:
@@ -134,6 +141,46 @@ def test_every_function_reads_columns_by_name(function: Callable[[Any], object])
     assert function(pd.DataFrame(FACTS)) == expected
     with pytest.raises(InputError, match="columns: expected the columns"):
         function(frame.rename(columns={"Predicate": "edge"}))
+
+
+@pytest.mark.parametrize("column", ["weight", "n", "split", "label", "headLabel"])
+def test_other_columns_are_refused_in_frames_as_in_files(column: str, tmp_path: Path) -> None:
+    frame = pd.DataFrame(FACTS, columns=["head", "relation", "tail"]).assign(**{column: "train"})
+    for facts in (frame, frame.to_records(index=False), pa.table(frame)):
+        with pytest.raises(InputError, match=repr(column)):
+            train(facts)
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    with pytest.raises(InputError, match=repr(column)):
+        read_graph([tmp_path / "t.csv"])
+
+
+FORMS: dict[str, Callable[[pd.DataFrame], Any]] = {
+    "pyarrow": pa.table,
+    "record batch": pa.RecordBatch.from_pandas,
+    "reader of batches": lambda frame: pa.table(frame).to_reader(),
+    "backed by pyarrow": lambda frame: frame.convert_dtypes(dtype_backend="pyarrow"),
+    "nullable": lambda frame: frame.astype("string"),
+    "categories": lambda frame: frame.astype("category"),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_tables_of_arrow_and_missing_values_are_read_as_frames_are(form: str) -> None:
+    frame = pd.DataFrame(FACTS, columns=["head", "relation", "tail"])
+    assert train(FORMS[form](frame[frame["head"] == "jug"])) == train(FACTS)
+    incomplete = pd.DataFrame(
+        [*FACTS, ("jug", "atLocation", None)], columns=["head", "relation", "tail"]
+    )
+    for function in (train, insert):
+        with pytest.raises(InputError, match=r"triple 2: tail.*[Nn]one"):
+            function(FORMS[form](incomplete))
+
+
+@pytest.mark.parametrize("form", ["pyarrow", "nullable", "backed by pyarrow"])
+def test_ids_beside_counts_are_read_from_tables_of_arrow(form: str) -> None:
+    ids = pd.DataFrame([(0, 1, 2), (3, 0, 1)], columns=["h", "r", "t"]).assign(count=[1, 2])
+    table = ids.convert_dtypes() if form == "nullable" else FORMS[form](ids)
+    assert listed_triples(table).tolist() == [[0, 1, 2], [3, 0, 1]]  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("column", ["count", "Count"])

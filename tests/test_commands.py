@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from isi.live.folder import read
 
 from isi.__main__ import main
 from isi.cli import lines
-from isi.live.folder import read
 from isi.tables import paths
 from tests.small_bundle import NAMES, files, small, word_file, worded, written
 
 ROOT = Path(__file__).parent.parent
-STOVE = ["insert", "stove", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
-HOB = ["insert", "hob", "--fact", "at location", "kitchen"]
+STOVE = ["insert", "stove", "--fact", "atLocation", "kitchen", "--fact", "hasAffordance", "turn on"]
+HOB = ["insert", "hob", "--fact", "atLocation", "kitchen"]
 COMMANDS = (
     "insert",
     "observe",
@@ -117,7 +117,7 @@ def test_what_is_known_is_observed_and_what_is_not_is_inserted(
     assert (effect["inserted"], effect["updated"], effect["facts"]) == ([], ["hob"], 1)
     assert effect["notes"]
     assert (
-        parsed(capsys, "insert", "Kettle", "--fact", "atLocation", "bedroom", "--upsert")["known"]
+        parsed(capsys, "insert", "kettle", "--fact", "atLocation", "bedroom", "--upsert")["known"]
         == 1
     )
     assert parsed(capsys, *STOVE, "--upsert")["entity"] == "stove"
@@ -135,8 +135,22 @@ def test_a_fact_about_a_new_entity_may_have_all_three_parts(
 ) -> None:
     other = ["--fact", "hasAffordance", "turn on", "--dry-run"]
     expected = parsed(capsys, "insert", "hob", *in_two_parts, *other)
-    assert parsed(capsys, "insert", "hob", "--fact", *fact, *other) == expected
+    for command in (
+        ["insert", "hob", "--fact", *fact],
+        ["insert", "--fact", *fact, "hob"],
+        ["insert", "--embedding", "home", "hob", "--fact", *fact],
+    ):
+        assert parsed(capsys, *command, *other) == expected
     assert fact in expected["facts"]
+
+
+def test_a_name_may_stand_behind_its_fact_and_one_of_several_words_needs_quotes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    report = parsed(capsys, "insert", "--dry-run", "--fact", "atLocation", "kitchen", "hob")
+    assert report["facts"] == [["hob", "atLocation", "kitchen"]]
+    with pytest.raises(SystemExit, match="quotes"):
+        main(["insert", "hob", "--fact", "atLocation", "dining", "room", "--embedding", "home"])
 
 
 def test_a_journal_is_compacted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,7 +261,7 @@ def test_a_change_goes_to_the_folder_or_to_a_copy_or_nowhere(
         assert after == before
         assert journal.count(b'"insert"') == 1 + bool(out)
     for embedding in ("home", "copy"):
-        assert best(capsys, "stove", "has affordance", embedding=embedding)[0] == ("turn on", True)
+        assert best(capsys, "stove", "hasAffordance", embedding=embedding)[0] == ("turn on", True)
 
 
 def test_the_folder_of_the_pipeline_is_not_changed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -300,22 +314,41 @@ def test_what_is_new_in_files_is_inserted_and_what_is_known_is_counted(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     rows = (
-        "Stove,atLocation,kitchen\nKettle,atLocation,kitchen\nkettle,at_location,bedroom\n"
-        "Stove,hasAffordance,turnOn\n"
+        "Stove,atLocation,kitchen\nKettle,atLocation,kitchen\nkettle,atLocation,bedroom\n"
+        "Stove,hasAffordance,turn on\nbed,atLocation,bedroom\n"
     )
     Path("facts.csv").write_text(f"head,relation,tail\n{rows}", encoding="utf-8")
     Path("more.csv").write_text("head,relation,tail\nhob,atLocation,kitchen\n", encoding="utf-8")
     command = ["insert", "--from", "facts.csv", "--from", "more.csv"]
     effect = parsed(capsys, *command)
     assert (sorted(effect["inserted"]), effect["facts"], effect["known"]) == (
-        ["Stove", "hob"],
-        4,
+        ["Kettle", "Stove", "hob"],
+        5,
         1,
     )
-    assert best(capsys, "stove", "hasAffordance")[0] == ("turn on", True)
+    assert best(capsys, "Stove", "hasAffordance")[0] == ("turn on", True)
     assert best(capsys, "kettle", "atLocation") == [("bedroom", True), ("kitchen", False)]
     again = parsed(capsys, *command)
-    assert (again["inserted"], again["updated"], again["facts"], again["known"]) == ([], [], 0, 5)
+    assert (again["inserted"], again["updated"], again["facts"], again["known"]) == ([], [], 0, 6)
+
+
+@pytest.mark.parametrize(
+    ("command", "note"),
+    [
+        (["ask", "KETTLE", "at location"], ["'kettle'", "'atLocation'"]),
+        (["ask", "--relation", "hasAffordance", "--tail", "turnOn"], ["'turn on'"]),
+        (["nearest", "Kettle"], ["'kettle'"]),
+        (["explain", "gas-hob"], ["'gas hob'"]),
+        (["interference", "GasHob"], ["'gas hob'"]),
+    ],
+)
+def test_a_question_in_another_spelling_is_answered_and_says_what_it_is_about(
+    capsys: pytest.CaptureFixture[str], command: list[str], note: list[str]
+) -> None:
+    printed(capsys, "insert", "gas hob", "--fact", "atLocation", "kitchen")
+    main([*command, "--embedding", "home"])
+    lines = capsys.readouterr().err.splitlines()
+    assert [name in line for name, line in zip(note, lines, strict=True)] == [True] * len(note)
 
 
 def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> None:
@@ -361,7 +394,7 @@ def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(
     assert result["indicators"][0]["words"] == pytest.approx(0.8)
     assert str(path) in result["words"]
     assert (
-        parsed(capsys, "explain", "gas stove", "--embedding", "larger")["indicators"]
+        parsed(capsys, "explain", "gasStove", "--embedding", "larger")["indicators"]
         == result["indicators"]
     )
     with pytest.raises(SystemExit, match="--vectors"):
@@ -372,7 +405,7 @@ def test_a_file_of_word_vectors_serves_all_phrases_of_a_copy(
 
 
 def test_each_part_of_a_triple_is_predicted(capsys: pytest.CaptureFixture[str]) -> None:
-    heads = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
+    heads = parsed(capsys, "ask", "--relation", "atLocation", "--tail", "bedroom")
     assert heads["query"] == ["?", "atLocation", "bedroom"]
     assert [
         (answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]
@@ -412,7 +445,7 @@ def test_what_is_unlikely_is_said_not_to_be_known(capsys: pytest.CaptureFixture[
 
 
 def test_neighbours_are_those_of_largest_cosine(capsys: pytest.CaptureFixture[str]) -> None:
-    neighbours = parsed(capsys, "nearest", "KETTLE", "--top", "2")["nearest"]
+    neighbours = parsed(capsys, "nearest", "kettle", "--top", "2")["nearest"]
     assert [(entity["entity"], entity["kind"]) for entity in neighbours] == [
         ("kitchen", "room"),
         ("turn on", "affordance"),
@@ -424,7 +457,7 @@ def test_an_explanation_and_its_text_have_the_largest_change_first(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     printed(capsys, *STOVE)
-    explained = parsed(capsys, "explain", "Stove")
+    explained = parsed(capsys, "explain", "stove")
     moved = [piece["moved"] for piece in explained["without"]]
     assert moved == sorted(moved, reverse=True)
     assert {piece["what"] for piece in explained["without"] if piece["left_out"] == "fact"} == {

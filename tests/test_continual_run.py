@@ -1,5 +1,7 @@
 """``isi.Timeline.run``: an embedding, trained or one's own, is carried along a timeline."""
 
+import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +134,9 @@ def test_a_pykeen_model_is_carried_along(timeline: isi.Timeline) -> None:
             {"entities": np.ones((3, 4)), "relations": np.ones((2, 4))},
             "expected 12 entities, got 3",
         ),
+        ({"dimension": 0}, "argument 'dimension'"),
+        ({"most": -1}, "argument 'most'"),
+        ({"seed": -1}, "argument 'seed'"),
     ],
 )
 def test_a_wrong_argument_is_named(
@@ -139,3 +144,57 @@ def test_a_wrong_argument_is_named(
 ) -> None:
     with pytest.raises(InputError, match=message):
         run(timeline, "complex", **arguments)
+
+
+FIRST = [(f"e{a}", "near", f"e{b}") for a in range(8) for b in range(8) if (a + b) % 3 == 0]
+LATER = [("mug", "near", "e1"), ("mug", "near", "e2")]
+#: The snapshot after ``FIRST``, and what nothing is learned of.
+BARE: dict[str, tuple[Any, list[str]]] = {
+    "entity of a test": ((LATER, [], [("bath tub", "near", "e2")]), ["entities.*bath tub"]),
+    "entity of validation": ((LATER, [("bath tub", "near", "e2")], []), ["entities.*bath tub"]),
+    "relation of a test": ((LATER, [], [("e1", "on", "e2")]), ["relations.*on"]),
+    "nothing else": (([], [], [("bath tub", "on", "e2")]), ["entities.*tub", "relations.*on"]),
+    "loop": (([("mug", "near", "mug")], [], [("mug", "near", "e1")]), []),
+    "empty": (([], [], []), []),
+}
+
+
+@pytest.mark.parametrize("strategy", ["insert", "new_rows_and_earlier", "finetune", "retrain"])
+@pytest.mark.parametrize("case", BARE)
+def test_what_arrives_without_training_triples_is_counted(case: str, strategy: str) -> None:
+    later, warned = BARE[case]
+    grows = isi.Timeline.of([(FIRST, [], FIRST[:3]), later])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        grown = run(grows, initializer=None, strategy=strategy)
+    texts = [str(each.message) for each in caught if "without a training" in str(each.message)]
+    assert len(texts) == len(warned)
+    for words, text in zip(warned, texts, strict=True):
+        assert re.search(words, text)
+    assert np.isfinite(grown.entities).all()
+    assert np.isfinite(grown.relations).all()
+    assert len(grown.measures())
+    if strategy == "insert" and "bath tub" in grows.entity_names:
+        row = grows.entity_names.index("bath tub")
+        known = grown.entities[: grows.entities[0]]
+        np.testing.assert_allclose(grown.entities[row], known.mean(0), atol=1e-6)
+
+
+def test_measures_without_queries_are_no_numbers() -> None:
+    grown = run(isi.Timeline.of([(FIRST, [], []), (LATER, [], [])]))
+    assert grown.matrix.empty
+    assert grown.measures()["value"].isna().all()
+
+
+def test_a_model_needs_training_triples_of_the_first_snapshot() -> None:
+    with pytest.raises(InputError, match="snapshot 0: train"):
+        run(isi.Timeline.of([([], [], FIRST), (LATER, [], [])]))
+
+
+def test_neighbouring_seeds_share_no_draws() -> None:
+    """The second snapshot of a seed, and the third one of the seed before it."""
+    more = [("jar", "near", "e1")]
+    for_both = {"initializer": "xavier", "strategy": "insert"}
+    grows = isi.Timeline.of([(FIRST, [], []), (LATER, [], []), (more, [], [])])
+    first, second = (run(grows, seed=seed, **for_both).entities[-2:] for seed in (4, 5))
+    assert not np.allclose(first[1], second[0])

@@ -3,6 +3,8 @@
 import gzip
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,9 +16,10 @@ from hypothesis import strategies as st
 
 from isi.__main__ import main
 from isi.cli.graph import describe
+from isi.cli.output import write_outputs
 from isi.config import read as read_params
 from isi.errors import InputError
-from isi.graph.files import guess, read_graph, write_graph
+from isi.graph.files import graph_files, guess, read_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.names import clean, name_fault
 from isi.tables import paths
@@ -83,7 +86,9 @@ def test_it_writes_a_folder_that_it_reads(folder: Path, capsys: pytest.CaptureFi
         "entities.csv",
         "triples.csv",
     }
-    assert said(capsys, "made/graph").replace("made/graph:", "log.csv:") == described
+    read, written = described.split("written: ")
+    assert written.split() == ["made/graph/triples.csv,", "made/graph/entities.csv"]
+    assert said(capsys, "made/graph").replace("made/graph:", "log.csv:") == read
 
 
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S", "Zs"])
@@ -108,7 +113,8 @@ def test_a_graph_that_is_written_reads_as_itself(
         build_tables(MinedSource("files", rows, described)),
         tmp_path_factory.getbasetemp() / "home",
     )
-    write_graph(folder, tables)
+    contents = {folder / name: text for name, text in graph_files(tables).items()}
+    write_outputs(contents, [], replace=True)
     again, _ = read_graph([folder])
     pd.testing.assert_frame_equal(again.triples, tables.triples)
     pd.testing.assert_frame_equal(again.entities, tables.entities)
@@ -253,3 +259,75 @@ def test_a_file_that_is_given_twice_is_refused(folder: Path) -> None:
     for files in (["log.csv", "log.csv"], ["log.csv", "./log.csv"], ["log.csv", "link.csv"]):
         with pytest.raises(InputError, match="twice"):
             read_graph(files)
+
+
+def test_paths_and_kinds_are_printed_as_they_are(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "my_log.csv").write_text("mug,at,kitchen\n", encoding="utf-8")
+    (folder / "my_kinds.csv").write_text(
+        "entity,kind\nmug,kitchen_item\nkitchen,room_1\n", encoding="utf-8"
+    )
+    printed = said(capsys, "my_log.csv", "--set", "entities=my_kinds.csv")
+    assert {"my_log.csv:", "  kitchen_item: 1", "  room_1: 1", "unique triples: 1"} <= set(
+        printed.splitlines()
+    )
+
+
+STREAMS = {
+    "-": "cat log.csv | isi graph -",
+    "gzip": "gzip -c log.csv | isi graph --reader table -",
+    "substitution": "isi graph --reader table <(cat log.csv)",
+    "redirection": "isi graph - < log.csv",
+}
+
+
+def run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = command.replace("isi ", f"{shlex.quote(sys.executable)} -m isi ")
+    return subprocess.run(
+        ["/bin/bash", "-c", command],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_standard_input_and_substitutions_are_files(folder: Path, stream: str) -> None:
+    done = run(STREAMS[stream], folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "unique triples: 6" in done.stdout
+
+
+def test_a_stream_of_another_format_needs_a_reader(folder: Path) -> None:
+    home = '{"rooms": [{"name": "kitchen", "objects": ["mug"]}]}'
+    done = run(f"echo '{home}' | isi graph -", folder)
+    assert done.returncode == 1
+    assert re.fullmatch("isi graph: .*guessed reader: table; --reader .*\\n", done.stderr)
+    assert run(f"echo '{home}' | isi graph --reader rooms -", folder).returncode == 0
+    triple = "<urn:x:mug> <urn:x:at> <urn:x:kitchen> ."
+    assert run(f"echo '{triple}' | isi graph --reader rdf -", folder).returncode == 0
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_descriptors_are_no_errors(folder: Path, closed: str) -> None:
+    done = run(f"isi graph log.csv --out made {closed}", folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (folder / "made/triples.csv").exists()
+    refused = run(f"isi graph none.csv {closed}", folder)
+    assert refused.returncode == 1
+    assert refused.stderr.count("\n") == (0 if "2>&-" in closed else 1)
+
+
+def test_no_file_takes_the_number_of_a_closed_descriptor(folder: Path) -> None:
+    code = (
+        "import isi.process as p, os, sys\n"
+        "with p.errors_in_one_line('x'): file = open('log.csv'); "
+        "os.write(2 if sys.argv[1] == '1' else 1, b'%d' % file.fileno())"
+    )
+    for number in range(3):
+        program = f"{shlex.quote(sys.executable)} -c {shlex.quote(code)} {number} {number}>&-"
+        done = run(program, folder)
+        assert int(done.stderr + done.stdout) > 2

@@ -127,19 +127,73 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
 STATE = {"entities": torch.from_numpy(ENTITIES), "relations": torch.from_numpy(LABELS)}
 
 
+OF_OPENKE = {
+    "ent_embeddings.weight": STATE["entities"],
+    "rel_embeddings.weight": STATE["relations"],
+}
+ADAM = {"state": {0: {"exp_avg": STATE["entities"]}, 1: {"exp_avg": STATE["relations"]}}}
+
+
+def prefixed(prefix: str) -> dict[str, torch.Tensor]:
+    return {prefix + name: values for name, values in OF_OPENKE.items()}
+
+
+CHECKPOINTS: dict[str, Any] = {
+    "other tensors": {**OF_OPENKE, "zero_const": torch.zeros(1), "ids": torch.zeros(6, 2).int()},
+    "parallel": prefixed("module."),
+    "compiled": prefixed("_orig_mod.model."),
+    "nested": {"epoch": 3, "model_state_dict": OF_OPENKE, "optimizer_state_dict": ADAM},
+    "Lightning": {"state_dict": prefixed("model."), "optimizer_states": [ADAM], "loops": {}},
+    "deep": {"model": [{"state_dict": OF_OPENKE}, {}], "optimizer": ADAM},
+}
+
+
+@pytest.mark.parametrize("name", CHECKPOINTS)
+def test_the_tables_of_any_trainer_are_those_with_a_row_for_each_name(name: str) -> None:
+    torch.save(CHECKPOINTS[name], write_openke() / "c.ckpt")
+    bundle = imported("theirs", "--model", "distmult")
+    assert bundle.entities.tobytes() == ENTITIES.tobytes()
+    assert bundle.relations.tobytes() == LABELS.tobytes()
+
+
 @pytest.mark.parametrize(
     ("state", "named"),
     [
-        ({"ent_emb.weight": torch.zeros(2)}, "ent_emb.weight"),
-        ({"entities": STATE["entities"]}, "relations"),
+        (
+            {"ent_emb.weight": torch.zeros(5, 4)},
+            r"entities.*--entities NAME.*ent_emb.weight \(5 x 4\)",
+        ),
+        ({"entities": STATE["entities"]}, "relations.*--relations NAME.*no tensor"),
         ({"epoch": 3}, "no tensor"),
+        ({**OF_OPENKE, "transfer": STATE["relations"]}, r"rel_embeddings.*transfer \(2 x 4\)"),
+        ({**OF_OPENKE, "average": OF_OPENKE}, "ent_embeddings.weight.*average.ent_embeddings"),
     ],
 )
-def test_tensors_of_other_names_are_listed(state: dict[str, Any], named: str) -> None:
+def test_tensors_that_do_not_fit_or_not_alone_are_listed(state: dict[str, Any], named: str) -> None:
     folder = write_lists()
     torch.save(state, folder / "t.pt")
     with pytest.raises(SystemExit, match=f"expected one tensor .*{named}"):
         imported(str(folder), "--family", "distmult")
+
+
+def test_tensors_are_named_by_options() -> None:
+    """There are as many relations as entities."""
+    folder = write_lists()
+    (folder / "relations.txt").write_text("".join(f"r{name}\n" for name in NAMES), "utf-8")
+    (folder / "triples.tsv").unlink()
+    torch.save({"a.weight": STATE["entities"] * 2, "b": STATE["entities"]}, folder / "t.pt")
+    typed = [str(folder), "--family", "distmult"]
+    with pytest.raises(SystemExit, match=r"--entities NAME.*a\.weight.*b"):
+        imported(*typed)
+    with pytest.raises(SystemExit, match="expected one tensor c"):
+        imported(*typed, "--entities", "c")
+    for options in (["--entities", "b"], ["--entities", "b", "--relations", "a.weight"]):
+        bundle = imported(*typed, *options)
+        assert bundle.entities.tobytes() == ENTITIES.tobytes()
+        assert bundle.relations.tobytes() == (ENTITIES * 2).tobytes()
+    torch.save({"b": STATE["entities"]}, folder / "t.pt")
+    with pytest.raises(SystemExit, match="--relations NAME"):
+        imported(*typed)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,11 @@
 no initializer sees held-out triples.
 """
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -21,9 +25,11 @@ from isi.initializers.api import (
     options_of,
     without_weights,
 )
+from isi.insertion.engine import context_in_session
 from isi.tables import paths
+from tests.environment import ENVIRONMENT
 from tests.init_contexts import initialize as insert
-from tests.small_graphs import dense
+from tests.small_graphs import dense, points_of, random_embedding, random_graph
 from tests.small_insertion import (
     DIMENSION,
     ENTITIES,
@@ -393,3 +399,39 @@ def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(na
         assert torch.equal(alone.vectors, whole.vectors) == (
             "insert_triples" not in registered.needs
         )
+
+
+def digests() -> dict[str, str]:
+    """A digest of the vectors that each initializer of params.yaml gives in a small session."""
+    points = points_of(random_graph(60, 4, 400), 6, [5, 6])
+    words = np.random.default_rng(1).normal(size=(60, 20)).astype(np.float32)
+    theta0 = random_embedding(2, 60, 4, 20)
+    given = context_in_session(
+        replace(theta0, entity=theta0.entity * points.session(0).entities[..., None]),
+        points.session(0),
+        points.novel_in(1),
+        torch.as_tensor(points.insert_triples_in(1)),
+        torch.as_tensor(words),
+        0,
+        points.keys(),
+    )
+    found = dict[str, str]()
+    for name, options in read(paths.PARAMS)["initializers"].items():
+        vectors = insert(name, given, **options).vectors
+        found[name] = sha256(vectors.numpy().tobytes()).hexdigest()
+    return found
+
+
+def test_vectors_are_the_same_bytes_on_processors_of_other_width() -> None:
+    """Instructions of 256 bits, as on processors with AVX2 alone, and those of this one."""
+    script = (
+        "import json; from tests.test_initializers import digests; print(json.dumps(digests()))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=ENVIRONMENT | {"ATEN_CPU_CAPABILITY": "avx2"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == digests()

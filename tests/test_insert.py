@@ -607,3 +607,60 @@ def test_vectors_have_the_precision_of_the_table(dtype: type[np.floating[Any]]) 
     single = given_tables["entities"].astype(np.float32)
     expected = np.stack([(single[1] + single[3]) / 2, single[2]]).astype(dtype)
     assert done.vectors.tobytes() == expected.tobytes()
+
+
+NUMBERED = [str(row) for row in (7, 3, 0, 1, 2, 4, 5, 6, 8, 9, 10, 11)]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"triples": [("mug", "in", 7)]},
+        {"triples": [("mug", "in", np.int64(7))]},
+        {"known_triples": np.array([(7, 0, 3)])},
+        {"known_triples": pd.DataFrame({"head": [7], "relation": [0], "tail": [3]})},
+        {"words": {7: np.ones(2)}},
+        {"kinds": {7: "room"}},
+    ],
+)
+def test_a_number_that_is_another_rows_name_is_refused(changed: dict[str, Any]) -> None:
+    about = {"triples": [("mug", "in", "7")], "new": ["mug"], "entity_names": NUMBERED}
+    how = {"known_triples": None, "initializer": "neighbour_mean"}
+    done = call(**about, **how)
+    assert np.array_equal(done.vectors[0], tables()["entities"][0])
+    with pytest.raises(InputError, match="7 is an id, and the name of another row"):
+        call(**(about | how | changed))
+    assert call(**(about | how | {"triples": [("mug", "in", 8)]})).vectors.shape == (1, 8)
+
+
+@pytest.mark.parametrize("number", [np.int64, np.uint8, np.array, torch.tensor])
+def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
+    """Whole ones; ``half`` is one with a fraction."""
+    half = number(0.5) if number in (np.array, torch.tensor) else np.float32(0.5)
+    entities, relations = tables().values()
+    facts = {"model": "analogy", "new": number(1)}
+    how = {"seed": number(3), "tolerance": half, "budget": half}
+    done = isi.insert(
+        entities,
+        relations,
+        [(number(ENTITIES), number(0), number(3))],
+        **facts,  # type: ignore[arg-type]
+        **how,  # type: ignore[arg-type]
+        initializer="rs",
+        options={"k": number(2)},
+        known_triples=[(0, 0, 1)],
+    )
+    assert len(done.report(nearest=number(2))[0].nearest) == 2
+    assert done.interference(most=number(1), seed=number(1), original=number(ENTITIES)).queries
+    fitted, _ = isi.fit_new(
+        done.entities,
+        done.relations,
+        [(ENTITIES, 0, 3)],
+        **facts,  # type: ignore[arg-type]
+        seed=number(3),
+        epochs=number(2),
+        batch_size=number(8),
+        learning_rate=half,
+        early_stopping=False,
+    )
+    assert fitted.shape == done.entities.shape

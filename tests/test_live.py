@@ -24,10 +24,10 @@ from hypothesis.stateful import (
     precondition,
     rule,
 )
+from isi.live.folder import write
 
 import isi
 from isi.live.embedding import LiveEmbedding
-from isi.live.folder import write
 from isi.live.groups import PREPARED
 from tests.small_live import KINDS, KNOWN, assert_same, chosen, live_of, seen
 

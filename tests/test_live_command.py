@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from isi.live.folder import Bundle, Manifest, write
+from isi.live.journal import text_of
 
 import isi
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
-from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import text_of
 from isi.live.stream import answer, serve, take_step
 from tests.environment import CAN_MOUNT, OWN_MOUNTS, PATIENCE
 from tests.live_processes import COMMAND, Client, connect, lines, socket_of
@@ -59,6 +59,28 @@ def answered(folder: Path, *requests: Any) -> list[dict[str, Any]]:
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
     return written(tmp_path / "home")
+
+
+def test_a_question_in_another_spelling_has_a_note_in_its_answer() -> None:
+    live = live_of()
+
+    def result(request: dict[str, Any]) -> dict[str, Any]:
+        parsed: dict[str, Any] = json.loads(answer(live, json.dumps(request).encode()))
+        return parsed
+
+    result({"insert": "gas hob", "facts": [["gas hob", "in", "e1"]]})
+    for request in (
+        {"ask": ["Gas-Hob", "in", None]},
+        {"nearest": "Gas-Hob"},
+        {"explain": "Gas-Hob"},
+        {"interference": ["Gas-Hob"]},
+    ):
+        (note,) = result(request)["notes"]
+        assert "'Gas-Hob'" in note
+        assert "'gas hob'" in note
+    assert "notes" not in result({"ask": ["gas hob", "in", None]})
+    assert "'gas hob'" in result({"remove": "Gas-Hob"})["error"]
+    assert "'gas hob'" in result({"observe": [["Gas-Hob", "in", "e1"]]})["error"]
 
 
 def test_each_request_has_an_answer(home: Path) -> None:

@@ -13,10 +13,10 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from isi.live.folder import MODEL, EntityRecord, WordSource
 
 from isi.graph.words import read_vectors
 from isi.live import phrases
-from isi.live.folder import MODEL, EntityRecord, WordSource
 from isi.live.phrases import (
     HEAD_NOUN,
     LEAST,

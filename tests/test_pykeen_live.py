@@ -156,7 +156,7 @@ def test_kinds_that_match_no_label_are_named() -> None:
         match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
     ):
         live = isi.from_pykeen(
-            model_of("distmult", known), known, kinds={"E_1": "place", "x1": "object"}
+            model_of("distmult", known), known, kinds={"e1": "place", "x1": "object"}
         )
     assert live.base.kinds[live.base.entity_names.index("e1")] == "place"
 

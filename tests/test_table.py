@@ -1,7 +1,13 @@
 """A user's tables of triples: observations, names of entities, and refused input."""
 
+import bz2
 import gzip
+import lzma
+import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
 
 import pandas as pd
 import pyarrow as pa
@@ -15,7 +21,7 @@ from isi.graph.files import read_graph
 from isi.names import clean, name_fault
 from isi.sources import Source
 from isi.sources.names import UNMATCHED, phrase
-from isi.sources.readers import HEADERLESS
+from isi.sources.readers import HEADERLESS, PERHAPS_HEADER, PERHAPS_TRIPLE
 from tests.observing import TRIPLE, observe, refused, written
 
 LOG = """head,relation,tail,count,room,instance
@@ -211,15 +217,35 @@ def test_a_table_of_tabs_whose_header_is_quoted_is_quoted(tmp_path: Path) -> Non
 def test_three_columns_without_a_header_are_a_triple_and_suffixes_have_any_case(
     tmp_path: Path, file: str
 ) -> None:
-    rows = [("mug", "isA", "object"), ("head", "at", "kitchen")]
+    rows = [("mug", "isA", "object"), ("head", "at", "kitchen"), ("cup", "isA", "object")]
     separator = "," if "csv" in file.lower() else "\t"
     content = "".join(separator.join(row) + "\n" for row in rows).encode()
     path = written(tmp_path / file, gzip.compress(content) if file.endswith("GZ") else content)
     observed = observe("table", path)
     assert observed.rows(*TRIPLE) == rows
-    assert observed.counts == {HEADERLESS.format("head, relation, tail"): 2}
+    assert observed.counts == {HEADERLESS.format("head, relation, tail"): 3}
     _, read = read_graph([path])
     assert read[str(path)]["reader"] == "table"
+
+
+@pytest.mark.parametrize(
+    ("lines", "doubt"),
+    [
+        (["Thing\tLink\tOther thing", "mug\tat\tkitchen", "cup\tat\tkitchen"], PERHAPS_HEADER),
+        (["mug\tat\tkitchen", "cup\tat\tkitchen"], ""),
+        (["mug\tat\tkitchen", "kitchen\tin\thome"], ""),
+        (["mug\tat\tkitchen"], ""),
+        (["e1\tr\te2", "e2\tr\te3", "e3\tr\te1"], PERHAPS_TRIPLE),
+        (["e1\tr\te2", "mug\tr\tkitchen"], ""),
+        (["head\trelation\ttail", "head\ton\tbody", "tail\ton\tbody"], ""),
+    ],
+)
+def test_a_first_line_that_may_be_taken_wrongly_is_named(
+    tmp_path: Path, lines: list[str], doubt: str
+) -> None:
+    observed = observe("table", written(tmp_path / "a.tsv", "\n".join(lines)))
+    named = [label for label in observed.counts if label.startswith("first line")]
+    assert named == [doubt.format(repr(lines[0].replace("\t", " ")))] * bool(doubt)
 
 
 def test_columns_have_any_case(tmp_path: Path) -> None:
@@ -236,6 +262,10 @@ def test_columns_have_any_case(tmp_path: Path) -> None:
         "h,r,t",
         "source,label,target",
         "head,rel,tail",
+        "subjectLabel,predicateLabel,objectLabel",
+        "itemLabel,propLabel,value",
+        "e1,rel,e2",
+        "entity_1,relationship,entity_2",
     ],
 )
 def test_columns_of_triples_may_have_other_names(tmp_path: Path, header: str) -> None:
@@ -254,6 +284,8 @@ def test_columns_of_triples_may_have_other_names(tmp_path: Path, header: str) ->
         ("a.csv", "node,property,node\na,b,c\n", "subject/object"),
         ("a.csv", "from,rel,tail\na,b,c\n", "'from', 'rel', 'tail'"),
         ("a.csv", "from,rel,to,source,target\na,b,c,d,e\n", "'source', 'target'"),
+        ("a.csv", "startLabel,edge_type,endName\na,b,c\n", "add the line head,relation,tail"),
+        ("a.csv", "item,itemLabel,prop,value\na,b,c,d\n", "'itemLabel'"),
         ("a.csv", "0,1,2\na,b,c\n", "0"),
         ("a.csv", "a;at;b\n", "write , between columns"),
         ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
@@ -292,3 +324,76 @@ def test_names_of_the_table_of_entities_that_match_nothing_are_counted(tmp_path:
         ["Mugg"],
         entities=str(written(tmp_path / "f.csv", "entity,phrase\nMugg,big mug\n")),
     )
+
+
+# Parquet by other programs
+
+
+@pytest.mark.parametrize("type_", ["float64", "float32", "category"])
+def test_floats_of_whole_numbers_are_named_as_whole_numbers(tmp_path: Path, type_: str) -> None:
+    frame = pd.DataFrame({"head": [1.0, 2.0**60, 0.5], "relation": "at", "tail": "kitchen"})
+    frame.astype({"head": type_}).to_parquet(tmp_path / "a.parquet")
+    names = [head for (head,) in observe("table", tmp_path / "a.parquet").rows("head")]
+    assert names == ["1", "1152921504606846976", "0.5"]
+    for missing in (float("nan"), None):
+        heads = pa.array([1.0, missing, 0.5], pa.float64())
+        table = pa.table(frame).set_column(0, "head", heads)
+        pq.write_table(table, tmp_path / "b.parquet")
+        refused("table", tmp_path / "b.parquet", ["row 2", "head", "got none"])
+
+
+@pytest.mark.parametrize("index", [None, "row", ["shelf", "row"]])
+def test_the_index_of_pandas_in_parquet_is_no_column(tmp_path: Path, index: Any) -> None:
+    frame = pd.DataFrame([("mug", "at", "kitchen"), ("cup", "at", "kitchen")], columns=TRIPLE)
+    if index:
+        frame = frame.assign(row=[1, 2], shelf=[3, 4]).set_index(index)[list(TRIPLE)]
+    frame[frame["head"] == "cup"].to_parquet(tmp_path / "a.parquet")
+    frame.set_index("head").to_parquet(tmp_path / "b.parquet")
+    assert observe("table", tmp_path / "a.parquet").rows(*TRIPLE) == [("cup", "at", "kitchen")]
+    assert observe("table", tmp_path / "b.parquet").rows("head") == [("mug",), ("cup",)]
+    plain = pa.Table.from_pandas(frame.reset_index(), preserve_index=False)
+    named = plain.append_column("__index_level_0__", pa.array([0, 1])).replace_schema_metadata(None)
+    pq.write_table(named, tmp_path / "c.parquet")
+    refused("table", tmp_path / "c.parquet", ["__index_level_0__"])
+
+
+def test_metadata_of_pandas_that_is_broken_is_refused(tmp_path: Path) -> None:
+    table = pa.table({name: ["a"] for name in TRIPLE})
+    pq.write_table(table.replace_schema_metadata({"pandas": "{"}), tmp_path / "a.parquet")
+    refused("table", tmp_path / "a.parquet", ["a.parquet", "pandas"])
+
+
+# Pipes and compressed files
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("name", ["a.tsv", "a.csv.gz", "a.parquet", "pipe"])
+def test_a_pipe_is_read_once(tmp_path: Path, name: str, packed: bool) -> None:
+    rows, path = [("mug", "at", "kitchen"), ("cup", "at", "hall")], tmp_path / name
+    frame = pd.DataFrame(rows, columns=TRIPLE)
+    if name == "a.parquet":
+        content = frame.to_parquet(index=False)
+    else:
+        text = frame.to_csv(index=False, sep="," if "csv" in name else "\t").encode()
+        content = gzip.compress(text) if packed else text
+    os.mkfifo(path)
+    with ThreadPoolExecutor() as pool:
+        written_all = pool.submit(path.write_bytes, content)
+        assert observe("table", path).rows(*TRIPLE) == rows
+        assert written_all.result(timeout=10) == len(content)
+
+
+PACKED = {"bz2": bz2.compress, "xz": lzma.compress, "zip": None}
+
+
+@pytest.mark.parametrize("suffix", PACKED)
+def test_other_compressions_are_refused_with_a_command(tmp_path: Path, suffix: str) -> None:
+    path, content = tmp_path / f"a.csv.{suffix}", b"head,relation,tail\nmug,at,kitchen\n"
+    if pack := PACKED[suffix]:
+        path.write_bytes(pack(content))
+    else:
+        with ZipFile(path, "w") as archive:
+            archive.writestr("a.csv", content)
+    refused("table", path, [path.name, "gzip", "--reader NAME -"])
+    with pytest.raises(InputError, match="--reader NAME -"):
+        read_graph([path])

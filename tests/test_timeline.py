@@ -1,10 +1,13 @@
 """Timelines: ids in the order of first appearance, the ten benchmarks, folders of LKGE's form."""
 
 import hashlib
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 
@@ -206,3 +209,40 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     write(tmp_path, 2)
     with pytest.raises(InputError, match=r"folder 1: expected the folders 0, 1, .*got 0, 2"):
         Timeline.from_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("snapshots", "message"),
+    [
+        ([], "argument 'snapshots'"),
+        (3, "argument 'snapshots'"),
+        ([(HOME, [], []), (HOME, [])], "snapshot 1: .*2 parts"),
+        ([(HOME, [], []), ([], [], [("cup", "in")])], "snapshot 1: test, triple 0"),
+        ([([*HOME, ("cup", "in", "hall", 3)], [], [])], "snapshot 0: train, triple 2"),
+        ([(["cup"], [], [])], "snapshot 0: train, triple 0"),
+        ([([{"cup", "in", "hall"}], [], [])], "snapshot 0: train, triple 0"),
+        ([(HOME, [("cup", None, "hall")], [])], "snapshot 0: valid, triple 0: relation"),
+        ([(HOME, [], [("cup", "in", float("nan"))])], "snapshot 0: test, triple 0: tail"),
+        ([(HOME, [], [(" ", "in", "hall")])], "snapshot 0: test, triple 0: head"),
+    ],
+)
+def test_wrong_parts_are_named_by_snapshot_split_and_triple(snapshots: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Timeline.of(snapshots)
+
+
+@pytest.mark.parametrize(
+    "form", [iter, tuple, np.array, partial(pd.DataFrame, columns=["head", "relation", "tail"])]
+)
+def test_parts_may_have_any_form_of_triples(form: Callable[[Any], Any]) -> None:
+    given = Timeline.of(iter([(form(HOME), [], form(HOME[:1]))]))  # type: ignore[arg-type]
+    expected = Timeline.of([(HOME, [], HOME[:1])])
+    assert given.entity_names == expected.entity_names
+    assert given.snapshots[0].triples.tolist() == expected.snapshots[0].triples.tolist()
+
+
+def test_a_number_is_the_name_of_its_digits() -> None:
+    assert Timeline.of([([("7", "in", 7), (np.int64(7), "in", "8")], [], [])]).entity_names == [
+        "7",
+        "8",
+    ]

@@ -54,6 +54,25 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(
     assert "published" not in quick.experiments
 
 
+@pytest.mark.parametrize(
+    ("changes", "meant"),
+    [
+        ({"initializer.es.k": 4}, "'initializers.es.k'"),
+        ({"initializers.ess.k": 4}, "'initializers.es.k'"),
+        ({"seed.k": 4}, "seed"),
+        ({"experiments.transfr": workspace.DROP}, "'experiments.transfer'"),
+        ({"experiments.transfer.sessions.seed": workspace.DROP}, "seeds"),
+        ({"experiments.published.sessions.seeds": 4}, "published"),  # a quick run drops it
+    ],
+)
+def test_a_misspelt_key_of_a_workspace_is_refused_and_nothing_is_written(
+    tmp_path: Path, changes: dict[str, Any], meant: str
+) -> None:
+    with pytest.raises(InputError, match=meant):
+        workspace.make_checked(tmp_path / "quick", changes)
+    assert not (tmp_path / "quick").exists()
+
+
 def of_run(**novel: float) -> dict[str, Any]:
     """Headline numbers of a run, with another experiment in it."""
     part = {

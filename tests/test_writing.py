@@ -14,10 +14,13 @@ from pathlib import Path
 
 import pytest
 
+from isi.__main__ import main
 from isi.errors import InputError
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
 from tests.environment import CAN_MOUNT, OWN_MOUNTS
+from tests.small_bundle import small
+from tests.small_bundle import written as write_bundle
 from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -89,6 +92,91 @@ def test_a_file_that_cannot_be_read_while_writing_is_not_an_output_that_cannot_b
             lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()),
         )
     assert list(tmp_path.iterdir()) == []
+
+
+# Outputs that a user names
+
+
+@pytest.fixture
+def own_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's folder with triples, a bundle of them, and other folders and files."""
+    monkeypatch.chdir(tmp_path)
+    write_bundle(tmp_path / "home", small())
+    (tmp_path / "notes.ttl").write_text("mine", encoding="utf-8")
+    table = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
+    (tmp_path / "triples.csv").write_text(table, encoding="utf-8")
+    (tmp_path / "entities.csv").write_text("entity,kind\nmug,object\n", encoding="utf-8")
+    for folder in ("plain", "hard", "soft"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "plain/triples.tsv").write_text(table.replace(",", "\t"), encoding="utf-8")
+    (tmp_path / "hard/triples.csv").hardlink_to(tmp_path / "triples.csv")
+    (tmp_path / "soft/triples.csv").symlink_to(tmp_path / "triples.csv")
+    return tmp_path
+
+
+EXPORT = ["export", "--embedding", "home", "--format"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["graph", "triples.csv", "--out", ".", "--replace"],
+        ["graph", "triples.csv", "--out", "hard", "--replace"],
+        ["graph", "triples.csv", "--out", "soft", "--replace"],
+        ["graph", "kitchen=triples.csv", "--out", "plain/..", "--replace"],
+        ["graph", "soft", "--out", "soft", "--replace"],
+        ["graph", "plain/triples.tsv", "--set", "entities=entities.csv", "--out", ".", "--replace"],
+        ["graph", "plain/triples.tsv", "--out", "."],
+        [*EXPORT, "turtle", "--out", "home/triples.tsv", "--replace"],
+        [*EXPORT, "turtle", "--out", "notes.ttl"],
+        [*EXPORT, "graphml", "--out", "soft/triples.csv"],
+        [*EXPORT, "pykeen-tsv", "--out", "notes.predictions.ttl/../notes.ttl"],
+        ["train", "plain/triples.tsv", "--out", "plain"],
+        ["train", "triples.csv", "--out", "plain"],
+        ["train", "triples.csv", "--kinds", "home/entities.tsv", "--out", "home"],
+        ["insert", "--from", "home/triples.tsv", "--embedding", "home", "--out", "home"],
+        ["import", "home", "--out", "home"],
+    ],
+)
+def test_an_output_that_is_an_input_or_a_file_of_the_user_is_refused(
+    own_files: Path, command: list[str]
+) -> None:
+    before = {path: path.read_bytes() for path in own_files.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit, match=r"triples|entities|notes|embedding\.json"):
+        main(command)
+    after = {path: path.read_bytes() for path in own_files.rglob("*") if path.is_file()}
+    assert after == before
+
+
+def test_what_is_replaced_keeps_its_mode_and_a_link_stays_a_link(own_files: Path) -> None:
+    target, link = own_files / "notes.ttl", own_files / "link.ttl"
+    target.chmod(0o640)
+    link.symlink_to("notes.ttl")
+    main([*EXPORT, "turtle", "--out", "link.ttl", "--replace"])
+    assert link.is_symlink()
+    assert "urn:isi" in target.read_text(encoding="utf-8")
+    assert target.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.usefixtures("own_files")
+def test_a_pipe_and_an_open_file_are_written_into() -> None:
+    command = [sys.executable, "-m", "isi", *EXPORT, "turtle", "--out"]
+    os.mkfifo("pipe")
+    main([*EXPORT, "pykeen-tsv", "--out", "/dev/null"])
+    assert Path("/dev/null").is_char_device()
+    with subprocess.Popen([*command, "pipe"]) as writer:
+        through_pipe = Path("pipe").read_text(encoding="utf-8")
+    assert writer.returncode == 0
+    assert Path("pipe").is_fifo()
+    through_output = subprocess.run([*command, "/dev/stdout"], capture_output=True, check=True)
+    assert through_output.stdout.decode() == through_pipe
+    script = f"echo before; {shlex.join(command)} /dev/stdout; echo after"
+    with Path("all").open("wb") as file:
+        done = subprocess.run(
+            ["/bin/sh", "-c", script], stdout=file, stderr=subprocess.PIPE, check=True
+        )
+    assert Path("all").read_text(encoding="utf-8") == f"before\n{through_pipe}after\n"
+    assert b"/dev/stdout" in done.stderr
 
 
 def only_line(stderr: str) -> str:

@@ -5,6 +5,7 @@ A params.yaml in the folder that was edited there stays, with the changes of --s
 """
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from ruamel.yaml import YAML
 
 from isi.cli import settings
 from isi.config import read, value_of
-from isi.errors import InputError
+from isi.errors import InputError, suggestion
 from isi.params import load
 from isi.process import Parser, errors_in_one_line
 
@@ -99,6 +100,29 @@ def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
     forget(params, {key.rpartition(".")[2] for key, value in changes.items() if value is DROP})
 
 
+def check_keys(changes: dict[str, Any], params: Any, every: Any) -> None:
+    """InputError for a change below a key that the params lack, and for a key to drop that neither
+    they nor the params of all runs have.
+    """
+    for key, value in changes.items():
+        parent, _, last = key.rpartition(".")
+        holders = [value_of(values, parent) if parent else values for values in (params, every)]
+        is_known = isinstance(holders[0], dict)
+        if value is DROP:
+            is_known = any(isinstance(holder, dict) and last in holder for holder in holders)
+        if not is_known:
+            hint = suggestion(key, dotted(params))
+            option = "--drop" if value is DROP else "--set"
+            raise InputError(option, key, f"expected a key of the params of this run{hint}")
+
+
+def dotted(values: Any, before: str = "") -> Iterator[str]:
+    """The keys of nested mappings, with dots between them."""
+    for key, value in values.items() if isinstance(values, dict) else ():
+        yield f"{before}{key}"
+        yield from dotted(value, f"{before}{key}.")
+
+
 def forget(values: Any, names: set[str]) -> None:
     """Remove names from every list in a tree of mappings."""
     for value in values.values() if isinstance(values, dict) else ():
@@ -134,7 +158,12 @@ def make_checked(folder: Path, changes: dict[str, Any]) -> None:
             f"workspace: {params} was edited and stays; without it, "
             f"{ROOT / params.name} is used again"
         )
-    make(folder, changes if edited else QUICK | changes, params if edited else ROOT / params.name)
+    source = params if edited else ROOT / params.name
+    values = read(source)
+    if not edited:
+        change_all(values, QUICK)
+    check_keys(changes, values, read(ROOT / params.name))
+    make(folder, changes if edited else QUICK | changes, source)
     try:
         load(params)
     except InputError:

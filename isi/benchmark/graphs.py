@@ -12,7 +12,7 @@ import torch
 from isi.columns import TRIPLE
 from isi.errors import InputError, extra, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
-from isi.insertion.arguments import listed_triples, naming_argument
+from isi.insertion.arguments import listed_triples, named_triples, naming_argument
 from isi.tables import paths
 
 #: Folder below ``data/raw`` of each graph whose folder has another name.
@@ -33,7 +33,7 @@ def graph_of(triples: Any) -> Graph:
             return _of_factory(triples)
         listed = listed_triples(triples)
         if not isinstance(listed, np.ndarray) or listed.dtype.kind not in "iu":
-            listed = np.array([[str(name) for name in triple] for triple in listed], dtype=object)
+            listed = named_triples(listed)
         if listed.ndim != 2 or listed.shape[1] != len(TRIPLE) or not len(listed):
             raise InputError("", "", "expected triples: head, relation and tail")
     return numbered(listed)

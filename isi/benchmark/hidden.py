@@ -18,6 +18,7 @@ from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
 from isi.insertion.arguments import Names, naming_argument, triples_of
+from isi.models.stack import usual_torch
 from isi.random import stream
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class HiddenSplit:
         """At most ``number`` facts of each hidden entity, the first ones; None: all. 0: none, as
         in semi-inductive link prediction from words alone.
         """
-        check(number, Annotated[int, Field(ge=0)] | None, "", "argument 'number'")  # type: ignore[arg-type]
+        number = check(number, Annotated[int, Field(ge=0)] | None, "", "argument 'number'")  # type: ignore[arg-type]
         return [tuple(row) for row in self.labels(self.ids.insert_triples(number)).tolist()]
 
     @property
@@ -109,6 +110,7 @@ class HiddenSplit:
             f"{len(ids.triples):,} known, {len(ids.rest):,} facts, {len(ids.queries):,} queried"
         )
 
+    @usual_torch()
     def evaluate(
         self,
         model: Any,
@@ -186,6 +188,7 @@ class HiddenSplit:
         return parts
 
 
+@usual_torch()
 def hide(
     triples: Any,
     *,
@@ -223,14 +226,11 @@ def hide(
         >>> split.facts
         [('e9', 'next', 'e10'), ('e8', 'after next', 'e10'), ('e10', 'after next', 'e0')]
     """
-    for name, value, kind in (
-        ("fraction", fraction, Fraction),
-        ("fewest", fewest, Annotated[int, Field(ge=2)]),
-        ("queries", queries, Fraction),
-        ("seed", seed, Seed),
-        ("root", root, Seed),
-    ):
-        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
+    fraction = check(fraction, Fraction, "", "argument 'fraction'")
+    fewest = check(fewest, Annotated[int, Field(ge=2)], "", "argument 'fewest'")  # type: ignore[arg-type]
+    queries = check(queries, Fraction, "", "argument 'queries'")
+    seed = check(seed, Seed, "", "argument 'seed'")
+    root = check(root, Seed, "", "argument 'root'")
     graph = triples if isinstance(triples, Graph) else graph_of(triples)
     rng = stream(root, "hidden from another trainer", seed)
     with naming_argument("fraction"):

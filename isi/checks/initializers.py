@@ -27,7 +27,7 @@ from isi.initializers.api import (
 from isi.models.bilinear import DistMult
 from isi.models.distance import TransE
 from isi.models.model import Model
-from isi.models.stack import mapped, select, without_denormals
+from isi.models.stack import mapped, select, usual_torch
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ScoreAlone(Model):
     inverse = transform
 
 
-@without_denormals()
+@usual_torch()
 def check_initializer(
     initializer: str | Initializer | Registered, options: Mapping[str, Any] | None = None
 ) -> list[str]:

@@ -18,7 +18,7 @@ from isi.errors import InputError, at, short
 from isi.graph.sessions import TRAIN, Session
 from isi.models.model import MODELS, Model, make_model
 from isi.models.scoring import DenseTriples, TripleList, Triples
-from isi.models.stack import Embedding, mapped, select, uniform
+from isi.models.stack import Embedding, mapped, select, uniform, usual_torch
 from isi.training.batches import Negatives, batches, training_data
 from isi.training.trainer import Optimizer, adagrad, is_compiled, loss_gradient, run_epoch, start
 
@@ -47,6 +47,7 @@ class CheckedModel:
         return self.embedding()
 
 
+@usual_torch()
 def check_model(model: str | Model, options: Mapping[str, Any] | None = None) -> list[str]:
     """Run named checks of a model; the names of all, if it passes.
 

@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     the exit status is 2 if the command line cannot be parsed, else 1.
     """
     with errors_in_one_line("isi"):
-        tokens = list(sys.argv[1:] if argv is None else argv)
+        tokens = with_standard_input(sys.argv[1:] if argv is None else argv)
         app = App(
             name="isi",
             help="Insert entities into knowledge-graph embeddings, query them, and build graphs.",
@@ -129,10 +129,10 @@ def main(argv: Sequence[str] | None = None) -> None:
                 if not tokens:
                     raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")
                 run, arguments, _ = app.parse_args(
-                    facts_about_name(tokens), print_error=False, exit_on_error=False
+                    with_whole_facts(tokens), print_error=False, exit_on_error=False
                 )
             except CycloptsError as error:
-                message = " ".join(str(error).split()) + _hint(error, tokens)
+                message = " ".join(str(error).split()) + _hint(error)
                 # it repeats a value
                 if isinstance(error, ValidationError) and error.argument and len(message) > MOST:
                     message = f"{error.argument.name}: {error.exception_message}"
@@ -141,24 +141,24 @@ def main(argv: Sequence[str] | None = None) -> None:
             run(*arguments.args, **arguments.kwargs)
 
 
-def facts_about_name(tokens: Sequence[str]) -> list[str]:
-    """A command line in which each fact of ``isi insert NAME`` has two parts.
+def with_standard_input(tokens: Sequence[str]) -> list[str]:
+    """A command line with the path of standard input in place of each file ``-``."""
+    reads_files = bool(tokens) and tokens[0] in ("graph", "train")
+    return [
+        "/dev/stdin" if part == "-" and (reads_files or before == "--from") else part
+        for before, part in zip(["", *tokens], tokens, strict=False)
+    ]
 
-    ``--fact NAME RELATION ENTITY`` becomes ``--fact RELATION ENTITY``, and ``--fact ENTITY RELATION
-    NAME`` becomes ``--inverse-fact ENTITY RELATION``.
+
+def with_whole_facts(tokens: Sequence[str]) -> list[str]:
+    """A command line in which ``--whole-fact`` stands before three parts of a fact of ``isi
+    insert``, and ``--fact`` before two.
     """
-    if tokens[:1] != ["insert"] or len(tokens) < 2 or tokens[1].startswith("-"):
-        return list(tokens)
-    name, result, left = tokens[1], list(tokens[:2]), list(tokens[2:])
-    while left:
-        typed = left.pop(0)
-        parts = list(takewhile(_is_no_option, left[:3]))
-        if typed == "--fact" and len(parts) == 3 and name in (parts[0], parts[2]):
-            is_head = parts[0] == name
-            result += ["--fact", *parts[1:]] if is_head else ["--inverse-fact", *parts[:2]]
-            left = left[3:]
-        else:
-            result.append(typed)
+    result = list(tokens)
+    for place, typed in enumerate(tokens):
+        parts = list(takewhile(_is_no_option, tokens[place + 1 : place + 4]))
+        if tokens[0] == "insert" and typed == "--fact" and len(parts) == 3:
+            result[place] = "--whole-fact"
     return result
 
 
@@ -166,17 +166,13 @@ def _is_no_option(token: str) -> bool:
     return not token.startswith("--")
 
 
-def _hint(error: CycloptsError, tokens: Sequence[str]) -> str:
+def _hint(error: CycloptsError) -> str:
     """What a command line that cannot be parsed may lack."""
     if isinstance(error, MissingArgumentError) and error.argument:
         has_parts = error.argument.token_count()[0] > 1
         return f" Expected {error.argument.parameter.help}" if has_parts else ""
-    if not isinstance(error, UnusedCliTokensError):
-        return ""
-    if tokens[0] == "insert" and not {"--fact", "--inverse-fact"}.isdisjoint(tokens):
-        expected = "--fact RELATION ENTITY, or three parts, of which NAME is the first or the last"
-        return f" Expected {expected}; a name of several words stands in quotes."
-    return " A name of several words stands in quotes."
+    several = isinstance(error, UnusedCliTokensError)
+    return " A name of several words stands in quotes." if several else ""
 
 
 def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
@@ -184,17 +180,20 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
     print(json.dumps(answer, indent=2, allow_nan=False) if as_json else "\n".join(lines(answer)))
 
 
-def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+def lines(answer: Mapping[str, Any], indent: str = "", are_names: bool = False) -> Iterator[str]:
     """Format an answer as text, a line per key. Mappings are indented;
     a list of flat mappings becomes a table.
+
+    ``are_names``: keys are the user's names, as in each mapping inside, and stay as they are.
     """
     from tabulate import tabulate  # type: ignore[import-untyped]
 
     for key, value in answer.items():
-        label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
+        shown = key if are_names else key.replace("_", " ")
+        label, rows = f"{indent}{shown}:", value if isinstance(value, list) else []
         inner = indent + "  "
         if isinstance(value, Mapping) and value:
-            yield from (label, *lines(value, inner))
+            yield from (label, *lines(value, inner, are_names=True))
         elif not (rows and isinstance(rows[0], Mapping)):
             yield f"{label} {text_of(value)}"
         elif any(

@@ -5,9 +5,9 @@ for other tools.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,6 +22,7 @@ from cyclopts import Parameter
 from isi import config
 from isi.cli import FROM_ZERO
 from isi.cli.entity import open_home
+from isi.cli.output import Replace, is_device, write_outputs
 from isi.errors import InputError, extra, suggestion
 from isi.graph.graph import (
     ENTITIES,
@@ -36,7 +37,6 @@ from isi.graph.graph import (
 from isi.models.stack import Embedding
 from isi.sources.names import ENTITY
 from isi.tables import paths
-from isi.tables.io import atomically
 from isi.tables.table import as_text
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def export(
     labels: Annotated[
         bool, Parameter(help="in RDF, also write kinds and phrases of entities")
     ] = False,
+    replace: Replace = False,
 ) -> None:
     """Read a graph, predict triples if requested, and write both."""
     if out.suffix == ".gz":
@@ -91,15 +92,12 @@ def export(
         raise InputError("--predictions", "", "expected --embedding DIR, whose model predicts")
     exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment))
     files = FORMATS[format](exported, out, labels)
-    for path, content in files.items():
-        if content is None:
-            path.unlink(missing_ok=True)
-        else:
-            atomically(path, partial(Path.write_bytes, data=content.encode()))
+    write_outputs(files, exported.files, replace)
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
     written = ", ".join(str(path) for path, content in files.items() if content is not None)
     print(
-        f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}"
+        f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}",
+        file=sys.stderr if is_device(out) else sys.stdout,
     )
 
 
@@ -111,6 +109,7 @@ class GraphExport:
     entities: pd.DataFrame  #: columns entity, kind, phrase
     triples: pd.DataFrame  #: columns head, relation, tail, count
     predictions: pd.DataFrame  #: columns head, relation, tail, score, rank; empty unless requested
+    files: Sequence[Path]  #: that were read, or their folder
 
 
 def of_experiment(experiment: str) -> GraphExport:
@@ -128,7 +127,7 @@ def of_experiment(experiment: str) -> GraphExport:
             raise InputError("EXPERIMENT", "", expected)
         files = files if experiment in experiments and not second[0].exists() else second
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
-    return GraphExport(experiment, entities, triples, pd.DataFrame(columns=PREDICTED))
+    return GraphExport(experiment, entities, triples, pd.DataFrame(columns=PREDICTED), files)
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
@@ -146,7 +145,7 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
     graph = Graph(opened.entity_names, opened.relation_names, not_predicted, counts, kinds)
     predictions = best_tails(graph, opened.embedding, most)
     name = name if NAME.fullmatch(name) else "embedding"
-    return GraphExport(name, entities, triples, predictions)
+    return GraphExport(name, entities, triples, predictions, [folder])
 
 
 def best_tails(graph: Graph, embedding: Embedding, most: int) -> pd.DataFrame:

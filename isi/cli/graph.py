@@ -9,9 +9,10 @@ import pandas as pd
 from cyclopts import Parameter
 
 from isi import config
-from isi.cli import FROM_ONE, Settings, settings, show
+from isi.cli import FROM_ONE, Settings, lines, settings, show
+from isi.cli.output import Replace, paths_in, write_outputs
 from isi.config import Seed, check
-from isi.graph.files import read_graph, write_graph
+from isi.graph.files import graph_files, path_of, read_graph
 from isi.graph.graph import GraphTables, build_graph
 from isi.graph.words import Words, load_vectors, look_up
 from isi.tables import paths
@@ -42,17 +43,22 @@ def graph(
     out: Annotated[
         Path | None, Parameter(help="folder for triples.csv and entities.csv, which is a FILE")
     ] = None,
+    replace: Replace = False,
 ) -> None:
     """Read files, describe their graph, and write it.
     If there is a ``params.yaml``, its words and splits count.
     """
     values = config.read(paths.PARAMS) if paths.PARAMS.exists() else {}
     seed = check(values.get("seed", 0), Seed, "seed")
-    tables, read = read_graph(files, reader, settings(set), min_count, seed)
+    of_reader = settings(set)
+    tables, read = read_graph(files, reader, of_reader, min_count, seed)
     described = describe(tables, values)
+    contents = {out / name: content for name, content in graph_files(tables).items()} if out else {}
+    write_outputs(contents, [*map(path_of, files), *paths_in(of_reader)], replace)
+    print(*lines(read, are_names=True), sep="\n")
+    show(described)
     if out:
-        write_graph(out, tables)
-    show(read | described)
+        print(f"written: {', '.join(map(str, contents))}")
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isi.cli import NewFolder, Settings, flags, settings
+from isi.cli.output import refuse_inputs
 from isi.errors import InputError, at
 from isi.live.bundle import Bundle
 from isi.live.checkpoints import checkpoint_reader
@@ -71,6 +72,14 @@ def import_(
             ),
         ),
     ] = (),
+    entities: Annotated[
+        str | None,
+        Parameter(help="name of the tensor of entities; default: the one with a row for each"),
+    ] = None,
+    relations: Annotated[
+        str | None,
+        Parameter(help="name of the tensor of relations; default: the one with a row for each"),
+    ] = None,
     trust_pickle: Annotated[
         bool,
         Parameter(
@@ -84,22 +93,26 @@ def import_(
     """Read an embedding, check it, and make it a home.
     An ``InputError`` names the missing or wrong file or tensor.
     """
+    refuse_inputs([out], [folder, *tensors])
     check_free(out)
-    if trust_pickle and (model or set or tensors or loss):
+    names = {"entities": entities, "relations": relations}
+    chosen = tensors or any(names.values())
+    if trust_pickle and (model or set or chosen or loss):
         raise InputError(
             "--trust-pickle",
             "",
-            "expected no --family, --set, --loss or --tensors: the pickle determines them",
+            "expected no --family, --set, --loss or names of tensors: the pickle determines them",
         )
     bundle: Bundle
     if is_old(folder):
-        if trust_pickle or model or tensors or set or loss:
+        if trust_pickle or model or chosen or set or loss:
             raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
         bundle = trained_and_changes(folder)[0]
     elif reader := checkpoint_reader(folder):
-        if trust_pickle or model or tensors:
+        if trust_pickle or model or chosen:
             expected = (
-                "expected no --family, --tensors or --trust-pickle: it says which model it holds"
+                "expected no --family, --trust-pickle or names of tensors: it says which model it "
+                "holds"
             )
             raise InputError(folder, "", expected)
         with flags(model=folder, model_options="--set"):
@@ -119,7 +132,7 @@ def import_(
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
             raise InputError("--family", "", expected)
         with flags(model="--family", model_options="--set"):
-            tables = read_tables(files, str(model))
+            tables = read_tables(files, str(model), labels, names)
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     bundle = with_words(bundle, vectors)
     Home.create(bundle, out).close()

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, settings, show
+from isi.cli import FROM_ONE, FROM_ZERO, HOME, NewFolder, Settings, flags, lines, settings
+from isi.cli.output import paths_in, refuse_inputs
 from isi.errors import InputError
 
 
@@ -56,7 +57,7 @@ def train(
     """
     import torch
 
-    from isi.graph.files import read_graph
+    from isi.graph.files import path_of, read_graph
     from isi.live.embedding import LiveEmbedding, open_live
     from isi.live.home import Home, check_free
     from isi.live.phrases import with_words
@@ -82,8 +83,10 @@ def train(
         return
     if out is None:
         raise InputError("--out", "", "expected a folder for the home")
+    of_reader = settings(set)
+    refuse_inputs([out], [*map(path_of, files), *filter(None, [entities]), *paths_in(of_reader)])
     check_free(out)
-    tables, read = read_graph(files, reader, settings(set), min_count, seed)
+    tables, read = read_graph(files, reader, of_reader, min_count, seed)
     note = ""
     if entities:
         tables, note = described(tables, entities)
@@ -92,7 +95,7 @@ def train(
     bundle = with_words(bundle, vectors)
     with LiveEmbedding(bundle, Home.create(bundle, out)) as live:
         live.prepare(progress=True)
-    show(read)
+    print(*lines(read, are_names=True), sep="\n")
     if note:
         print(f"Warning: {entities}: {note}.")
     print(summary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import torch
 from torch import Tensor
 
 from isi.benchmark.evaluation import NamedEmbedding, read
-from isi.config import check, keywords
+from isi.config import Count, Seed, check, keywords
 from isi.continual.along import Along, Step
 from isi.continual.chain import Growth
 from isi.continual.experiment import ChainTraining, check_name
@@ -19,6 +20,7 @@ from isi.continual.measures import continual_measures
 from isi.continual.strategies import STRATEGIES
 from isi.continual.timeline import Timeline
 from isi.errors import InputError
+from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS
 from isi.insertion.arguments import checked_model, naming_argument
 from isi.insertion.inverses import InverseRelations
@@ -26,7 +28,7 @@ from isi.models.bilinear import BlockModel
 from isi.models.distance import RotatE, Translation
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, usual_torch
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,6 +85,7 @@ class GrownEmbedding:
 class RunnableTimeline(Timeline):
     """``isi.Timeline``: a graph that grows, and the run along it."""
 
+    @usual_torch()
     def run(
         self,
         model: Any = "complex",
@@ -139,6 +142,9 @@ class RunnableTimeline(Timeline):
             >>> grown.matrix.query("protocol == 'current'")["queries"].to_list()
             [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
         """
+        dimension = check(dimension, Count, "", "argument 'dimension'")
+        most = check(most, Count | None, "", "argument 'most'")  # type: ignore[arg-type]
+        seed = check(seed, Seed, "", "argument 'seed'")
         settings = {**TRAINING, **(training or {})}
         checked = check(settings, ChainTraining, "", "argument 'training'")
         chosen = dict(strategy_options or {})
@@ -149,7 +155,12 @@ class RunnableTimeline(Timeline):
                 INITIALIZERS.get(initializer)
         growth = Growth(initializer, options or {}, strategy, chosen, loss or checked.loss)
         along = Along(self, checked.schedule, words, most)
+        self._count_without_facts()
         if isinstance(model, str | Model) and entities is None:
+            if not len(self.snapshots[0].train):
+                raise InputError(
+                    "snapshot 0", "train", "expected triples, which a model is trained on"
+                )
             steps = [along.first(checked_model(model, model_options, dimension), dimension, seed)]
         else:
             given = read(model, factory, entities, relations, model_options)
@@ -159,6 +170,23 @@ class RunnableTimeline(Timeline):
         for snapshot in range(1, len(self.snapshots)):
             steps.append(along.next(steps[-1].theta, growth, snapshot, seed))
         return _grown(self, steps)
+
+    def _count_without_facts(self) -> None:
+        """Warn of names that arrive without a training triple, if there are any."""
+        for kind, names, known, slots in (
+            ("entities", self.entity_names, self.entities, [HEAD, TAIL]),
+            ("relations", self.relation_names, self.relations, [RELATION]),
+        ):
+            first, without = 0, list[str]()
+            for snapshot, last in zip(self.snapshots, known.tolist(), strict=True):
+                trained = np.isin(np.arange(first, last), snapshot.train[:, slots])
+                without += [names[first + place] for place in np.flatnonzero(~trained)]
+                first = last
+            if without:
+                text = f"{len(without)} {kind} arrive without a training triple, such as"
+                warnings.warn(
+                    f"{text} {without[0]!r:.80}: nothing is learned of them", stacklevel=4
+                )
 
     def _first_of(self, given: NamedEmbedding) -> Embedding:
         """The rows of the first snapshot, with inverse relations."""

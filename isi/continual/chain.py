@@ -29,6 +29,7 @@ from isi.insertion.result import Inserted
 from isi.models.losses import Loss
 from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.random import seed_of
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,8 @@ def extended(
         loss=growth.loss,
         initializer=growth.initializer,
         options=growth.options,
-        seed=seed + snapshot,
+        seed=seed_of(seed, "insertion of a snapshot", snapshot),
+        allow_without_facts=True,
     )
     facts = earlier_facts(timeline, snapshot)
     embedding = KnownEmbedding(theta.entity[0], theta.relation[0], theta.model, triples=facts)

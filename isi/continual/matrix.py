@@ -15,11 +15,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.config import Count, check
 from isi.continual.answers import ENDS, TrueAnswers, true_answers
 from isi.continual.timeline import Timeline
 from isi.errors import InputError
 from isi.evaluation.filtered import BUDGET, compare_with
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, usual_torch
 from isi.random import stream
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def evaluate(
     return measure(ranks, protocols)
 
 
+@usual_torch()
 def query_ranks(
     theta: Embedding,
     timeline: Timeline,
@@ -145,6 +147,7 @@ def query_ranks(
     """
     import pandas as pd
 
+    most = check(most, Count | None, "", "argument 'most'")  # type: ignore[arg-type]
     tests = range(i + 1) if tests is None else tests
     theta = _checked(theta, timeline, i, tests, protocols)
     in_all = [true_answers(timeline, slot) for slot in ENDS.values()]

@@ -33,7 +33,7 @@ def score_matrix(
         array([[0.5 ,  nan],
                [0.25, 1.  ]])
     """
-    number = int(frame["i"].max()) + 1
+    number = _snapshots(frame)
     chosen = frame[(frame["protocol"] == protocol) & (frame["phase"] == phase)]
     values = pooled(chosen)
     matrix = np.full((number, number), np.nan)
@@ -43,10 +43,15 @@ def score_matrix(
 
 def sizes_of_tests(frame: pd.DataFrame) -> np.ndarray:
     """Number of queries of each test set; shape (T,), 0 where the frame has none of it."""
-    number = int(frame["i"].max()) + 1
+    number = _snapshots(frame)
     by_test = pooled(frame).groupby("j")["queries"].max()
     sizes: np.ndarray = by_test.reindex(range(number), fill_value=0).to_numpy()
     return sizes
+
+
+def _snapshots(frame: pd.DataFrame) -> int:
+    """The number of snapshots of a frame, at least one: without queries, R is NaN."""
+    return 1 + int(frame["i"].max()) if len(frame) else 1
 
 
 def mean_after_last(r: np.ndarray, sizes: np.ndarray | None = None) -> float:
@@ -62,7 +67,7 @@ def mean_after_last(r: np.ndarray, sizes: np.ndarray | None = None) -> float:
         (0.625, 0.5)
     """
     weights = np.ones(len(r)) if sizes is None else sizes
-    return float(weights @ r[-1] / weights.sum())
+    return float(weights @ r[-1] / weights.sum()) if weights.any() else np.nan
 
 
 def forward_transfer(inserted: np.ndarray) -> float:
@@ -134,6 +139,8 @@ def relative_forgetting(hits: np.ndarray, sizes: np.ndarray) -> float:
     learned = np.diag(hits)
     change = _ratio(hits[-1] - learned, learned)[:-1]
     ages = np.arange(len(hits) - 1, 0, -1)
+    if not sizes[:-1].any():
+        return np.nan
     shares = sizes / sizes.sum()
     return float((change * shares[:-1] / ages).sum())
 

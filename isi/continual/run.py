@@ -10,7 +10,7 @@ from isi.continual.experiment import Chain, ContinualExperiment
 from isi.continual.parts import Parts
 from isi.experiment.runner import Compute, run_each
 from isi.models.stack import Embedding
-from isi.random import stream
+from isi.random import seed_of
 
 
 def run_chains(
@@ -59,13 +59,8 @@ def step_of(
     root: int,
 ) -> Step:
     """The step of a chain after a snapshot, from its embedding before it (None: the first)."""
-    seed = seed_of(root, chain.seed)
+    seed = seed_of(root, "a graph that grows", chain.seed)
     if before is None:
         model = settings.make_model(f"continual.{chain.experiment}.model")
         return along.first(model, settings.dimension, seed)
     return along.next(before, settings.growth(chain), snapshot, seed)
-
-
-def seed_of(root: int, seed: int) -> int:
-    """The root seed of all random numbers of the chains with a seed."""
-    return int(stream(root, "a graph that grows", seed).integers(2**62))

@@ -85,7 +85,7 @@ class Arrival:
         ``earlier`` facts (with ``softmax``; the margin has no part for them).
         """
         has_new = self.first_new.entity < self.theta.entity.shape[1]
-        has_part = has_new and self.schedule.recipe.loss == "softmax"
+        has_part = has_new and len(self.old) and self.schedule.recipe.loss == "softmax"
         task = Task(
             facts,
             self.first_new if new_rows else Moving(),
@@ -245,7 +245,7 @@ def importance(arrival: Arrival) -> _Tables:
     rng = stream(arrival.root, "importance", *arrival.key)
     squares = [torch.zeros_like(table) for table in tables.trained]
     batches = torch.split(torch.arange(len(arrival.old)), recipe.batch_size)
-    for place in batches:
+    for place in batches if len(arrival.old) else ():
         loss = loss_of(arrival.theta.model, tables, Task(facts), recipe, place, rng)
         gradients = torch.autograd.grad(loss, tables.trained)
         for square, gradient in zip(squares, gradients, strict=True):

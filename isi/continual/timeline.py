@@ -14,6 +14,7 @@ import numpy as np
 from isi.columns import TRIPLE
 from isi.errors import InputError, at, cut, extra, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.insertion.arguments import as_list, named_triples
 from isi.tables import paths
 
 if TYPE_CHECKING:
@@ -142,14 +143,30 @@ class Timeline:
     @classmethod
     def of(cls, snapshots: Sequence[Sequence[Any]]) -> Timeline:
         """The timeline of snapshots, each of which is its triples of names for training, validation
-        and test.
+        and test. A whole number is the name of its digits.
+
+        Raises:
+            InputError: names the snapshot, the split, the triple and what was expected.
+
+        Example:
+            >>> from isi.continual import Timeline
+            >>> Timeline.of([([("cup", "in")], [], [])])
+            Traceback (most recent call last):
+            isi.errors.InputError: snapshot 0: train, triple 0: expected head, relation and tail, \
+got ('cup', 'in')
         """
         parts = []
-        for train, valid, test in snapshots:
-            parts += [
-                np.array(part, object).reshape(len(part), len(TRIPLE))
-                for part in (train, valid, test)
-            ]
+        for number, snapshot in enumerate(_listed(snapshots, "argument 'snapshots'")):
+            place = f"snapshot {number}"
+            splits = _listed(snapshot, place)
+            if len(splits) != len(SPLITS):
+                expected = f"expected the triples of {', '.join(SPLITS)}, got {len(splits)} parts"
+                raise InputError(place, "", expected)
+            for name, split in zip(SPLITS, splits, strict=True):
+                with at(place, name):
+                    parts.append(named_triples(split))
+        if not sum(map(len, parts)):
+            raise InputError("argument 'snapshots'", "", "expected a snapshot with triples")
         return cls._of_names(parts)
 
     @classmethod
@@ -204,6 +221,12 @@ class Timeline:
             f"relations {each(self.relations)}; "
             f"triples {each(len(snapshot.triples) for snapshot in self.snapshots)}"
         )
+
+
+def _listed(values: Any, place: str) -> list[Any]:
+    """Snapshots, or the parts of one; InputError at ``place`` for a value that holds none."""
+    with at(place):
+        return as_list(values, object, "a list")
 
 
 def numbered(

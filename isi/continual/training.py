@@ -24,7 +24,7 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.scale import QueryList
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
-from isi.models.stack import Embedding, check_finite, without_denormals
+from isi.models.stack import Embedding, check_finite, usual_torch
 from isi.random import stream
 
 #: Number of known queries in a step, to which new entities are wrong answers.
@@ -102,7 +102,7 @@ def silent(epoch: int) -> None:
     """Report nothing."""
 
 
-@without_denormals()
+@usual_torch()
 def fit(
     theta: Embedding,
     task: Task,
@@ -118,12 +118,15 @@ def fit(
         root, key: of the random streams of the order of facts and of negatives.
 
     Returns:
-        the trained embedding; rows that do not move are the same numbers.
+        the trained embedding; rows that do not move are the same numbers; without
+        facts none moves.
 
     Raises:
         NotFinite: training diverged.
     """
     tables = Tables.of(theta, task.moving)
+    if not tables.trained or not len(task.facts.triples):
+        return theta
     optimizer = Adagrad(tables.trained, lr=recipe.learning_rate)
     rng = stream(root, "training by queries", *key)
     for epoch in range(1, epochs + 1):

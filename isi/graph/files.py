@@ -4,7 +4,6 @@ each read by a named reader or by the one that fits it.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,9 @@ from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.names import first_of
 from isi.sources import READERS, Source
 from isi.sources.names import ENTITY
-from isi.sources.readers import COUNT, MOST, json_lines, parse_json, suffix_of
+from isi.sources.readers import COUNT, MOST, json_lines, open_bytes, parse_json, suffix_of
 from isi.sources.triples import ENTITIES_FILE, TRIPLE, TRIPLES_FILE
 from isi.tables import paths
-from isi.tables.io import atomically
 
 JSON = (".json", ".jsonl")  #: Suffixes of files whose reader is guessed from their content.
 
@@ -46,7 +44,7 @@ def read_graph(
         if whole in paths_read:
             raise InputError(file, "", "is given twice: each of its observations would count twice")
         paths_read.add(whole)
-        is_guess = reader is None and suffix_of(path) in JSON
+        is_guess = reader is None and (suffix_of(path) in JSON or _is_stream(path))
         with _suggesting_a_reader(name) if is_guess else nullcontext():
             source = _open(name, path, room, settings or {}, seed)
             seen += [
@@ -66,14 +64,21 @@ def read_graph(
     return tables, read
 
 
-def write_graph(folder: Path, tables: GraphTables) -> None:
-    """Write a folder that the reader ``table`` reads: ``triples.csv`` and ``entities.csv``."""
-    triples, entities = (
-        tables.triples[[*TRIPLE, COUNT]],
-        tables.entities[["entity", "kind", "phrase"]],
-    )
-    for name, frame in ((TRIPLES_FILE, triples), (ENTITIES_FILE, entities)):
-        atomically(folder / name, partial(frame.to_csv, index=False, lineterminator="\n"))
+def graph_files(tables: GraphTables) -> dict[str, str]:
+    """The texts of ``triples.csv`` and ``entities.csv``, which the reader ``table`` reads."""
+    frames = {
+        TRIPLES_FILE: tables.triples[[*TRIPLE, COUNT]],
+        ENTITIES_FILE: tables.entities[["entity", "kind", "phrase"]],
+    }
+    files = dict[str, str]()
+    for name, frame in frames.items():
+        files[name] = frame.to_csv(index=False, lineterminator="\n")
+    return files
+
+
+def path_of(file: str | Path) -> Path:
+    """The path of ``FILE`` or ``ROOM=FILE``."""
+    return _room_and_path(file)[1]
 
 
 def _room_and_path(file: str | Path) -> tuple[str, Path]:
@@ -119,8 +124,8 @@ def _open(name: str, path: Path, room: str, given: Mapping[str, Any], seed: int)
 
 
 def guess(file: Path) -> str:
-    """The first reader that fits a file's suffix or JSON, or the files of a folder;
-    ``InputError`` if none fits.
+    """The first reader that fits a file's suffix or JSON, or the files of a folder; ``table`` for a
+    stream without a suffix. ``InputError`` if none fits.
     """
     if not file.exists():
         raise InputError(file, "", "no such file")
@@ -128,18 +133,29 @@ def guess(file: Path) -> str:
     got = ""
     names = {path.name for path in file.iterdir()} if file.is_dir() else {suffix}
     fitting = [name for name, reader in known.items() if not names.isdisjoint(reader.suffixes)]
-    if not fitting and suffix in JSON:
+    is_stream = _is_stream(file)  # which can be read once only, by its reader
+    if is_stream and not suffix:
+        return "table"
+    if not fitting and not is_stream and suffix in JSON:
         _, content = next(json_lines(file, None, MOST, "JSON"), (1, b""))
         value = parse_json(Any, content, file)
         fitting = [name for name, reader in known.items() if reader.reads_json(value)]
         keys = f"the keys {first_of(list(value))}" if isinstance(value, dict) else short(value)
         got = f", got JSON with {keys}"
     if not fitting:
+        if file.is_file():
+            with open_bytes(file):  # refuses what other programs have compressed
+                pass
         expected = (
             f"expected a file of a known format{got}; --reader names its reader: {', '.join(known)}"
         )
         raise InputError(file, "", expected)
     return fitting[0]
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path is a pipe, or a shell's name of one: ``/dev/stdin``, ``/dev/fd/63``."""
+    return path.is_relative_to("/dev") or path.is_fifo()
 
 
 def _one_kind_each(kinds: pd.DataFrame, files: Sequence[str | Path]) -> pd.DataFrame:

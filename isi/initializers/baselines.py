@@ -88,8 +88,10 @@ def soft_hybrid(
 
 
 def softmax(score: Tensor, eligible: Tensor) -> Tensor:
-    """Softmax of scores, (M, n, E), over the eligible entities; zero if none is eligible."""
-    return torch.softmax(score.masked_fill(~eligible, -torch.inf), -1).nan_to_num(0)
+    """Softmax of scores, (M, n, E), over the eligible entities; zero if none is eligible; float64,
+    since exponentials in float32 differ between processors.
+    """
+    return torch.softmax(score.double().masked_fill(~eligible, -torch.inf), -1).nan_to_num(0)
 
 
 def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:

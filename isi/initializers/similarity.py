@@ -152,8 +152,8 @@ def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> Init
 def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
     """The weighted mean by the first of ``ways`` with data (see ``weights_or_fallback``)."""
     weights, fallback = weights_or_fallback(context, **ways)
-    weights = weights.to(context.theta0.entity.dtype)
-    weights = weights / weights.sum(-1, keepdim=True)
+    share = weights / weights.sum(-1, keepdim=True, dtype=torch.float64)
+    weights = share.to(context.theta0.entity.dtype)
     return InitResult(weights @ context.theta0.entity, fallback, weights)
 
 

@@ -22,7 +22,7 @@ from isi.insertion.result import Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import Embedding, NotFinite, without_denormals
+from isi.models.stack import Embedding, NotFinite, usual_torch
 
 
 def insert(
@@ -96,7 +96,7 @@ def insert(
     return insert_request(known, request, stacklevel=3)
 
 
-@without_denormals()
+@usual_torch()
 def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: int = 2) -> Inserted:
     """Insert new entities and relations: check the request, select the initializer, compute rows.
 

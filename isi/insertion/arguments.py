@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import torch
 
 from isi.columns import TRIPLE, triple_columns
-from isi.config import check
+from isi.config import check, plain_number
 from isi.errors import InputError, extra, short, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.model import Model, make_model
@@ -32,9 +32,18 @@ if TYPE_CHECKING:
 #: Embeds texts: a function, gensim's ``KeyedVectors``, or a file of word vectors.
 Source = Callable[[Sequence[str]], Any] | str | Path
 Triple = Sequence[str | int]  #: Head, relation, tail; names or ids.
+
+
+class ArrowTable(Protocol):
+    """A table by Arrow's C stream: pyarrow's, DuckDB's, polars' and others."""
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object: ...
+
+
 #: Triples in the forms that ``listed_triples`` describes.
 TripleForms: TypeAlias = (
-    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | Mapping[str, Mapping[str, Any]]"
+    "Sequence[Triple] | np.ndarray | torch.Tensor | pd.DataFrame | ArrowTable"
+    " | Mapping[str, Mapping[str, Any]]"
 )
 
 
@@ -77,6 +86,11 @@ def as_list(values: Any, item: type | UnionType = object, expected: str = "a lis
     if wrong:
         raise InputError("", "", f"expected {expected}, got {short(wrong[0])}")
     return items
+
+
+def _is_number(name: str) -> bool:
+    """Whether a name is a whole number, written as Python writes it."""
+    return name.isdecimal() and name.isascii() and len(name) < 19 and str(int(name)) == name
 
 
 def is_whole(value: object) -> bool:
@@ -157,6 +171,10 @@ class Names:
     number: int
     names: Sequence[str] | None
     ids: dict[str, int] = field(default_factory=dict)
+    #: whether a number is an id, also if it is the name of another row; else it is refused
+    numbers_are_ids: bool = False
+    #: the refused numbers
+    ambiguous: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         if self.names is None:
@@ -168,6 +186,9 @@ class Names:
             for row, name in enumerate(self.names):
                 if self.ids.setdefault(name, row) != row:
                     raise InputError("", repr(name)[:80], "expected names that do not repeat")
+        numbers = {name: row for name, row in self.ids.items() if _is_number(name)}
+        if not self.numbers_are_ids:
+            self.ambiguous = {int(name) for name, row in numbers.items() if int(name) != row}
 
     def of(self, row: int) -> str | int:
         """The name of a row, or its id."""
@@ -175,9 +196,13 @@ class Names:
 
     def id(self, value: Any, place: str) -> int:
         """The id of a value that is a name or an id; an ``InputError`` names its ``place``."""
+        value = plain_number(value)
         if isinstance(value, str) and value in self.ids:
             return self.ids[value]
         if is_whole(value) and 0 <= value < self.number:
+            if value in self.ambiguous:
+                expected = f"expected a name: {value} is an id, and the name of another row"
+                raise InputError("", place, expected)
             return int(value)
         expected = f"an id from 0 to {self.number - 1}"
         if self.names is not None:
@@ -194,6 +219,7 @@ def all_names(known: Names, new: Any, name: str) -> Names:
     """Names of known and new rows; argument ``name``, new:
     names if the known ones have names, else a number.
     """
+    new = plain_number(new)
     with naming_argument(name):
         if is_whole(new) == (known.names is not None) and (new or known.names is None):
             raise InputError(
@@ -209,7 +235,8 @@ def all_names(known: Names, new: Any, name: str) -> Names:
                 )
                 raise InputError("", repr(label)[:80], f"expected {expected}")
     names = None if known.names is None else [*known.names, *added]
-    return Names(known.argument, known.number + len(added), names)
+    number = known.number + len(added)
+    return Names(known.argument, number, names, numbers_are_ids=known.numbers_are_ids)
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
@@ -251,6 +278,7 @@ def checked_arguments(
     triples: Any,
     known_triples: Any,
     new_relations: Any = 0,
+    numbers_are_ids: bool = False,
 ) -> Arguments:
     """Check the other arguments (InputError); ``entities``, ``names`` and ``known``, a number,
     are checked already.
@@ -259,9 +287,8 @@ def checked_arguments(
     """
     checked = checked_model(model, model_options, entities.shape[-1])
     rows = table(relations, "relations", checked.width(entities.shape[-1]))
-    labels = all_names(
-        Names("relation_names", len(rows), relation_names), new_relations, "new_relations"
-    )
+    of_rows = Names("relation_names", len(rows), relation_names, numbers_are_ids=numbers_are_ids)
+    labels = all_names(of_rows, new_relations, "new_relations")
     old_relations = len(rows)
     rows = np.concatenate(
         [rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)]
@@ -288,10 +315,12 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
     """Triples in any accepted form as an array, (T, 3), or a list.
     The triples themselves are not checked.
 
-    Forms: a list, an array, a tensor, a DataFrame or structured array (columns by name,
-    ``triple_columns``; those of a DataFrame without names in order), or the tails of each head and
-    relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single tail needs no list.
+    Forms: a list, an array, a tensor, a DataFrame, an Arrow table or a structured array (columns by
+    name, ``triple_columns``; those of a DataFrame without names in order; None is missing), or the
+    tails of each head and relation, ``{"smart pill": {"isa": ["medical_device"]}}``, where a single
+    tail needs no list.
     """
+    triples = of_arrow(triples)
     if isinstance(triples, Mapping):
         rows = []
         for head, facts in triples.items():
@@ -308,10 +337,38 @@ def listed_triples(triples: Any) -> np.ndarray | list[Any]:
         if isinstance(triples, np.ndarray):  # a structured one
             return list(triples.tolist())
     if hasattr(triples, "columns"):
+        if hasattr(triples, "isna") and (missing := triples.isna()).any(axis=None):
+            triples = triples.astype(object).where(~missing, None)  # for NaN, NaT and NA
         triples = triples.to_numpy()
     elif isinstance(triples, torch.Tensor):
         triples = array_of(triples)
     return triples if isinstance(triples, np.ndarray) and triples.ndim else as_list(triples)
+
+
+def named_triples(triples: Any) -> np.ndarray:
+    """Triples of names in any accepted form as an array, (T, 3), object; a whole number is the name
+    of its digits. InputError names the triple.
+    """
+    rows = []
+    for row, triple in enumerate(listed_triples(triples)):
+        check_triple(triple, row)
+        for slot, name in zip(TRIPLE, triple, strict=True):
+            if not is_whole(name) and not (isinstance(name, str) and name.strip()):
+                raise InputError("", f"triple {row}: {slot}", f"expected a name, got {short(name)}")
+        rows.append([str(name) for name in triple])
+    return np.array(rows, object).reshape(-1, len(TRIPLE))
+
+
+def of_arrow(triples: Any) -> Any:
+    """An Arrow table as a DataFrame; other forms as they are."""
+    if not hasattr(triples, "__arrow_c_stream__") or hasattr(triples, "to_numpy"):
+        return triples
+    with extra("pipeline"):
+        import pandas as pd
+        import pyarrow as pa
+
+    # other types would turn whole numbers beside a missing one into floats
+    return pa.table(triples).to_pandas(types_mapper=pd.ArrowDtype)
 
 
 def column_names(triples: Any) -> list[str]:
@@ -337,10 +394,10 @@ def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.nda
         ):
             ids = triples.astype(np.int64)
             limits = [rows.number for rows in columns]
-            if len(ids) and any(
-                ids[:, slot].min() < 0 or ids[:, slot].max() >= limits[slot] for slot in range(3)
-            ):
-                row, slot = np.argwhere((ids < 0) | (ids >= limits))[0].tolist()
+            wrong = (ids < 0) | (ids >= limits)
+            for slot, rows in enumerate(columns):
+                wrong[:, slot] |= np.isin(ids[:, slot], list(rows.ambiguous))
+            for row, slot in np.argwhere(wrong)[:1].tolist():
                 columns[slot].id(triples[row, slot], f"triple {row}: {TRIPLE[slot]}")
         else:
             ids = _listed_ids(
@@ -370,16 +427,18 @@ def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
             ).T.copy()
     rows = []
     for row, triple in enumerate(triples):
-        is_sized = hasattr(triple, "__len__") and not isinstance(
-            triple, str | bytes | Set | Mapping
-        )
-        if not is_sized or len(triple) != 3:
-            raise InputError(
-                "", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}"
-            )
+        check_triple(triple, row)
         slots = zip(columns, triple, TRIPLE, strict=True)
         rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+
+def check_triple(triple: Any, row: int) -> None:
+    """InputError, which names the row, for a value that has not three ordered parts."""
+    is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
+    if not is_sized or len(triple) != len(TRIPLE):
+        expected = f"expected head, relation and tail, got {triple!r:.80}"
+        raise InputError("", f"triple {row}", expected)
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.config import Seed, check
+from isi.config import Seed, check, plain_number
 from isi.errors import InputError, short
 from isi.initializers.scale import fit_scale
 from isi.insertion import arguments
@@ -17,12 +17,12 @@ from isi.insertion.engine import queries_of, trained_session
 from isi.insertion.new_rows import NewRows, best_epochs
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import Embedding, NotFinite, without_denormals
+from isi.models.stack import Embedding, NotFinite, usual_torch
 from isi.training.batches import Negatives, is_dense
 from isi.training.trainer import Optimizer
 
 
-@without_denormals()
+@usual_torch()
 def fit_new(
     entities: np.ndarray | torch.Tensor,
     relations: np.ndarray | torch.Tensor,
@@ -90,8 +90,10 @@ def fit_new(
         >>> bool((fitted[:2] == entities[:2]).all()), bool(fitted[2, 0] > fitted[2, 1])
         (True, True)
     """
-    for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
-        check(value, Seed, "", f"argument {name!r}")
+    seed = check(seed, Seed, "", "argument 'seed'")
+    epochs = check(epochs, Seed, "", "argument 'epochs'")
+    all_epochs = check(all_epochs, Seed, "", "argument 'all_epochs'")
+    new = plain_number(new)
     check(loss, Loss, "", "argument 'loss'")  # type: ignore[arg-type]
     rows = table(entities, "entities")
     if not arguments.is_whole(new) or not 0 < new < len(rows):

@@ -19,10 +19,10 @@ from isi.insertion.request import InsertRequest, KnownEmbedding, checked_request
 from isi.insertion.selection import named
 from isi.models.losses import Loss
 from isi.models.model import Model
-from isi.models.stack import without_denormals
+from isi.models.stack import usual_torch
 
 
-@without_denormals()
+@usual_torch()
 def insert_rows(
     entities: np.ndarray,
     relations: np.ndarray,

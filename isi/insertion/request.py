@@ -66,6 +66,9 @@ class InsertRequest:
     #: for random initializers, a key for each new entity: its numbers then depend on the seed and
     #: its key alone, not on the other new entities; shape (n,), int64
     entity_keys: np.ndarray | None = None
+    #: whether new entities may have neither triples nor words, also without a named initializer:
+    #: their vector is the mean of the known ones
+    allow_without_facts: bool = False
     #: how far each of ``triples``, which are all different, is believed, from 0 to 1: its weight in
     #: MAP's objective; None: fully; shape (T,)
     confidence: Sequence[float] | np.ndarray | None = None
@@ -83,9 +86,9 @@ class InsertRequest:
 
     def __post_init__(self) -> None:
         check(self.loss, Loss | None, "", "argument 'loss'")  # type: ignore[arg-type]
-        check(self.seed, Seed, "", "argument 'seed'")
-        check(self.tolerance, NotNegative, "", "argument 'tolerance'")
-        check(self.budget, NotNegative, "", "argument 'budget'")
+        for name, kind in (("seed", Seed), ("tolerance", NotNegative), ("budget", NotNegative)):
+            number = check(getattr(self, name), kind, "", f"argument {name!r}")
+            object.__setattr__(self, name, number)  # of Python's, not of NumPy's
         check(self.initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
 
 
@@ -100,6 +103,8 @@ class KnownEmbedding:
     entity_names: Sequence[str] | None = None
     relation_names: Sequence[str] | None = None
     triples: TripleForms | None = None  #: of known entities
+    #: whether numbers in triples are ids, also where they are names of other rows
+    numbers_are_ids: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +165,8 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     """
     rows = table(known.entities, "entities")
     number = len(rows)
-    names = Names("entity_names", number, known.entity_names)
+    are_ids = known.numbers_are_ids
+    names = Names("entity_names", number, known.entity_names, numbers_are_ids=are_ids)
     names = arguments.all_names(names, request.new, "new")
     added = names.number - number
     given = arguments.checked_arguments(
@@ -174,6 +180,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         request.triples,
         known.triples,
         request.new_relations,
+        are_ids,
     )
     if not added and len(given.relations) == len(known.relations):
         raise InputError("argument 'new'", "", "expected at least one new entity")
@@ -193,7 +200,7 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     )
     checked = Checked(rows, given.relations, names, given.relation_names, novel)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))
-    if request.initializer is None and without.any():
+    if request.initializer is None and without.any() and not request.allow_without_facts:
         expected = (
             "expected insert triples, word vectors (also of known entities), "
             "or an initializer such as mean"

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.config import Count, Seed, check
+from isi.config import Count, Seed, check, plain_number
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import FALLBACKS, InitResult
@@ -29,7 +29,7 @@ from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.request import Checked
 from isi.insertion.selection import Selection
 from isi.models.model import Model
-from isi.models.stack import Embedding, without_denormals
+from isi.models.stack import Embedding, usual_torch
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -189,6 +189,7 @@ class Inserted:
         return [row.nonzero()[:, 0].tolist() for row in self.computed.indicators[0]]
 
     @cached_property
+    @usual_torch()
     def embedding(self) -> Embedding:
         """The tables as a stack of one embedding in single precision."""
         return stack_of_one(self.entities, self.relations, self.model)
@@ -209,7 +210,7 @@ class Inserted:
 
         There must be new entities: the hidden ones get as many insert triples.
         """
-        with without_denormals():
+        with usual_torch():
             draws = self.hide()
             curves = None if draws is None else fit_curves(draws, self.method)
         if curves is None:
@@ -262,7 +263,7 @@ class Inserted:
         """The report of each new entity; ``nearest``: the number of
         nearest known entities in it.
         """
-        check(nearest, Seed, "", "argument 'nearest'")
+        nearest = check(nearest, Seed, "", "argument 'nearest'")
         of = self.names.of
         inserted, between = (
             Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
@@ -285,6 +286,7 @@ class Inserted:
             for place, row in enumerate(self.new)
         ]
 
+    @usual_torch()
     def _nearest(self, vectors: np.ndarray, number: int) -> list[tuple[list[int], list[float]]]:
         """For each of some vectors, (m, d), the ids of the known entities with the highest cosines,
         and the cosines.
@@ -304,6 +306,7 @@ class Inserted:
         """Known vectors in single precision; shape (E, d)."""
         return self.checked.novel.theta.entity[0]
 
+    @usual_torch()
     def _from_cloud(self) -> tuple[list[float], list[float]]:
         """``distance`` and ``farther_than`` of each new entity.
         Coordinates with (almost) no deviation are ignored.
@@ -325,6 +328,7 @@ class Inserted:
         new = distance(torch.from_numpy(self.vectors.astype(np.float32)))
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
+    @usual_torch()
     def probability(self, triples: TripleForms) -> np.ndarray:
         """The calibrated probability that each triple of a new entity is true, by its score;
         shape (T,), float64.
@@ -353,6 +357,7 @@ class Inserted:
         head, relation, tail = torch.from_numpy(ids).T[:, None]
         return self.curves(self.embedding.score(head, relation, tail)[0], relation[0]).numpy()
 
+    @usual_torch()
     def interference(
         self,
         triples: TripleForms | None = None,
@@ -375,10 +380,10 @@ class Inserted:
                 after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.
         """
-        check(seed, Seed, "", "argument 'seed'")
-        check(most, Count, "", "argument 'most'")
-        check(show, Seed, "", "argument 'show'")
-        old = self.known if original is None else original
+        seed = check(seed, Seed, "", "argument 'seed'")
+        most = check(most, Count, "", "argument 'most'")
+        show = check(show, Seed, "", "argument 'show'")
+        old = self.known if original is None else plain_number(original)
         if not is_whole(old) or not 0 < old <= self.known:
             expected = (
                 f"expected a number of entities from 1 to {self.known}, got {short(original)}"

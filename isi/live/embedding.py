@@ -9,8 +9,9 @@ together (``isi.insertion.engine``). What holds is what the tables of the home s
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections import ChainMap, Counter
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from isi.config import Count, check
+from isi.config import Count, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.interference import Interference, measure
@@ -38,6 +39,7 @@ from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
 from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
+from isi.models.stack import usual_torch
 from isi.names import clean, plain
 
 P = ParamSpec("P")
@@ -83,7 +85,7 @@ def one_at_a_time(
     method: Callable[Concatenate[Any, P], R],
 ) -> Callable[Concatenate[Any, P], R]:
     """A method that one thread runs at a time, after what other processes have changed is taken
-    over; what it calls sees the same state.
+    over; what it calls sees the same state, under PyTorch's usual settings.
     """
 
     @wraps(method)
@@ -93,8 +95,9 @@ def one_at_a_time(
                 return method(self, *args, **kwargs)
             self._is_inside = True
             try:
-                self._take_over()
-                return method(self, *args, **kwargs)
+                with usual_torch():
+                    self._take_over()
+                    return method(self, *args, **kwargs)
             finally:
                 self._is_inside = False
 
@@ -134,7 +137,7 @@ class LiveEmbedding:
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
         self._known_names: KnownNames | None = None
-        self._known_labels: KnownNames | None = None
+        self._known_relations: KnownNames | None = None
         self._load(loaded)
 
     def _load(self, base: LoadedEmbedding) -> None:
@@ -142,12 +145,16 @@ class LiveEmbedding:
         self.base = base  #: the trained entities, with the triples of training
         self.groups = EntityGroups(base, phrase_vectors(base), self.home)
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
-        self._version, self._training = self.home.version(), self.home.last_training()
+        self._version = self.home.version()
         self._last = self._last_change()
         self._rows = dict[str, InsertedEntity]()
         self._read_rows(0)
-        if missing := set(self.home.inserted()) - self._rows.keys():
-            self._insert_missing(missing)
+        missing = set(self.home.inserted()) - self._rows.keys()
+        if missing and not self.home.is_read_only:  # they came while this was trained
+            with self.home.transaction():
+                computed = self.groups.insert(self._inputs_of(missing), self.known_triples)
+                self._write(self._last, computed, [])
+            self._read_rows(0)
 
     # -- changes -----------------------------------------------------------------------------------
 
@@ -584,7 +591,8 @@ class LiveEmbedding:
             relation_names=[*base.relation_names, *(name for name, _ in new)],
             kinds=[*base.kinds, *(row.kind for row in rows.values())],
             phrases=[*base.phrases, *map(plain, rows)],
-            words=self._words_with(rows),
+            # those of inserted entities are looked up where they are needed
+            words=None if base.words is None else np.pad(base.words, ((0, len(rows)), (0, 0))),
             inserted=len(rows),
         )
         changed = self.home.facts("status <> 'trained'")
@@ -595,25 +603,18 @@ class LiveEmbedding:
         triples = np.concatenate([self.known_triples, added])
         return replace(larger, triples=triples, added=len(added), retracted=retracted)
 
-    def _words_with(self, rows: Mapping[str, InsertedEntity]) -> np.ndarray | None:
-        """Word vectors of the trained entities, and rows of zeros for inserted ones, whose words
-        are looked up where they are needed.
-        """
-        words = self.base.words
-        return None if words is None else np.pad(words, ((0, len(rows)), (0, 0)))
-
     @property
     def _known(self) -> KnownNames:
         if self._known_names is None:
-            self._known_names = KnownNames(ChainMap[str, Any](self._rows, self.base.entity_ids))
+            self._known_names = KnownNames(dict(self._rows), self.base.known_entities)
         return self._known_names
 
     @property
-    def _labels(self) -> KnownNames:
-        if self._known_labels is None:
-            names = [name for (name,) in self.home.read("SELECT name FROM relation ORDER BY id")]
-            self._known_labels = KnownNames(dict.fromkeys(names))
-        return self._known_labels
+    def _relations(self) -> KnownNames:
+        if self._known_relations is None:
+            names = [name for (name,) in self.home.read("SELECT name FROM relation")]
+            self._known_relations = KnownNames(dict.fromkeys(names))
+        return self._known_relations
 
     @one_at_a_time
     def save(self, folder: str | Path) -> None:
@@ -707,7 +708,9 @@ class LiveEmbedding:
                 if not any((made.inserted, made.removed, made.added, made.seen, made.lost)):
                     raise _NothingChanged
                 computed = self._computed(made)
-                self._write(number, computed)
+                self._write(number, computed, [*made.added, *made.lost])
+                has_names = bool(made.inserted or made.removed)
+                present = self.home.inserted() if has_names else list(self._rows)
         except _NothingChanged:
             return
         except BaseException:
@@ -716,10 +719,12 @@ class LiveEmbedding:
             self._version = -1  # what was interrupted may be committed: it is read again
             raise
         self._last = number
-        self._rows |= {name: each.entity for name, each in computed.items()}
-        self._rows = {name: self._rows[name] for name in self.home.inserted()}
-        if made.inserted or made.removed or made.added or made.lost:
+        rows = self._rows | {name: each.entity for name, each in computed.items()}
+        self._rows = {name: rows[name] for name in present}
+        if has_names or made.relations or verb == "undo":
             self._forget()
+        elif made.added or made.lost:
+            self._now = None
         notes = [note for each in computed.values() for note in each.entity.notes]
         change.result = Effect(
             inserted=made.inserted,
@@ -737,7 +742,11 @@ class LiveEmbedding:
     ) -> None:
         """Insert entities that are not known."""
         kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        together = KnownNames(dict.fromkeys(names))
         for name in names:
+            if not new and together.meant(name) is None:
+                expected = "expected one spelling of a new name, or new=True for several"
+                raise InputError(repr(name)[:80], "", expected)
             check_new(name, self._known, None if new else self._same_words(name), new)
             each = about(name)
             if each.kind is not None:
@@ -746,7 +755,7 @@ class LiveEmbedding:
 
     def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
         """Insert the relations that two or more facts have and that are not known."""
-        known = self._labels
+        known = self._relations
         for name, number in Counter(fact[1] for fact in facts).items():
             if known.same(name) is not None:
                 continue
@@ -763,12 +772,11 @@ class LiveEmbedding:
         """The inserted entities whose vectors follow from a change, with those that share facts
         with them.
         """
-        inserted = set(self.home.inserted())
+        inserted = (self._rows.keys() | set(made.inserted)) - set(made.removed)
+        touched = {*made.inserted, *names_in([*made.added, *made.lost, *made.believed])}
         if made.training:
             self._known_triples = None
             touched = inserted
-        else:
-            touched = {*made.inserted, *names_in([*made.added, *made.lost, *made.believed])}
         if names := touched & inserted:
             return self.groups.insert(self._inputs_of(names), self.known_triples)
         return {}
@@ -789,27 +797,24 @@ class LiveEmbedding:
             waiting += [end for end in names_in(facts) if end in inserted and end not in given]
         return given
 
-    def _write(self, change: int, computed: Mapping[str, Computed]) -> None:
-        """Write computed vectors, and the rows of relations that are not trained."""
+    def _write(
+        self, change: int, computed: Mapping[str, Computed], changed: Iterable[Fact]
+    ) -> None:
+        """Write computed vectors, and the rows of the relations that are not trained and that these
+        vectors, or facts that came or went, determine.
+        """
         for each in computed.values():
             each.entity.store(self.home, change)
-        names = self.home.read("SELECT name FROM relation WHERE NOT trained")
-        if not names:
+        new = {name for (name,) in self.home.read("SELECT name FROM relation WHERE NOT trained")}
+        if not new or not (computed or new & {fact[1] for fact in changed}):
             return
         rows = self._rows | {name: each.entity for name, each in computed.items()}
         present = self._as_it_is({name: rows[name] for name in self.home.inserted()})
-        of_relation = {name: self.home.facts("relation = ?", name) for (name,) in names}
-        facts = {name: [row.fact for row in rows] for name, rows in of_relation.items() if rows}
-        for name, row in self.groups.relation_rows(facts, present).items():
-            self.home.read("UPDATE relation SET vector = ? WHERE name = ?", row.tobytes(), name)
-
-    def _insert_missing(self, names: Collection[str]) -> None:
-        """Compute the vectors of entities that have none: they came while this was trained."""
-        with self.home.transaction():
-            computed = self.groups.insert(self._inputs_of(names), self.known_triples)
-            self._write(self._last, computed)
-        self._rows |= {name: each.entity for name, each in computed.items()}
-        self._rows = {name: self._rows[name] for name in self.home.inserted()}
+        for name in sorted(new):
+            if facts := [row.fact for row in self.home.facts("relation = ?", name)]:
+                row = self.groups.relation_row(facts, present)
+                update = "UPDATE relation SET vector = ? WHERE name = ?"
+                self.home.read(update, row.tobytes(), name)
 
     def _take_over(self) -> None:
         """Take over what other processes have changed, in a time that grows with that."""
@@ -817,7 +822,7 @@ class LiveEmbedding:
         if version == self._version:
             return
         self._version = version
-        if self.home.last_training() != self._training:
+        if self.home.last_training() != self.home.read_training:
             self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()
@@ -837,13 +842,13 @@ class LiveEmbedding:
 
     def _forget(self) -> None:
         """Derive again, when it is needed, what the tables say."""
-        self._now = self._known_triples = self._known_names = self._known_labels = None
+        self._now = self._known_triples = self._known_names = self._known_relations = None
 
     def _as_known(self, facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
         """Facts by the names that are known, or else in the form in which names are compared."""
         named = dict[Fact, float | None]()
         for (head, relation, tail), confidence in facts.items():
-            label = self._labels.same(relation) or clean(relation)
+            label = self._relations.same(relation) or clean(relation)
             first, last = (self._known.same(end) or clean(end) for end in (head, tail))
             named[first, label, last] = confidence
         return named
@@ -855,7 +860,7 @@ class LiveEmbedding:
             for end in (fact[0], fact[2]):
                 if end not in new:
                     self._known.find(end, place, "an entity")
-            self._labels.find(fact[1], place, "a relation")
+            self._relations.find(fact[1], place, "a relation")
 
     def _queried(self, name: str, notes: list[str] | None = None) -> str:
         """The known entity that a question is about; without ``notes``, a warning says which."""
@@ -938,7 +943,7 @@ def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     for number, line in enumerate(lines, 1):
         with at(folder / convert.JOURNAL, f"change {number}"):
             made._repeat(line)
-    if durability == "memory":
+    if durability == "memory" or not os.access(folder, os.W_OK):
         return made
     made.home.write_to(folder, made.base, beside=True)
     return open_live(folder, durability)
@@ -985,8 +990,8 @@ def _about(
                 definition=text,
                 kind=named,
                 initializer=initializer,
-                options=dict(options or {}),
-                seed=seed,
+                options=plain_numbers(dict(options or {})),
+                seed=plain_number(seed),
             )
 
     return of

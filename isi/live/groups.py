@@ -29,7 +29,7 @@ from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from isi.live.phrases import PhraseVector, PhraseVectors
 from isi.models.losses import Loss
-from isi.models.stack import without_denormals
+from isi.models.stack import usual_torch
 from isi.names import plain
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
@@ -273,27 +273,23 @@ class EntityGroups:
 
     # -- relations ---------------------------------------------------------------------------------
 
-    def relation_rows(
-        self, facts: Mapping[str, Sequence[Fact]], now: LoadedEmbedding
-    ) -> dict[str, np.ndarray]:
-        """The rows of relations that were not trained, each from its facts between entities of
-        ``now``; shape (w,) each.
+    def relation_row(self, facts: Sequence[Fact], now: LoadedEmbedding) -> np.ndarray:
+        """The row of a relation that was not trained, from its facts between entities of ``now``;
+        shape (w,).
         """
-        base, rows = self.base, dict[str, np.ndarray]()
+        base, number, ids = self.base, len(self.base.relations), now.entity_ids
         known_triples = torch.from_numpy(base.triples)
-        loss: Loss = base.manifest.trained_with or "logistic"
-        for name, listed in facts.items():
-            number, ids = len(base.relations), now.entity_ids
-            triples = [(ids[head], number, ids[tail]) for head, _, tail in listed]
-            theta = now.embedding
-            row = theta.relation.new_zeros(1, 1, theta.relation.shape[2])
-            theta = replace(theta, relation=torch.cat([theta.relation[:, :number], row], 1))
-            scale = fit_scale(base.embedding, known_triples, loss)
-            fitted = fit_relations(
-                theta, len(base.entities), number, torch.tensor(triples), known_triples, scale=scale
-            )
-            rows[name] = fitted[0].numpy().astype(base.relations.dtype)
-        return rows
+        triples = torch.tensor([(ids[head], number, ids[tail]) for head, _, tail in facts])
+        known = base.embedding.relation
+        theta = replace(
+            now.embedding, relation=torch.cat([known, torch.zeros_like(known[:, :1])], 1)
+        )
+        scale = fit_scale(base.embedding, known_triples, base.manifest.trained_with or "logistic")
+        fitted = fit_relations(
+            theta, len(base.entities), number, triples, known_triples, scale=scale
+        )
+        row: np.ndarray = fitted[0].numpy().astype(base.relations.dtype)
+        return row
 
     # -- choices -----------------------------------------------------------------------------------
 
@@ -331,7 +327,7 @@ class EntityGroups:
     def _choose(self, conditions: Conditions) -> Choice:
         base, entities = self.base, len(self.base.entities)
         number, words, warnings = conditions.facts, conditions.words, list[str]()
-        with without_denormals():
+        with usual_torch():
             test = self._hold_out(number, words)
             if conditions.initializer is None:
                 method, selection = select(

@@ -192,6 +192,7 @@ class Home:
         self.folder = folder
         self.durability: Durability = "memory"
         self.is_read_only = False
+        self.read_training: int | None = None  #: The training whose vectors were read or written.
         self._connection: sqlite3.Connection | None = connection
 
     # -- open and close ----------------------------------------------------------------------------
@@ -275,6 +276,7 @@ class Home:
         """The home in memory that ``as_bytes`` gave."""
         home = cls(None, _connected(":memory:"))
         home.connection.deserialize(content)
+        home.read_training = home.last_training()
         return home
 
     def as_bytes(self) -> bytes:
@@ -403,9 +405,10 @@ class Home:
                     self.read(f"DELETE FROM {table}")
                 self._fill(bundle)
                 self.set("vectors", name)
-                self.add_change("train", time or as_text(now()))
+                number = self.add_change("train", time or as_text(now()))
                 for statement in CARRIED_OVER if keep else ():
                     self.read(statement)
+            self.read_training = number
         finally:  # a signal may come after it is committed
             with suppress(InputError):
                 in_force = self.vectors_file
@@ -440,6 +443,7 @@ class Home:
 
     def bundle(self) -> Bundle:
         """The trained embedding. An ``InputError`` names what is missing or broken."""
+        training = self.last_training()
         settings = {name: json.loads(value) for name, value in self.read("SELECT * FROM setting")}
         name = settings.pop("vectors", None)
         if self.folder is None or name is None:
@@ -451,7 +455,13 @@ class Home:
         labels = [
             row[0] for row in self.read("SELECT name FROM relation WHERE trained ORDER BY id")
         ]
-        tensors = read_vectors(self.folder / name, len(names), len(labels))
+        try:
+            tensors = read_vectors(self.folder / name, len(names), len(labels))
+        except InputError:
+            if self.vectors_file == name:
+                raise
+            return self.bundle()  # it was trained again in between
+        self.read_training = training
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )

@@ -47,11 +47,7 @@ FORMS = (".npy", ".npz", ".safetensors", ".pt", ".pth", ".ckpt")
 #: End of PyKEEN's tensor names. In rows of these tensors, real and imaginary parts of complex
 #: numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
-#: Names of the tables of entities and relations: ours and PyKEEN's.
-NAMES = {
-    "entities": ("entities", f"entity{OF_PYKEEN}"),
-    "relations": ("relations", f"relation{OF_PYKEEN}"),
-}
+SLOTS = ("entities", "relations")  #: The two tables; a tensor of such a name is that table.
 LISTED = 8  #: Maximum number of tensors that a message names.
 OTHERS = "for other models, use isi.pykeen.insert"
 
@@ -122,7 +118,7 @@ def bundle_of(
             "as a model with inverse triples has"
         )
         raise InputError(files[0], "relations", f"{expected}: {OTHERS}")
-    for slot, rows, listed in zip(NAMES, tables, names, strict=True):
+    for slot, rows, listed in zip(SLOTS, tables, names, strict=True):
         with at(files[0], slot):
             check_numbers(rows, len(listed))
     digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
@@ -164,8 +160,8 @@ def tensors_in(folder: Path, form: str) -> list[Path]:
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tensors of a file by name (``.npy``: the file's name);
-    ``InputError`` refuses pickled code.
+    """The tensors of a file by name (``.npy``: the file's name; in a checkpoint, keys joined by
+    dots); ``InputError`` refuses pickled code.
     """
     if path.suffix not in FORMS or not path.is_file():
         raise InputError(
@@ -180,11 +176,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
             with np.load(path, allow_pickle=False) as arrays:
                 return dict(arrays)
         state = load_file(path) if path.suffix == ".safetensors" else _state_dict(path)
-        return {
-            name: array_of(value)
-            for name, value in state.items()
-            if isinstance(value, torch.Tensor)
-        }
+        return {name: array_of(value) for name, value in _nested(state)}
     except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
         message = cut(" ".join(str(error).split()), 120) or type(error).__name__
         raise InputError(path, "", f"expected tensors by name ({message})") from error
@@ -204,26 +196,73 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
     return state
 
 
-def read_tables(files: Sequence[Path], model: str) -> list[np.ndarray]:
-    """The tables of entities and of relations in files;
-    InputError unless there is one of each in all of them.
+def _nested(state: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, torch.Tensor]]:
+    """Names and tensors in mappings and lists, but not those of an optimizer, which has tensors of
+    the same shapes.
     """
-    read = {file: read_tensors(file) for file in files}
+    for key, value in state.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, torch.Tensor):
+            yield name, value
+        elif isinstance(value, Mapping | list | tuple) and not str(key).startswith("optim"):
+            inner = value if isinstance(value, Mapping) else dict(enumerate(value))
+            yield from _nested(inner, f"{name}.")
+
+
+@dataclass(frozen=True, eq=False)
+class FileTensor:
+    """A tensor of a file."""
+
+    file: Path
+    name: str
+    values: np.ndarray
+
+    def has_rows(self, number: int) -> bool:
+        """Whether it is a table of floats with this number of rows."""
+        is_table = self.values.ndim == 2 and self.values.dtype.kind in "fc"
+        return is_table and len(self.values) == number
+
+    def __str__(self) -> str:
+        return f"{self.name} ({' x '.join(map(str, self.values.shape))})"
+
+
+def read_tables(
+    files: Sequence[Path], model: str, labels: Labels, names: Mapping[str, str | None]
+) -> list[np.ndarray]:
+    """The tables of entities and of relations in files: the tensors of these ``names`` by slot;
+    without one, that which is named as its slot, else the one table with a row for each label.
+
+    InputError unless there is one of each in all files.
+    """
+    tensors = [
+        FileTensor(file, name, values)
+        for file in files
+        for name, values in read_tensors(file).items()
+    ]
     tables = []
-    for slot, names in NAMES.items():
-        tables_named = [(file, name) for file in read for name in names if name in read[file]]
-        if len(tables_named) != 1:
-            expected = f"expected one tensor {' or '.join(names)}"
-            others = sorted({name for tensors in read.values() for name in tensors})[:LISTED]
-            got = ", ".join(f"{name} of {file}" for file, name in tables_named) or ", ".join(others)
-            choose = "; choose with --tensors FILE" * (len(tables_named) > 1)
-            place = " ".join(map(str, read))
-            raise InputError(place, "", f"{expected}, got {got[:200] or 'no tensor'}{choose}")
-        ((file, name),) = tables_named
-        with at(file, name):
-            of_pykeen = name.endswith(OF_PYKEEN)
-            tables.append(table_of(read[file][name], slot, model, of_pykeen))
+    for slot, rows in zip(SLOTS, (len(labels.entities), len(labels.relations)), strict=True):
+        with at(" ".join(map(str, files))):
+            tensor = _chosen(tensors, slot, rows, names.get(slot))
+        with at(tensor.file, tensor.name):
+            of_pykeen = tensor.name.endswith(OF_PYKEEN)
+            tables.append(table_of(tensor.values, slot, model, of_pykeen))
+        tensors.remove(tensor)  # it would fit again where R equals E
     return tables
+
+
+def _chosen(tensors: Sequence[FileTensor], slot: str, rows: int, name: str | None) -> FileTensor:
+    """The tensor of a slot (``read_tables``)."""
+    fitting = [tensor for tensor in tensors if tensor.name == (name or slot)]
+    if not name:
+        # a model with inverse triples has twice as many relations, which is refused later
+        for number in (rows, 2 * rows) if slot == "relations" else (rows,):
+            fitting = fitting or [tensor for tensor in tensors if tensor.has_rows(number)]
+    if len(fitting) == 1:
+        return fitting[0]
+    listed = ", ".join(map(str, (fitting or tensors)[:LISTED]))
+    choice = f"--{slot} NAME" + " or --tensors FILE" * (len({each.file for each in fitting}) > 1)
+    expected = f"expected one tensor {name or f'with a row for each of {rows} {slot}'}"
+    raise InputError("", "", f"{expected}; choose with {choice}, got {listed or 'no tensor'}")
 
 
 def table_of(values: np.ndarray, slot: str, model: str, of_pykeen: bool = False) -> np.ndarray:

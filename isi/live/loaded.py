@@ -2,7 +2,7 @@
 and lookup of typed names.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import NamedTuple, Self
@@ -47,6 +47,9 @@ class LoadedEmbedding(Bundle):
     added: int = 0  #: number of facts added after training, which are the last triples
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
+
+    #: of ``fitting_in_slot``, by relation and slot
+    _fitting: dict[tuple[int, int], np.ndarray] = field(init=False, default_factory=dict)
 
     @cached_property
     def model(self) -> Model:
@@ -187,6 +190,16 @@ class LoadedEmbedding(Bundle):
         """The kinds of the entities in a slot of the known triples of a relation."""
         return {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
 
+    def fitting_in_slot(self, relation: int, slot: int) -> np.ndarray:
+        """The ids of the entities in a slot of the known triples of a relation that are candidates
+        there, sorted.
+        """
+        if (relation, slot) not in self._fitting:
+            in_slot = np.array(self.in_slot(relation, slot), np.int64)
+            fits = np.isin(in_slot, self.candidates(relation, slot).numpy())
+            self._fitting[relation, slot] = in_slot[fits]
+        return self._fitting[relation, slot]
+
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
         """The kind of a new entity and the reason; empty texts if unknown.
         ``alike``: cosines of its words, (E,).
@@ -199,21 +212,20 @@ class LoadedEmbedding(Bundle):
         votes, roles = np.zeros(1 + len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
             slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
-            usual = set(self.candidates(self.relation_ids[relation], slot).tolist())
-            there = [row for row in self.in_slot(self.relation_ids[relation], slot) if row in usual]
-            if there:
-                listed = there if alike is None else [max(there, key=alike.__getitem__)]
+            there = self.fitting_in_slot(self.relation_ids[relation], slot)
+            if len(there):
+                listed = there if alike is None else there[[alike[there].argmax()]]
                 votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))
                 roles[f"the {role} of {relation}"] = None
         like = " and ".join(roles)
         if not roles and alike is not None:
-            votes = self._of_kinds(range(len(alike)), np.exp(alike / TEMPERATURE))
+            votes = self._of_kinds(np.arange(len(alike)), np.exp(alike / TEMPERATURE))
             of_kind = np.flatnonzero(self.kind_ids + 1 == votes.argmax())
             like = self.entity_names[of_kind[alike[of_kind].argmax()]]
         kind = ["", *self.kind_numbers][int(votes.argmax())]
         return (kind, f"{new} counts as {kind}, like {like}") if kind else ("", "")
 
-    def _of_kinds(self, entities: Sequence[int], weights: np.ndarray) -> np.ndarray:
+    def _of_kinds(self, entities: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The total weight of entities, (N,), without a kind and of each kind;
         ``entities``: ids.
         """

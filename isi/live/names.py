@@ -1,8 +1,9 @@
 """Known names as people type them: which name a text is, which it may mean, suggestions."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from functools import cached_property
 from typing import Annotated
 
 from pydantic import AfterValidator
@@ -24,31 +25,35 @@ class KnownNames:
     letters (``loose``).
     """
 
-    def __init__(self, names: Collection[str]) -> None:
-        self.names = names  #: a mapping or a set
+    def __init__(self, names: Collection[str], earlier: KnownNames | None = None) -> None:
+        """``names``: a mapping or a set; ``earlier``: more names, with their dictionaries."""
+        self._names, self._earlier = names, earlier
+        self._groups = dict[Callable[[str], str], dict[str, list[str]]]()
 
-    @cached_property
-    def _by_clean(self) -> dict[str, list[str]]:
-        return _grouped(self.names, clean)
+    def __contains__(self, text: str) -> bool:
+        return text in self._names or (self._earlier is not None and text in self._earlier)
 
-    @cached_property
-    def _by_loose(self) -> dict[str, list[str]]:
-        return _grouped(self.names, loose)
+    def __iter__(self) -> Iterator[str]:
+        yield from self._earlier or ()
+        yield from self._names
 
-    @cached_property
-    def _by_plain(self) -> dict[str, list[str]]:
-        return _grouped(self.names, plain)
+    def _of_form(self, form_of: Callable[[str], str], form: str) -> list[str]:
+        """The names with a form, such as ``clean``."""
+        if form_of not in self._groups:
+            self._groups[form_of] = _grouped(self._names, form_of)
+        earlier = self._earlier._of_form(form_of, form) if self._earlier else []
+        return earlier + self._groups[form_of].get(form, [])
 
     def same(self, text: str) -> str | None:
         """The name that a text is, or None."""
         for form in (text, clean(text)):
-            if form in self.names:
+            if form in self:
                 return form
-        return next(iter(self._by_clean.get(clean(text), [])), None)
+        return next(iter(self._of_form(clean, clean(text))), None)
 
     def meant(self, text: str) -> str | None:
         """The only name that a text may mean, or None: also if several spellings are known."""
-        meant = self._by_loose.get(loose(text), [])
+        meant = self._of_form(loose, loose(text))
         return meant[0] if len(meant) == 1 else None
 
     def find(self, text: str, place: str, expected: str) -> str:
@@ -69,22 +74,22 @@ class KnownNames:
 
     def resembled(self, text: str) -> str | None:
         """A name that a new one looks like: one that it may mean, or its plural or singular."""
-        if meant := self._by_loose.get(loose(text)):
+        if meant := self._of_form(loose, loose(text)):
             return meant[0]
         forms = sorted(singulars(text) | plurals(text))
-        near = [name for form in forms for name in self._by_plain.get(form, [])]
+        near = [name for form in forms for name in self._of_form(plain, form)]
         return next((name for name in near if numbers(name) == numbers(text)), None)
 
     def hint(self, text: str) -> str:
         """A question that ends a message: which similar names a text may mean, or all."""
-        wanted = plain(text)
-        forms = get_close_matches(wanted, self._by_plain, SUGGESTED) or [
-            form for form in self._by_plain if wanted and wanted in form
+        wanted, by_plain = plain(text), _grouped(self, plain)
+        forms = get_close_matches(wanted, by_plain, SUGGESTED) or [
+            form for form in by_plain if wanted and wanted in form
         ]
         close = (
-            self._by_loose.get(loose(text), [])[:LISTED]
-            or [name for form in forms for name in self._by_plain[form]][:SUGGESTED]
-            or list(self.names) * (len(self.names) <= LISTED)
+            self._of_form(loose, loose(text))[:LISTED]
+            or [name for form in forms for name in by_plain[form]][:SUGGESTED]
+            or list(self) * (len(by_plain) <= LISTED)
         )
         return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
 
@@ -142,7 +147,7 @@ def by_known_name(
     of several for one name, the one that is written as the name, or else the first, counts.
     """
     known_names = KnownNames(dict.fromkeys(known))
-    matched = {name: value for name, value in values.items() if name in known_names.names}
+    matched = {name: value for name, value in values.items() if name in known_names}
     missing = list[str]()
     for name, value in values.items():
         same = known_names.same(name)

@@ -217,7 +217,8 @@ VERBS: dict[str, type[Request]] = {
 def answer(live: LiveEmbedding, line: bytes) -> bytes:
     """The line that answers a request: what was done or found.
 
-    A request that is refused has the key ``error`` in its answer, and nothing has changed. So has
+    ``notes`` say which known name a question is about if it has another spelling. A request that
+    is refused has the key ``error`` in its answer, and nothing has changed. So has
     one that fails unexpectedly (``internal: ...``); its traceback goes to standard error.
     """
     label: dict[str, Any] = {}

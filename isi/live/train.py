@@ -49,6 +49,7 @@ from isi.insertion.arguments import (
     column_names,
     listed_triples,
     naming_argument,
+    of_arrow,
 )
 from isi.live.bundle import Bundle, Manifest
 from isi.live.embedding import LiveEmbedding, open_live
@@ -56,13 +57,13 @@ from isi.live.home import DATABASE
 from isi.live.names import by_known_name, note_of_kinds
 from isi.live.phrases import OF_MODEL, by_model, has_model, with_words
 from isi.models.model import MODELS, compared_models
-from isi.models.stack import Embedding, NotFinite, select, without_denormals
+from isi.models.stack import Embedding, NotFinite, select, usual_torch
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names, cleaned
+from isi.sources.readers import COUNT, check_names, cleaned, refuse
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
-from isi.training.batches import DENSE_LIMIT, Negatives, is_dense
+from isi.training.batches import DENSE_LIMIT, Negatives, is_dense, scaled_counts
 from isi.training.trainer import Training
 
 RATES = (0.1, 0.3)  #: Learning rates that are compared.
@@ -75,6 +76,8 @@ MOST_HELD_OUT, MOST_SCORES = 1000, 2**25
 #: On a large graph (not ``is_dense``): maximum number of observations in a batch; negatives of each
 #: kind.
 LARGEST_BATCH, SAMPLED = 1024, 3
+#: Maximum number of observations of an epoch: this number, or this many per triple if that is more.
+OBSERVED, PER_TRIPLE = 2**18, 10
 #: Multiplications in a second in dense batches, numbers of vectors in a second in lists, seconds
 #: for each update: they turn a budget of seconds into one of work, so that the result depends on
 #: the arguments alone.
@@ -98,6 +101,8 @@ class TrainingSummary:
     relations: int
     triples: int
     observations: int
+    #: of an epoch: fewer than all if there are so many that counts were scaled down
+    epoch_observations: int
     model: str
     learning_rate: float
     dimension: int
@@ -111,6 +116,16 @@ class TrainingSummary:
     chance: float | None  #: expectation of random ranks
     warning: str | None  #: a sentence
 
+    @property
+    def scaled(self) -> str | None:
+        """A sentence, if counts were scaled down."""
+        if self.epoch_observations == self.observations:
+            return None
+        return (
+            f"Counts were scaled down: an epoch has {self.epoch_observations:,} observations, "
+            "at least one of each triple"
+        )
+
     def __str__(self) -> str:
         text = (
             f"{self.triples:,} triples ({self.observations:,} observations) of {self.entities:,}"
@@ -118,6 +133,8 @@ class TrainingSummary:
             f" {self.learning_rate:g}, {self.epochs} epochs in batches of {self.batch_size:,},"
             " chosen on validation triples."
         )
+        if self.scaled:
+            text += f"\n{self.scaled}."
         if self.repeated:
             named = ", ".join(" and ".join(map(repr, names)) for names in self.repeated)
             text += (
@@ -144,9 +161,10 @@ def tables_of(triples: TripleForms) -> GraphTables:
     InputError for a wrong triple, name or count.
     """
     with naming_argument("triples"):
+        table: Any = of_arrow(triples)
         rows = [
             tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,)
-            for row in listed_triples(triples)
+            for row in listed_triples(table)
         ]
         for row, triple in enumerate(rows):
             if len(triple) != len(TRIPLE):
@@ -156,12 +174,15 @@ def tables_of(triples: TripleForms) -> GraphTables:
         frame = pd.DataFrame(
             rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object
         )
+        for slot in frame:
+            no_text = [not isinstance(name, str) for name in frame[slot]]
+            refuse("", frame[slot], pd.Series(no_text, frame.index), f"{slot}: expected a name")
         check_names(frame, "")
         frame = cleaned(frame)
         counted: Any = next(
-            (name for name in column_names(triples) if str(name).casefold() == COUNT), None
+            (name for name in column_names(table) if str(name).casefold() == COUNT), None
         )
-        counts = np.asarray(triples[counted]).tolist() if counted else [1] * len(rows)
+        counts = np.asarray(table[counted]).tolist() if counted else [1] * len(rows)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError(
@@ -221,8 +242,9 @@ def train(
 
     ``kinds``: by entity. ``vectors``: a word2vec or GloVe file, for the word vectors of names. The
     other arguments are those of ``train_bundle``. ``base.manifest.made`` of the result has its
-    measures. Warns if the model has learned nothing, of names in ``kinds`` that match no entity,
-    and of entities without a kind.
+    measures. Warns of what the file's reader counts, such as lines without a header, if the model
+    has learned nothing, of counts that were scaled down, of names in ``kinds`` that match no
+    entity, and of entities without a kind.
 
     Example:
         >>> import isi
@@ -246,7 +268,14 @@ def train(
             raise InputError("argument 'kinds'", "", "expected none: a home has its kinds")
         warn(train_again(triples, file, **options))
         return triples
-    tables = read_graph([triples])[0] if isinstance(triples, str | Path) else tables_of(triples)
+    if isinstance(triples, str | Path):
+        tables, read = read_graph([triples])
+        for path, counted in read.items():
+            for label, number in counted.items():
+                if label != "reader":
+                    warnings.warn(f"{path}: {label}: {number:,}", stacklevel=2)
+    else:
+        tables = tables_of(triples)
     if kinds:
         with naming_argument("kinds"):
             tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
@@ -258,9 +287,9 @@ def train(
 
 
 def warn(summary: TrainingSummary) -> None:
-    """Warn, in the name of a caller's caller, if the model has learned nothing."""
-    if summary.warning:
-        warnings.warn(summary.warning, stacklevel=3)
+    """Warn, in the name of a caller's caller, of what a training found wrong."""
+    for sentence in filter(None, (summary.scaled, summary.warning)):
+        warnings.warn(sentence, stacklevel=3)
 
 
 def is_home(path: Path) -> bool:
@@ -291,7 +320,7 @@ def tables_of_home(live: LiveEmbedding) -> GraphTables:
     return with_kinds(tables, given, phrases)[0]
 
 
-@without_denormals()
+@usual_torch()
 def train_bundle(
     tables: GraphTables,
     *,
@@ -311,27 +340,27 @@ def train_bundle(
         learning_rate: of Adagrad; None: the best of ``RATES``.
         dimension: d, the length of an entity's vector.
         budget: seconds for the comparison, by an estimate of its work; one setting is always tried.
+            Large counts are scaled down (``TrainingSummary.epoch_observations``).
         seed: root seed of splits, initial vectors, batches and negatives.
 
     Raises:
         InputError: names the wrong argument, or says that training diverged.
     """
-    values = {
-        "learning_rate": (learning_rate, Positive | None),
-        "budget": (budget, Positive),
-        "seed": (seed, Seed),
-    }
-    for name, (value, kind) in (values | {"dimension": (dimension, Count)}).items():
-        check(value, kind, "", f"argument {name!r}")  # type: ignore[arg-type]
-    graph = build_graph(tables.entities, tables.triples)
-    entities, relations, observed = (
-        len(graph.entities),
-        len(graph.relations),
-        int(graph.counts.sum()),
-    )
-    dense, cells = is_dense(graph), relations * entities**2
-    batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
+    learning_rate = check(learning_rate, Positive | None, "", "argument 'learning_rate'")  # type: ignore[arg-type]
+    budget = check(budget, Positive, "", "argument 'budget'")
+    seed = check(seed, Seed, "", "argument 'seed'")
+    dimension = check(dimension, Count, "", "argument 'dimension'")
+    whole = build_graph(tables.entities, tables.triples)
+    dense = is_dense(whole)
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
+    most = max(OBSERVED, PER_TRIPLE * len(whole.triples))
+    if not dense:  # time grows with the observations, and one setting is always tried
+        seconds_each = dimension * (1 + 3 * ratio) / LIST_RATE
+        most = min(most, int(budget / (LEAST * DRAWS * seconds_each)))
+    graph = replace(whole, counts=scaled_counts(whole.counts, max(most, len(whole.triples))))
+    entities, relations = len(graph.entities), len(graph.relations)
+    observed, cells = int(graph.counts.sum()), relations * entities**2
+    batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
     updates = observed / batch_size
     listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
     seconds = updates * OVERHEAD + dimension * (
@@ -380,6 +409,7 @@ def train_bundle(
         entities,
         relations,
         len(graph.triples),
+        int(whole.counts.sum()),
         observed,
         name,
         rate,

@@ -1,7 +1,7 @@
 """A stack of embeddings, scored by one model: the unit of training, ranking and insertion."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -21,16 +21,28 @@ MARGIN_TRIPLES = 1000  #: Maximum number of triples from which a margin is estim
 
 
 @contextmanager
-def without_denormals() -> Iterator[None]:
-    """Compute with zero in place of denormal numbers, which are slow (dead coordinates have many);
-    then as before.
+def usual_torch() -> Iterator[None]:
+    """Compute under PyTorch's usual settings, whatever those of the caller: float32 with products
+    of full precision, on the CPU, no autocast, no inference mode, gradients where they are asked
+    for. And with zero in place of denormal numbers, which are slow (dead coordinates have many).
+    Then as before.
     """
-    before = not (torch.full((1,), DENORMAL) * 1).any()
-    torch.set_flush_denormal(True)
-    try:
+    with ExitStack() as settings:
+        settings.callback(torch.set_default_dtype, torch.get_default_dtype())
+        torch.set_default_dtype(torch.float32)
+        products = getattr(torch.backends.mkldnn, "matmul", None)  # from PyTorch 2.9 on
+        if products is not None:
+            settings.callback(setattr, products, "fp32_precision", products.fp32_precision)
+            products.fp32_precision = "ieee"
+        if torch.get_default_device().type != "cpu":
+            settings.enter_context(torch.device("cpu"))
+        settings.enter_context(torch.autocast("cpu", enabled=False))
+        settings.enter_context(torch.inference_mode(False))
+        settings.enter_context(torch.enable_grad())
+        are_flushed = not (torch.full((1,), DENORMAL) * 1).any()
+        settings.callback(torch.set_flush_denormal, are_flushed)
+        torch.set_flush_denormal(True)
         yield
-    finally:
-        torch.set_flush_denormal(before)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from isi.insertion.inverses import InverseRelations, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
 from isi.models.model import Model
+from isi.models.stack import usual_torch
 from isi.names import loose, numbers
 from isi.pykeen import reading
 from isi.pykeen.reading import (
@@ -121,6 +122,7 @@ def insert(
     return enlarge(model, factory, done)
 
 
+@usual_torch()
 def compute_rows(
     model: PykeenModel | PipelineResult,
     factory: Any = None,
@@ -188,11 +190,12 @@ def compute_rows(
             entity_names=entity_labels,
             relation_names=relation_labels,
             triples=factory.mapped_triples.numpy(),
+            numbers_are_ids=True,
         )
         if settings.get("loss") is None:
             settings["loss"] = reading.loss_of(model, embedding.model)
         request = InsertRequest(triples=ids, new=new, words=words, kinds=kinds, **settings)
-        done = insert_request(known_embedding, request, stacklevel=3)
+        done = insert_request(known_embedding, request, stacklevel=4)
     except InputError as error:
         if near and error.file.startswith("new entity"):
             label = next((label for label in near if repr(label) in error.file), next(iter(near)))
@@ -205,11 +208,12 @@ def compute_rows(
     for label, other in near.items():
         warnings.warn(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
-            stacklevel=3,
+            stacklevel=4,
         )
     return done
 
 
+@usual_torch()
 def enlarge(
     model: PykeenModel, factory: CoreTriplesFactory, done: Inserted
 ) -> tuple[PykeenModel, CoreTriplesFactory]:

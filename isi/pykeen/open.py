@@ -16,6 +16,7 @@ from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from isi.live.names import by_known_name, note_of_kinds
 from isi.models.model import name_of, stored_options
+from isi.models.stack import usual_torch
 from isi.names import plain
 from isi.pykeen.insertion import add_rows, checked_labels, larger_factory, of_result
 from isi.pykeen.reading import PykeenModel, loss_of, read_model
@@ -63,6 +64,7 @@ class PykeenEmbedding(LiveEmbedding):
         return self._enlarged[1]
 
     @property
+    @usual_torch()
     def _enlarged(self) -> tuple[PykeenModel, CoreTriplesFactory]:
         now, known = self.now, len(self.base.entities)
         if self._made_from is not now:
@@ -78,6 +80,7 @@ class PykeenEmbedding(LiveEmbedding):
         return self._current
 
 
+@usual_torch()
 def from_pykeen(
     model: PykeenModel | PipelineResult,
     factory: TriplesFactory | None = None,
@@ -126,7 +129,7 @@ def from_pykeen(
     kind_of, missing = by_known_name(kinds or {}, entities)
     without = [label for label in entities if kinds and label not in kind_of]
     if note := note_of_kinds(missing, len(kinds or {}), without, entities):
-        warnings.warn(f"kinds: {note}", stacklevel=2)
+        warnings.warn(f"kinds: {note}", stacklevel=3)
     loaded = LoadedEmbedding(
         manifest,
         read.entity[0].numpy(),

@@ -11,16 +11,19 @@ from pykeen.training import training_loop_resolver
 from pykeen.triples import CoreTriplesFactory
 from torch.optim import Optimizer
 
+from isi.config import Count, check, plain_number
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion import fit
 from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
 from isi.insertion.inverses import pack
 from isi.models.losses import Loss
+from isi.models.stack import usual_torch
 from isi.pykeen.insertion import checked_labels, labelled, of_result
 from isi.pykeen.reading import PykeenModel, copied, loss_of, read_model, stored, tables_of
 
 
+@usual_torch()
 def fit_new(
     model: PykeenModel | PipelineResult,
     factory: Any = None,
@@ -111,6 +114,7 @@ def _new_ids(
     """Sorted ids of the entities to train; by default those that are in ``triples`` and
     in no other known triple.
     """
+    new = plain_number(new)
     if new is None:
         others = set(map(tuple, known.tolist())) - set(map(tuple, triples.tolist()))
         ends = np.unique(triples[:, [HEAD, TAIL]])
@@ -157,6 +161,8 @@ def train_on(
         >>> len(isi.pykeen.train_on(larger, more, epochs=2))
         2
     """
+    epochs = check(epochs, Count, "", "argument 'epochs'")
+    batch_size = check(batch_size, Count, "", "argument 'batch_size'")
     model, factory, _ = of_result(model, factory, ())
     checked_labels(model, factory)
     if not isinstance(optimizer, Optimizer):

@@ -41,6 +41,7 @@ STYLE: Any = {
     "svg.hashsalt": "isi",
     "svg.fonttype": "none",
     "figure.dpi": 160,
+    "text.parse_math": False,  # names may have dollar signs
 }
 _LEGEND_ROW = 5  # maximum number of legend entries in a row
 

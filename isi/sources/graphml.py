@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError
@@ -16,19 +18,25 @@ from isi.sources.readers import read_text
 
 #: Descriptions of counts.
 PREDICTIONS = "edges dropped that are predictions (with a rank)"
+SHARED = "nodes that share a label, named as LABEL (ID)"
+LABELS = ("label", "name")  #: Attributes that name a node; yEd, igraph, Gephi and Neo4j write one.
 
 
 @reader("graphml", Naming(), path="path", suffixes=(".graphml",))
-def graphml(mining: Mining, path: str) -> Iterator[Observation]:
-    """Observations of GraphML, read as a whole: an edge has a ``relation`` and perhaps a ``count``.
+def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Observation]:
+    """Observations of GraphML, read as a whole: an edge has a ``relation``, else a ``label``, and
+    perhaps a ``count``.
 
-    A node is named by its id; its attributes ``kind`` and ``phrase`` are those of the entity.
+    ``names``: the attribute of nodes that names them, or ``id``; None: the first of ``LABELS`` that
+    a node has. A node without it is named by its id, and nodes that share a name by both.
+    Attributes ``kind`` and ``phrase`` are those of the entity.
     """
     import networkx as nx  # imported here: few calls need it
 
     text = read_text(Path(path), "GraphML, which is read as a whole,")
     try:
-        graph: Any = nx.parse_graphml(text, force_multigraph=True)
+        with warnings.catch_warnings(action="ignore"):  # of attributes without a type
+            graph: Any = nx.parse_graphml(text, force_multigraph=True)
     except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
         raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
     if not graph.is_directed():
@@ -36,7 +44,16 @@ def graphml(mining: Mining, path: str) -> Iterator[Observation]:
             path, "graph", "expected edgedefault directed: an edge leads from head to tail"
         )
     mining.name_entities = named = Naming()
-    for name, attributes in graph.nodes(data=True):
+    nodes: dict[str, dict[str, Any]] = dict(graph.nodes(data=True))
+    if names not in (None, "id") and not any(names in attributes for attributes in nodes.values()):
+        raise InputError(path, f"names {names}", "expected an attribute of nodes of this file")
+    labels = _labels(nodes, names)
+    name_of = _unique(labels)
+    for node, attributes in nodes.items():
+        name = name_of[node]
+        if name != labels[node]:
+            named.phrase_of[name] = labels[node]
+            mining.counts[SHARED] += 1
         for key, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
             if key in attributes:
                 with at(path, f"node {cut(name)}"):
@@ -46,11 +63,36 @@ def graphml(mining: Mining, path: str) -> Iterator[Observation]:
             mining.counts[PREDICTIONS] += 1
             continue
         with at(path, f"edge {number}"):
-            names = {"head": head, "relation": attributes.get("relation"), "tail": tail}
-            for key, name in names.items():
-                config.check(name, Name, key, "")
-            relation, count = (
-                attributes["relation"],
-                config.check(attributes.get("count", 1), Count, "count", ""),
-            )
-        yield None, None, None, head, relation, tail, count
+            relation = attributes.get("relation") or _label(attributes, ["label"]) or None
+            triple: dict[str, Any] = {
+                "head": name_of[head],
+                "relation": relation,
+                "tail": name_of[tail],
+            }
+            for key, value in triple.items():
+                config.check(value, Name, key, "")
+            count = config.check(attributes.get("count", 1), Count, "count", "")
+        yield None, None, None, *triple.values(), count
+
+
+def _labels(nodes: dict[str, dict[str, Any]], names: str | None) -> dict[str, str]:
+    """The label of each node, or its id; ``names``: the setting."""
+    if names == "id":
+        return {node: node for node in nodes}
+    sought = [names] if names else LABELS
+    return {node: _label(attributes, sought) or node for node, attributes in nodes.items()}
+
+
+def _unique(labels: dict[str, str]) -> dict[str, str]:
+    """The labels of nodes, with the id behind where several nodes share one."""
+    number = Counter(labels.values())
+    return {
+        node: f"{label} ({node})" if number[label] > 1 and label != node else label
+        for node, label in labels.items()
+    }
+
+
+def _label(attributes: dict[str, Any], names: Sequence[str]) -> str:
+    """The first attribute that is there, in one line; yEd's labels may have several."""
+    texts = (" ".join(str(attributes[name]).split()) for name in names if name in attributes)
+    return next(filter(None, texts), "")

@@ -189,7 +189,7 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
                     expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                     raise InputError(path, f"line {number}", expected) from error
                 yield from ((f"line {number}", triple) for triple in triples)
-    elif suffix_of(path) == ".ttl":
+    elif suffix_of(path) in (".ttl", ""):  # a pipe has no suffix, and N-Triples are Turtle
         text = read_text(path, "Turtle, which is read as a whole,")
         try:
             graph = Graph().parse(data=text, format="turtle", publicID="file:///")

@@ -16,15 +16,16 @@ from importlib.metadata import PackageNotFoundError, distribution
 from io import BufferedReader, TextIOWrapper
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import TextIO, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import pandas as pd
+from pydantic import BaseModel
 from pydantic_core import from_json
 
 from isi import config
 from isi.columns import COLUMN_NAMES, TRIPLE, other_names, with_triple
 from isi.errors import InputError, at, cut, extra, is_of_pyarrow, short
-from isi.names import clean, name_fault
+from isi.names import clean, name_fault, plain
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
@@ -35,14 +36,25 @@ MOST, MOST_ROWS = 2**26, 1_000_000
 COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
 TAB = "\t"
 GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
+#: Patterns of the first bytes of files that other programs have compressed, by the command that
+#: gives their text.
+PACKED = {
+    "bzip2 -dc": rb"BZh[1-9]1AY&",
+    "xz -dc": rb"\xfd7zXZ\x00",
+    "unzip -p": rb"PK\x03\x04",
+    "zstd -dc": rb"\x28\xb5\x2f\xfd",
+}
 SEPARATORS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
 #: Words in headers of triples, in this and other projects: a line with one of them in each column
 #: is a header.
 HEADER_WORDS = COLUMN_NAMES | {
-    *("entity", "node", "start", "end", "edge", "type", "property", "id"),
+    *("entity", "node", "start", "end", "edge", "type", "id", "name"),
     *"spo012",
 }
-HEADERLESS = "lines without a header, read as {}"  #: Description of a count.
+#: Descriptions of counts.
+HEADERLESS = "lines without a header, read as {}"
+PERHAPS_HEADER = "first line read as a triple, though no other line has its words: {}"
+PERHAPS_TRIPLE = "first line read as a header, though other lines have its words: {}"
 #: Errors that reading a broken file raises, beside those of pyarrow.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error)
 T = TypeVar("T")
@@ -81,16 +93,28 @@ def suffix_of(path: Path) -> str:
     return Path(name.stem).suffix if name.suffix == ".gz" else name.suffix
 
 
-def open_bytes(path: Path) -> gzip.GzipFile | BufferedReader:
-    """Open a file, which gzip may have compressed."""
+@contextmanager
+def open_bytes(path: Path) -> Iterator[gzip.GzipFile | BufferedReader]:
+    """Open a file or a pipe, which gzip may have compressed; its bytes are read once, in order."""
     with path.open("rb") as file:
-        is_compressed = file.read(len(GZIP)) == GZIP
-    return gzip.open(path) if is_compressed else path.open("rb")
+        start = file.peek(8)
+        for command, pattern in PACKED.items():
+            if re.match(pattern, start):
+                expected = "expected a file that is not compressed, or by gzip"
+                unpack = f"{command} {path.name} | isi graph --reader NAME -"
+                raise InputError(path, "", f"{expected}; try {unpack}")
+        if start.startswith(GZIP):
+            with gzip.GzipFile(fileobj=file) as unpacked:
+                yield unpacked
+        else:
+            yield file
 
 
-def open_text(path: Path) -> TextIO:
-    """Open a text file in UTF-8, which gzip may have compressed."""
-    return TextIOWrapper(open_bytes(path), encoding="utf-8-sig", newline="")
+@contextmanager
+def open_text(path: Path) -> Iterator[TextIO]:
+    """Open a text in UTF-8 (``open_bytes``)."""
+    with open_bytes(path) as file:
+        yield TextIOWrapper(file, encoding="utf-8-sig", newline="")
 
 
 def read_text(path: Path, content: str) -> str:
@@ -150,7 +174,7 @@ def parse_json(form: type[T], content: bytes | str, path: object, place: str = "
         return config.adapter(form).validate_json(text, strict=True)
 
 
-def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
+def refuse(path: object, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
     """InputError for the first ``wrong`` value of a column, with its line or row number,
     which is in the index.
     """
@@ -232,30 +256,24 @@ def read_batches(
     others: bool = False,
     headerless: Counter[str] | None = None,
 ) -> Iterator[pd.DataFrame]:
-    """Yield the rows of a file
-    (``.csv``, ``.tsv``, ``.txt``, each perhaps with ``.gz``, or ``.parquet``) in batches.
+    """Yield the rows of a file in batches: ``.parquet``, or text with commas (``.csv``) or tabs
+    (``.tsv``, ``.txt``), each perhaps with ``.gz``.
+
+    In a text of another suffix, or a pipe without one, tabs part columns if the first line has any.
 
     Columns: ``required``, and ``optional`` if present, in any case; further columns are ignored if
     ``others``, else refused. Head, relation and tail may have other names (``isi.columns``).
     Values: text (None is empty); in ``COUNT``, integers of at least 1. Index: numbers of lines, or
     of rows of Parquet from 1; its name is ``line`` or ``row``. ``headerless``: where the lines of a
-    text without a header, which then has the columns ``required``, are counted; None refuses such a
-    text.
+    text without a header, which then has the columns ``required``, and a first line that may be
+    taken wrongly are counted; None refuses such a text.
     """
-    form = suffix_of(path)
-    if form not in (*SEPARATORS, ".parquet"):
-        raise InputError(
-            path,
-            "",
-            "expected a file name that ends in .csv, .tsv, .txt (or these with .gz) or .parquet",
-        )
-    rows, unit = (
-        (_parquet_rows(path), "row")
-        if form == ".parquet"
-        else (_text_rows(path, SEPARATORS[form]), "line")
-    )
+    form, known = suffix_of(path), (*required, *optional)
+    if form == ".parquet":
+        unit, rows = "row", _parquet_rows(path, {*COLUMN_NAMES, *known})
+    else:
+        unit, rows = "line", _text_rows(path, SEPARATORS.get(form))
     _, first = next(rows)
-    known = (*required, *optional)
     has_triples = set(TRIPLE) <= set(required)
     folded = {name: name.strip().lower() for name in first}
     header = [folded[name] if folded[name] in known else name for name in first]
@@ -273,10 +291,11 @@ def read_batches(
             expected += f" and optionally {', '.join(optional)}"
         got = cut(", ".join(repr(name[:40]) for name in first) or "none", 80)
         if unit == "line" and not is_header:
-            separator = SEPARATORS[form].replace(TAB, "<tab>")
+            separator = SEPARATORS.get(form, ",").replace(TAB, "<tab>")
             got += f"; write {separator} between columns" * (len(first) == 1)
             got += f"; if line 1 is no header, add the line {separator.join(required)}"
         raise InputError(path, "line 1" if unit == "line" else "columns", f"{expected}; got {got}")
+    first_line = FirstLine(first, header, is_header)
     while batch := list(islice(rows, BATCH)):
         places, values = zip(*batch, strict=True)
         frame = pd.DataFrame(values, pd.Index(places, name=unit), list(header), dtype=str)[names]
@@ -287,25 +306,59 @@ def read_batches(
             expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
             refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
             frame[COUNT] = number
-        if headerless is not None and not is_header:
-            headerless[HEADERLESS.format(", ".join(required))] += len(frame)
+        if headerless is not None and unit == "line":
+            if not is_header:
+                headerless[HEADERLESS.format(", ".join(required))] += len(frame)
+            first_line.compare(frame[list(required)])
         yield frame
+    if headerless is not None and (doubt := first_line.doubt()):
+        headerless[doubt] += 1
+
+
+class FirstLine:
+    """Compares the first line of a table of triples with the others: a header, in other words than
+    ``TRIPLE``, and a triple may be taken for each other.
+    """
+
+    def __init__(self, words: Sequence[str], header: Sequence[str], is_header: bool) -> None:
+        self.words, self.is_header = words, is_header
+        self.ends = {word for word, name in zip(words, header, strict=True) if name in TRIPLE[::2]}
+        self.alone, self.others = set(words), 0  #: words that no other line has; number of others
+
+    def compare(self, rows: pd.DataFrame) -> None:
+        """Take the words of more lines, whose numbers are the index."""
+        rows = rows[rows.index > 1]
+        self.others += len(rows)
+        for name in rows if self.alone else ():
+            self.alone.difference_update(rows[name])
+
+    def doubt(self) -> str:
+        """Why the line may have been taken wrongly, as a description of a count; else empty."""
+        line = short(" ".join(self.words))
+        if self.is_header and not set(TRIPLE) <= set(self.words):
+            return PERHAPS_TRIPLE.format(line) * self.alone.isdisjoint(self.ends)
+        is_alone = self.others > 0 and self.alone == set(self.words)
+        return PERHAPS_HEADER.format(line) * (is_alone and not self.is_header)
 
 
 def _is_triple(values: Sequence[str]) -> bool:
     """Whether the first line of a table has three columns,
     and not a word of ``HEADER_WORDS`` in each.
     """
-    words = [set(re.findall("[a-z0-9]+", value.lower())) for value in values]
+    words = [set(re.findall("[a-z0-9]+", plain(value))) for value in values]
     return len(values) == 3 and any(HEADER_WORDS.isdisjoint(each) for each in words)
 
 
-def _text_rows(path: Path, separator: str) -> Iterator[tuple[int, Sequence[str]]]:
-    """Yield (line, values) of the header and of each line that is not blank."""
+def _text_rows(path: Path, separator: str | None) -> Iterator[tuple[int, Sequence[str]]]:
+    """Yield (line, values) of the header and of each line that is not blank.
+
+    Without a ``separator``, it is the tab if the first line has any, else the comma.
+    """
     line = 1
     with reading(path, "a table of UTF-8 text", lambda: f"line {line}"), open_bytes(path) as file:
         lines = map(_decoded, iter(lambda: file.readline(BLOCK + 1), b""))
         first = next(lines, "")
+        separator = separator or (TAB if TAB in first else ",")
         # A text with tabs has no quoting, unless each field of its first line is quoted.
         is_quoted = separator != TAB or all(
             re.fullmatch('"[^"]*"', field) for field in first.strip().split(TAB)
@@ -347,17 +400,52 @@ def _unquoted(field: str) -> str:
     return inner.replace('""', '"') if is_quoted else field
 
 
-def _parquet_rows(path: Path) -> Iterator[tuple[int, Sequence[str]]]:
-    """Yield (0, header), then (row, values as text) for each row; null is empty."""
+class PandasMetadata(BaseModel):
+    """What pandas says of the columns of a Parquet file."""
+
+    index_columns: list[Any] = []  #: names of columns, or a mapping that describes a range
+
+
+def _parquet_rows(path: Path, known: Collection[str]) -> Iterator[tuple[int, Sequence[str]]]:
+    """Yield (0, header), then (row, values as text) for each row; null and NaN are empty.
+
+    Columns of pandas' index are left out, unless their names are ``known``.
+    """
     with extra("pipeline"):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
     with reading(path, "a Parquet table"):
-        file, rows = pq.ParquetFile(path), count(1)
-        yield 0, file.schema_arrow.names
+        # a pipe is read as a whole: Parquet's header is at the end
+        whole = path if path.is_file() else pa.BufferReader(path.read_bytes())
+        file, rows = pq.ParquetFile(whole), count(1)
+        metadata = (file.schema_arrow.metadata or {}).get(b"pandas", b"{}")
+        index = parse_json(PandasMetadata, metadata, path, "pandas' metadata").index_columns
+        header = {
+            place: name
+            for place, name in enumerate(file.schema_arrow.names)
+            if name not in index or name.strip().lower() in known
+        }
+        yield 0, list(header.values())
         for batch in file.iter_batches(BATCH):
-            columns = [
-                column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns
-            ]
+            columns = [_texts(batch.column(place)) for place in header]
             yield from ((next(rows), values) for values in zip(*columns, strict=True))
+
+
+def _texts(column: Any) -> list[str]:
+    """The values of pyarrow's column as text: null and NaN are empty, and a float that is a whole
+    number is written as one.
+    """
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        column = column.dictionary_decode()
+    texts: list[str] = column.cast(pa.string()).fill_null("").to_pylist()
+    if not pa.types.is_floating(column.type):
+        return texts
+    for row, value in enumerate(column.to_pylist()):
+        if value is not None and value == value and float(value).is_integer():
+            texts[row] = str(int(value))
+        elif value != value:
+            texts[row] = ""
+    return texts

@@ -158,6 +158,8 @@ def read_recording(
     """Scenes of a recording: lines of ``make record`` (gzip), or JSON as in ``procthor``,
     which needs all ``plans``.
     """
+    if path.exists() and not path.is_file():
+        raise InputError(path, "", "expected a file: a recording is not read from a pipe")
     check_sha256(path, sha256)
     with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
         is_compressed = file.read(len(GZIP)) == GZIP

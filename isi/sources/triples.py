@@ -11,6 +11,7 @@ from typing import Annotated
 
 import pandas as pd
 
+from isi.columns import PLACES
 from isi.config import EachOnce
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
@@ -26,7 +27,7 @@ from isi.sources.readers import (
 )
 from isi.tables import paths
 
-TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
+TRIPLE = ["head", "relation", "tail"]
 #: Files of a folder of triples (``isi graph --out``).
 TRIPLES_FILE, ENTITIES_FILE = "triples.csv", "entities.csv"
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"

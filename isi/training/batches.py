@@ -123,6 +123,17 @@ def training_data(
     )
 
 
+def scaled_counts(counts: Tensor, most: int) -> Tensor:
+    """Counts of triples, (T,), int64, scaled down so that they sum up to about ``most``, each at
+    least 1; unchanged if their sum is no more. An epoch lists each observation, so that its time
+    and memory grow with their sum.
+    """
+    total = int(counts.sum())
+    if total <= most:
+        return counts
+    return (counts.double() * (most / total)).long().clamp(min=1)
+
+
 def shuffle_into_batches(
     data: TrainingData, root: int, epoch: int, size: int
 ) -> list[list[np.ndarray]]:

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from isi.live.folder import Bundle, Manifest, write
+from isi.live.journal import Change, Selected
 
 import isi
 from isi.live.embedding import LiveEmbedding
-from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import Change, Selected
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
 RELATIONS = ["at", "of", "for"]

@@ -4,6 +4,7 @@ import gzip
 import hashlib
 import io
 import json
+import os
 import re
 import struct
 import tempfile
@@ -11,22 +12,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 from unittest import mock
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.errors import InputError
+from isi.cli.output import write_outputs
+from isi.config import Section
+from isi.errors import InputError, at
 from isi.extras import procthor_houses
 from isi.extras.recorder import Recording
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.live.stream import answer
+from isi.live.train import tables_of
 from isi.names import name_fault
 from isi.sources import KINDS, OBSERVATIONS, Source
+from isi.sources.readers import parse_json
 from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
@@ -265,6 +270,13 @@ def pipeline_tensors() -> str:
     return repr(tables.read_tensors(Path("vectors.safetensors"), ["vectors"])["vectors"].shape)
 
 
+def arrow_table() -> str:
+    """The graph that ``isi.train`` makes of a table of pyarrow's."""
+    with at("log.parquet"):
+        table = pq.read_table("log.parquet")
+    return str(tables_of(table).triples.to_csv())
+
+
 TIME = re.compile(r"'time': '[^']*'")
 """When a change was made: two readings of the same requests differ in it."""
 
@@ -308,6 +320,72 @@ def stream() -> str:
     if len(errors) == len(replies):
         raise InputError("requests.jsonl", "", errors[0])
     return TIME.sub("", repr(replies))
+
+
+class Output(Section):
+    """What an output of a command is before the command, and whether it may be replaced."""
+
+    way: Literal[
+        "new", "input", "other", "hard link", "link to input", "link to other", "link to new",
+        "pipe", "folder", "in a file",
+    ]  # fmt: skip
+    replace: bool = False
+
+
+def outputs() -> str:
+    """Write outputs as a command does; refused if all are. An input stays, and so do links, pipes
+    and, unless they may be replaced, other files.
+    """
+    path = Path("outputs.json")
+    listed = parse_json(list[Output], path.read_bytes(), path)
+    results = list[str]()
+    for output in listed:
+        with tempfile.TemporaryDirectory() as folder:
+            results.append(_output_written(Path(folder), output))
+    if "written" not in results:
+        raise InputError("outputs.json", "", "no output is written")
+    return repr(results)
+
+
+def _output_written(folder: Path, output: Output) -> str:
+    given, other, out = folder / "input", folder / "other", folder / "out"
+    given.write_text("input", encoding="utf-8")
+    other.write_text("other", encoding="utf-8")
+    match output.way.split():
+        case ["hard", _]:
+            out.hardlink_to(given)
+        case ["link", _, name]:
+            out.symlink_to(name)
+        case ["pipe"]:
+            os.mkfifo(out)
+        case ["folder"]:
+            out.mkdir()
+        case ["in", *_]:
+            out = other / "out"
+        case [name]:
+            out = folder / name
+    is_link, is_pipe = out.is_symlink(), out.is_fifo()
+    reader = os.open(out, os.O_RDONLY | os.O_NONBLOCK) if is_pipe else None
+    try:
+        write_outputs({out: "output"}, [given], output.replace)
+        result = "written"
+        assert (os.read(reader, 9) if reader else out.read_bytes()) == b"output"
+    except InputError:
+        result = "refused"
+    finally:
+        if reader:
+            os.close(reader)
+    assert given.read_text(encoding="utf-8") == "input"
+    assert output.replace or other.read_text(encoding="utf-8") == "other"
+    assert (out.is_symlink(), out.is_fifo()) == (is_link, is_pipe)
+    return result
+
+
+OUTPUTS = [
+    {"way": way, "replace": replace}
+    for way in get_args(Output.model_fields["way"].annotation)
+    for replace in (False, True)
+]
 
 
 def package() -> bytes:
@@ -451,6 +529,17 @@ def _formats() -> dict[str, Format]:
             reader="table",
             path="train.txt",
         ),
+        "table of Wikidata": _source(
+            {"query.csv": b"itemLabel,propLabel,valueLabel\nmug,at,kitchen\ncup,at,hall\n"},
+            reader="table",
+            path="query.csv",
+        ),
+        "table of a benchmark": _source(
+            {"train.txt": b"e1\trel\te2\nmug\tat\tkitchen\ncup\tat\tkitchen\n"},
+            reader="table",
+            path="train.txt",
+        ),
+        "table of Arrow in Python": Format({"log.parquet": parquet()}, arrow_table),
         "folder of triples": _source(
             {"home/triples.csv": TRIPLES_CSV, "home/entities.csv": ENTITIES.encode()},
             reader="table",
@@ -506,6 +595,7 @@ def _formats() -> dict[str, Format]:
         "requests of a stream": Format(
             {"requests.jsonl": "\n".join(map(json.dumps, REQUESTS)).encode()}, stream
         ),
+        "outputs of a command": Format({"outputs.json": json.dumps(OUTPUTS).encode()}, outputs),
         "words": Format({"words.txt": b"3 3\n" + GLOVE}, partial(words, "words.txt")),
         "words, GloVe": Format({"glove.txt": GLOVE}, partial(words, "glove.txt")),
         "words, binary": Format({"words.bin": BINARY}, partial(words, "words.bin")),

@@ -230,6 +230,10 @@ ODD_COLUMNS = [
 ]
 
 
+#: Names of columns.
+ODD_NAMES = ["", "x", "head", "count", "n" * 10_000, "a\nb", "weight", "e1", "tailLabel"]
+
+
 @st.composite
 def of_columns(draw: DrawFn, content: bytes) -> bytes:
     """Change a Parquet table: replace, rename, remove or double a column; double or remove rows;
@@ -249,7 +253,7 @@ def of_columns(draw: DrawFn, content: bytes) -> bytes:
         table = table.remove_column(place)
     elif way == 3:
         names = list(table.column_names)
-        names[place] = draw(st.sampled_from(["", "x", "head", "count", "n" * 10_000, "a\nb"]))
+        names[place] = draw(st.sampled_from(ODD_NAMES))
         table = table.rename_columns(names)
     elif way == 4:
         table = table.append_column(table.column_names[place], table.column(place))

@@ -1,0 +1,124 @@
+"""Public functions compute the same under any settings of PyTorch, and leave these as they were."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import isi
+from isi.models.losses import Loss
+from tests.small_embedding import KNOWN_TRIPLES, fit, named
+from tests.small_live import live_of
+
+FACTS = [(f"thing {a}", "near", f"thing {b}") for a in range(8) for b in range(8) if (a + b) % 3]
+NAMED = named()
+LATER = [("mug", "near", "thing 1"), ("mug", "near", "thing 2")]
+
+
+@contextmanager
+def changed(change: Callable[[Any], object], now: object, before: object) -> Iterator[None]:
+    change(now)
+    try:
+        yield
+    finally:
+        change(before)
+
+
+def settings() -> dict[str, AbstractContextManager[Any]]:
+    to_dtype, to_device = torch.set_default_dtype, torch.set_default_device
+    to_precision = torch.set_float32_matmul_precision
+    return {
+        "float64": changed(to_dtype, torch.float64, torch.float32),
+        "bfloat16": changed(to_dtype, torch.bfloat16, torch.float32),
+        "meta": changed(to_device, "meta", None),
+        "within meta": torch.device("meta"),
+        "precision": changed(to_precision, "medium", "highest"),
+        "autocast": torch.autocast("cpu", dtype=torch.bfloat16),
+        "inference": torch.inference_mode(),
+        "no_grad": torch.no_grad(),
+        "grad disabled": changed(torch.set_grad_enabled, False, True),
+        "deterministic": changed(torch.use_deterministic_algorithms, True, False),
+    }
+
+
+def state() -> list[object]:
+    device = torch.empty(0).device
+    modes = torch.is_inference_mode_enabled(), torch.is_autocast_enabled("cpu")
+    precision = torch.get_float32_matmul_precision()
+    return [torch.get_default_dtype(), device, *modes, torch.is_grad_enabled(), precision]
+
+
+def insertion() -> list[Any]:
+    done = isi.insert(**NAMED)
+    return [done.vectors, done.embedding.entity.numpy(), done.report(), done.interference()]
+
+
+def training_of_new_rows() -> list[Any]:
+    done = isi.insert(**NAMED, initializer="mean")
+    losses: list[Loss] = ["logistic", "softmax"]
+    return [fit(done, loss=loss, epochs=2, known_triples=KNOWN_TRIPLES)[0] for loss in losses]
+
+
+def home() -> list[Any]:
+    trained = isi.train(FACTS, model="distmult", dimension=4, budget=0.01)
+    live = live_of()
+    live.insert("mug", {"in": live.base.entity_names[0]})
+    answers = [live.ask("mug", "in"), live.nearest("mug"), live.explain("mug"), live.report("mug")]
+    return [trained.base.entities, live.now.entities, *answers, live.interference()]
+
+
+def timeline() -> list[Any]:
+    grows = isi.Timeline.of([(FACTS[:30], [], FACTS[30:]), (LATER, [], LATER)])
+    grown = grows.run("complex", dimension=4, training={"base_epochs": 2, "epochs": 2})
+    return [grown.entities, grown.relations, grown.matrix, grown.measures()]
+
+
+def benchmark() -> list[Any]:
+    split = isi.benchmark.hide(FACTS, fewest=2)
+    rows = np.random.default_rng(0).normal(size=(9, 4)).astype(np.float32)
+    return [split.evaluate("distmult", entities=rows[:8], relations=rows[8:]).ranks]
+
+
+def checks() -> list[Any]:
+    return [isi.check_initializer("map"), isi.check_model("complex")]
+
+
+@cache
+def trained_by_pykeen() -> tuple[Any, Any]:
+    models = pytest.importorskip("pykeen.models")
+    triples = pytest.importorskip("pykeen.triples")
+    factory = triples.TriplesFactory.from_labeled_triples(np.array(FACTS))
+    return models.ComplEx(triples_factory=factory, embedding_dim=4, random_seed=0), factory
+
+
+def of_pykeen() -> list[Any]:
+    model, factory = trained_by_pykeen()
+    larger, more = isi.pykeen.insert(model, factory, LATER)
+    fitted = isi.pykeen.fit_new(larger, more, new=["mug"], epochs=2, early_stopping=False)
+    live = isi.from_pykeen(model, factory)
+    live.insert("mug", {"near": "thing 1"})
+    made = [each for part in (larger, fitted, live.model) for each in part.parameters()]
+    return [each.detach().clone().numpy() for each in made] + [live.ask("mug", "near")]
+
+
+def as_bytes(values: list[Any]) -> list[bytes | str]:
+    arrays = np.ndarray
+    return [each.tobytes() if isinstance(each, arrays) else str(each) for each in values]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "compute",
+    [insertion, training_of_new_rows, home, timeline, benchmark, checks, of_pykeen],
+)
+def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], list[Any]]) -> None:
+    expected = as_bytes(compute())
+    for name, setting in settings().items():
+        with setting:
+            before = state()
+            assert as_bytes(compute()) == expected, name
+            assert state() == before, name
