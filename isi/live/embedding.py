@@ -200,6 +200,12 @@ class LiveEmbedding:
         """
         names, listed = _names(entities), self._as_known(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
+        named = set(names_in(listed, names))
+        for argument, texts in (("definition", definition), ("kind", kind)):
+            for name in texts if isinstance(texts, Mapping) else ():
+                if clean(name) not in named and self._known.same(name) is None:
+                    expected = f"expected names of entities that are told, got {name!r:.80}"
+                    raise InputError(f"argument {argument!r}", "", expected)
         with self._changing("tell", time, source) as change:
             unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
             self._insert_entities(change, unknown, about, new)
@@ -676,8 +682,7 @@ class LiveEmbedding:
     @property
     def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
-        names = LoadedEmbedding.__dataclass_fields__
-        return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
+        return (replace(self.base),)  # without what it has derived
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
@@ -983,7 +988,10 @@ def _about(
 
     def of(name: str) -> NewEntity:
         text, named = (
-            each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
+            {clean(key): value for key, value in each.items()}.get(name)
+            if isinstance(each, Mapping)
+            else each
+            for each in (definition, kind)
         )
         with at(repr(name)[:80]):
             return NewEntity(
