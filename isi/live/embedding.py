@@ -239,7 +239,7 @@ class LiveEmbedding:
         """
         names = _names(entities)
         if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
-            if len(names) > 1 and facts:
+            if len(names) != 1 and facts:
                 expected = "expected facts by name: tails by relation are of one entity"
                 raise InputError("facts", "", expected)
             facts = dict.fromkeys(names, facts)
