@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isi.live.folder import MODEL, Bundle, Manifest, WordSource
 
-from isi.live import folder
+from isi.live.bundle import MANIFEST, MODEL, Bundle, Manifest, WordSource, write
+from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from tests.small_graphs import random_embedding, random_graph
 
@@ -33,7 +33,6 @@ def small(**changed: Any) -> Bundle:
         model_options={},
         words=WordSource(source="shipped", text="definition", model=MODEL),
         made={"by": "a test"},
-        inserted=[],
     )
     given: dict[str, Any] = {
         "manifest": manifest,
@@ -55,7 +54,7 @@ def random_bundle(triples: int) -> Bundle:
     """
     graph, stack = random_graph(30, 2, triples), random_embedding(1, 30, 2, 8)
     names = [f"e{number}" for number in range(30)]
-    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={})
     return Bundle(
         manifest,
         stack.entity[0].numpy(),
@@ -102,8 +101,14 @@ def worded(folder: Path, bundle: Bundle | None = None, **further: Sequence[float
 
 
 def written(path: Path, bundle: Bundle | None = None) -> Path:
-    """Write a bundle (default: the small one) into a folder; returns the folder."""
-    folder.write(path, bundle or small())
+    """Write a bundle (default: the small one) as plain files; returns their folder."""
+    write(path, bundle or small())
+    return path
+
+
+def home_of(path: Path, bundle: Bundle | None = None) -> Path:
+    """Make a bundle (default: the small one) the home of a folder; returns the folder."""
+    Home.create(bundle or small(), path).close()
     return path
 
 
@@ -120,9 +125,9 @@ def files(path: Path) -> dict[str, bytes]:
 
 def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """Change the manifest of a folder in place."""
-    manifest = json.loads((path / folder.MANIFEST).read_text(encoding="utf-8"))
+    manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
     change(manifest)
-    (path / folder.MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    (path / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def tamper(path: Path, name: str, content: bytes) -> None:

@@ -1,72 +1,79 @@
-"""A small live embedding of random vectors, with its choices of initializers,
-and a comparison of two of them.
-"""
+"""A small embedding of random vectors, a home of it, and a comparison of two homes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
-from isi.live.journal import Change, Selected
 
+from isi.insertion.hidden import HoldOut
+from isi.insertion.engine import Method
+from isi.insertion.selection import named
+from isi.live import groups
+from isi.live.bundle import Fact
 from isi.live.embedding import LiveEmbedding
-from isi.live.groups import PREPARED
+from isi.live.groups import Choice, Conditions, EntityGroups
 from tests.small_bundle import random_bundle
 
 KINDS = ["object", "place"]
 KNOWN = replace(random_bundle(90), words=None, kinds=[KINDS[number % 2] for number in range(30)])
-Answers = dict[tuple[str, ...], dict[str, tuple[Any, ...]]]
+TRAINED = KNOWN.named_triples()
+#: Vectors of inserted entities by name; then, by query, what is said of each answer.
+Seen = tuple[dict[str, np.ndarray], dict[tuple[str, ...], dict[str, tuple[Any, ...]]]]
+CHOICES: dict[Conditions, Choice] = {}  # of ``KNOWN``
 
 
-CURVES: dict[Any, Any] = {}  # of known entities; the same for all objects
+def _selected(test: HoldOut, has_facts: bool, *_: Any, **__: Any) -> tuple[Method, None]:
+    entities = test.theta0.entity.shape[1]
+    return named("map" if has_facts else "mean", {}, test.theta0.model, entities), None
 
 
-@cache
-def chosen() -> list[Change | Selected]:
-    """The choices of initializers, made once."""
-    made = LiveEmbedding(KNOWN)
-    return [made.groups.selected_for(number, False) for number in PREPARED]
+_choose = EntityGroups._choose
 
 
-def live_of(changes: Sequence[Change] = ()) -> LiveEmbedding:
-    """The small bundle, with the choices and some changes."""
-    live = LiveEmbedding(KNOWN, [*chosen(), *changes])
-    live.groups._curves = CURVES
-    return live
+def _remembered(made: EntityGroups, conditions: Conditions) -> Choice:
+    same = conditions._replace(seed=0)
+    if same not in CHOICES:
+        CHOICES[same] = _choose(made, conditions)
+    return CHOICES[same]
 
 
-def seen(live: LiveEmbedding) -> tuple[dict[str, np.ndarray], Answers]:
-    """The vectors of the inserted entities, and the answers about them
-    and about some known ones.
+@contextmanager
+def quick_choices(of_known: bool = False) -> Iterator[None]:
+    """Initializers are not compared, which takes seconds: MAP, or the mean without facts.
+
+    ``of_known``: all homes inside are of ``KNOWN``, so that curves are fitted once.
     """
+    choose = _remembered if of_known else _choose
+    with patch.object(groups, "select", _selected), patch.object(EntityGroups, "_choose", choose):
+        yield
+
+
+def facts_of(live: LiveEmbedding) -> dict[Fact, tuple[int, float | None]]:
+    """The count and the confidence of each fact that holds."""
+    return {row.fact: (row.count, row.confidence) for row in live.facts}
+
+
+def seen(live: LiveEmbedding) -> Seen:
+    """The vectors of the inserted entities, and the answers about them and some known ones."""
     vectors = {name: row.vector for name, row in live.inserted.items()}
-    queries: list[tuple[str | None, str | None, str | None]] = [
-        (name, "in", None) for name in [*vectors, "e0", "e1"]
-    ]
-    queries += [(None, "on", name) for name in [*vectors, "e2"]] + [
-        ("e0", None, name) for name in vectors
-    ]
-    answers = {
-        tuple(map(str, query)): {
-            answer.entity: (
-                answer.score,
-                answer.probability,
-                answer.given,
-                answer.known,
-                answer.inserted,
-            )
-            for answer in live.ask(*query, top=99).answers
+    queries: list[tuple[str | None, str | None, str | None]] = [("e0", "in", None)]
+    queries += [(None, "on", "e2"), *(("e0", None, name) for name in vectors)]
+    for name in vectors:
+        queries += [(name, "in", None), (None, "on", name)]
+    answers = {}
+    for query in queries:
+        answers[tuple(map(str, query))] = {
+            best.entity: (best.score, best.probability, best.given, best.known, best.inserted)
+            for best in live.ask(*query, top=99).answers
         }
-        for query in queries
-    }
     return vectors, answers
 
 
-def assert_same(
-    one: tuple[dict[str, np.ndarray], Answers], other: tuple[dict[str, np.ndarray], Answers]
-) -> None:
+def assert_same(one: Seen, other: Seen) -> None:
     (vectors, answers), (others, expected) = one, other
     assert vectors.keys() == others.keys()
     for name, vector in vectors.items():
@@ -74,8 +81,7 @@ def assert_same(
     assert answers.keys() == expected.keys()
     for query, found in answers.items():
         assert found.keys() == expected[query].keys(), query
-        for entity, (score, probability, *marks) in found.items():
-            score_there, probability_there, *marks_there = expected[query][entity]
-            assert score == pytest.approx(score_there, abs=2e-5)
-            assert probability == pytest.approx(probability_there, abs=2e-5)
-            assert marks == marks_there
+        for entity, (*numbers, given, known, inserted) in found.items():
+            *numbers_there, given_there, known_there, inserted_there = expected[query][entity]
+            assert numbers == pytest.approx(numbers_there, abs=2e-5)
+            assert (given, known, inserted) == (given_there, known_there, inserted_there)

@@ -86,14 +86,21 @@ def one_at_a_time(
     method: Callable[Concatenate[Any, P], R],
 ) -> Callable[Concatenate[Any, P], R]:
     """A method that one thread runs at a time, after what other processes have changed is taken
-    over, under PyTorch's usual settings.
+    over; what it calls sees the same state, under PyTorch's usual settings.
     """
 
     @wraps(method)
     def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with self._lock, usual_torch():
-            self._take_over()
-            return method(self, *args, **kwargs)
+        with self._lock:
+            if self._is_inside:
+                return method(self, *args, **kwargs)
+            self._is_inside = True
+            try:
+                with usual_torch():
+                    self._take_over()
+                    return method(self, *args, **kwargs)
+            finally:
+                self._is_inside = False
 
     return locked
 
@@ -124,7 +131,7 @@ class LiveEmbedding:
 
         ``home``: of the bundle; None: one in memory.
         """
-        self._lock = RLock()
+        self._lock, self._is_inside = RLock(), False
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
         loaded = with_words(loaded) if home is None else _with_own_words(loaded)
         self.home = home or Home.create(loaded)
@@ -192,8 +199,14 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts, confidence))
+        names, listed = _names(entities), self._as_known(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
+        named = set(names_in(listed, names))
+        for argument, texts in (("definition", definition), ("kind", kind)):
+            for name in texts if isinstance(texts, Mapping) else ():
+                if clean(name) not in named and self._known.same(name) is None:
+                    expected = f"expected names of entities that are told, got {name!r:.80}"
+                    raise InputError(f"argument {argument!r}", "", expected)
         with self._changing("tell", time, source) as change:
             unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
             self._insert_entities(change, unknown, about, new)
@@ -227,7 +240,7 @@ class LiveEmbedding:
         """
         names = _names(entities)
         if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
-            if len(names) > 1 and facts:
+            if len(names) != 1 and facts:
                 expected = "expected facts by name: tails by relation are of one entity"
                 raise InputError("facts", "", expected)
             facts = dict.fromkeys(names, facts)
@@ -235,7 +248,7 @@ class LiveEmbedding:
         if present and not upsert:
             refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
             raise InputError(repr(present[0])[:80], "", refused)
-        self._refuse_unknown(_cleaned(checked_facts(facts)), names)
+        self._refuse_unknown(self._as_known(checked_facts(facts)), names)
         return self.tell(facts, entities=names, **about)
 
     @one_at_a_time
@@ -247,7 +260,7 @@ class LiveEmbedding:
             1
         """
         if not upsert:
-            self._refuse_unknown(_cleaned(checked_facts(facts)), ())
+            self._refuse_unknown(self._as_known(checked_facts(facts)), ())
         return self.tell(facts, **about)
 
     @one_at_a_time
@@ -271,7 +284,7 @@ class LiveEmbedding:
             >>> home.move("lamp", "in", "kitchen").lost
             [('lamp', 'in', 'bedroom')]
         """
-        (fact,) = listed = _cleaned({(head, relation, tail): None})
+        (fact,) = listed = self._as_known({(head, relation, tail): None})
         with self._changing("move", time, source) as change:
             self._refuse_unknown(listed, ())
             old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
@@ -302,7 +315,7 @@ class LiveEmbedding:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts))
+        names, listed = _names(entities), self._as_known(checked_facts(facts))
         with self._changing("remove", time, source) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
@@ -523,6 +536,7 @@ class LiveEmbedding:
         return self.home.folder
 
     @property
+    @one_at_a_time
     def inserted(self) -> dict[str, InsertedEntity]:
         """The inserted entities by name, in order.
 
@@ -548,6 +562,7 @@ class LiveEmbedding:
             return self.home.facts("status <> 'retracted'")
 
     @property
+    @one_at_a_time
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3).
 
@@ -561,12 +576,12 @@ class LiveEmbedding:
         return self._known_triples
 
     @property
+    @one_at_a_time
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
-        with self._lock:
-            if self._now is None:
-                self._now = self._as_it_is(self._rows)
-            return self._now
+        if self._now is None:
+            self._now = self._as_it_is(self._rows)
+        return self._now
 
     def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
         """The bundle with inserted entities, and what the tables say holds."""
@@ -712,6 +727,7 @@ class LiveEmbedding:
         except BaseException:
             self.groups.forget()
             self._forget()
+            self._version = -1  # what was interrupted may be committed: it is read again
             raise
         self._last = number
         rows = self._rows | {name: each.entity for name, each in computed.items()}
@@ -737,7 +753,11 @@ class LiveEmbedding:
     ) -> None:
         """Insert entities that are not known."""
         kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        together = KnownNames(dict.fromkeys(names))
         for name in names:
+            if not new and together.meant(name) is None:
+                expected = "expected one spelling of a new name, or new=True for several"
+                raise InputError(repr(name)[:80], "", expected)
             check_new(name, self._known, None if new else self._same_words(name), new)
             each = about(name)
             if each.kind is not None:
@@ -813,7 +833,7 @@ class LiveEmbedding:
         if version == self._version:
             return
         self._version = version
-        if self.home.vectors_file != self.home.read_file:
+        if self.home.last_training() != self.home.read_training:
             self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()
@@ -834,6 +854,15 @@ class LiveEmbedding:
     def _forget(self) -> None:
         """Derive again, when it is needed, what the tables say."""
         self._now = self._known_triples = self._known_names = self._known_relations = None
+
+    def _as_known(self, facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
+        """Facts by the names that are known, or else in the form in which names are compared."""
+        named = dict[Fact, float | None]()
+        for (head, relation, tail), confidence in facts.items():
+            label = self._relations.same(relation) or clean(relation)
+            first, last = (self._known.same(end) or clean(end) for end in (head, tail))
+            named[first, label, last] = confidence
+        return named
 
     def _refuse_unknown(self, facts: Iterable[Fact], new: Collection[str]) -> None:
         """``InputError`` for a fact with an unknown name that is not among the new ones."""
@@ -965,14 +994,6 @@ def _names(entities: str | Sequence[str]) -> list[str]:
     return list(dict.fromkeys(map(clean, listed)))
 
 
-def _cleaned(facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
-    """Facts whose names are in the form in which they are compared."""
-    return {
-        (clean(head), clean(relation), clean(tail)): confidence
-        for (head, relation, tail), confidence in facts.items()
-    }
-
-
 def _about(
     definition: str | Mapping[str, str] | None,
     kind: str | Mapping[str, str] | None,
@@ -984,7 +1005,10 @@ def _about(
 
     def of(name: str) -> NewEntity:
         text, named = (
-            each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
+            {clean(key): value for key, value in each.items()}.get(name)
+            if isinstance(each, Mapping)
+            else each
+            for each in (definition, kind)
         )
         with at(repr(name)[:80]):
             return NewEntity(
