@@ -41,6 +41,7 @@ from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
+from isi.tables import paths
 
 FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
@@ -474,7 +475,9 @@ class LiveEmbedding:
             ['cup', 'fork', 'pan']
         """
         check(top, Count, "", "argument 'top'")
-        return explain(self._snapshot(entity), top)
+        notes = list[str]()
+        explained = explain(self._snapshot(entity, notes), top)
+        return replace(explained, notes=[*notes, *explained.notes])
 
     @one_at_a_time
     def report(self, entity: str, top: int = 5) -> Report:
@@ -488,10 +491,12 @@ class LiveEmbedding:
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
         check(top, Count, "", "argument 'top'")
-        return report(self._snapshot(entity), top, self._ask_query)
+        notes = list[str]()
+        reported = report(self._snapshot(entity, notes), top, self._ask_query)
+        return replace(reported, notes=[*notes, *reported.notes])
 
-    def _snapshot(self, entity: str) -> Snapshot:
-        name = self._inserted(self._queried(entity))
+    def _snapshot(self, entity: str, notes: list[str]) -> Snapshot:
+        name = self._inserted(self._queried(entity, notes))
         given = self._inputs_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
 
@@ -955,6 +960,9 @@ def open_live(
 
 def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     """The home of a folder of a bundle and its journal, which are repeated."""
+    if folder.resolve().parts[-3:-1] == paths.FINAL_MODELS.parts:
+        expected = "is written by the pipeline: isi import makes a home of it"
+        raise InputError(folder, "", expected)
     trained, lines = convert.trained_and_changes(folder)
     made = LiveEmbedding(trained)
     for number, line in enumerate(lines, 1):

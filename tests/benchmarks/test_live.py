@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import Change, Selected
 
 import isi
+from isi.live.bundle import Bundle, Fact, Manifest
 from isi.live.embedding import LiveEmbedding
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
@@ -47,7 +46,7 @@ def bundle() -> Bundle:
         axis=0,
     )
     names = [f"e{number}" for number in range(ENTITIES)]
-    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={})
     known = rng.permutation(triples)[:TRIPLES]
     return Bundle(manifest, entities, relations, names, [""] * ENTITIES, names, RELATIONS, known)
 
@@ -58,18 +57,19 @@ def fact(number: int) -> tuple[str, str, str]:
     return f"object {number % OBJECTS}", RELATIONS[place % 3], f"e{place // 3 % ENTITIES}"
 
 
-def long_life(bundle: Bundle) -> list[Change | Selected]:
-    """A change that adds many facts between known entities."""
+def long_life(bundle: Bundle) -> list[Fact]:
+    """Many facts between known entities."""
     known = set(map(tuple, bundle.triples.tolist()))
     ids = product(range(ENTITIES), range(3), range(ENTITIES))
     rows = [row for row in ids if row not in known][:: ENTITIES * 3 * ENTITIES // MANY][:MANY]
     names = bundle.entity_names
-    facts = [(names[head], RELATIONS[relation], names[tail]) for head, relation, tail in rows]
-    return [Change(do="observe", facts=facts)]
+    return [(names[head], RELATIONS[relation], names[tail]) for head, relation, tail in rows]
 
 
 def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
-    live, numbers = LiveEmbedding(bundle, long_life(bundle) if "10,000" in way else None), count()
+    live, numbers = LiveEmbedding(bundle), count()
+    if "10,000" in way:
+        live.tell(long_life(bundle))
     for number in range(OBJECTS):
         live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
@@ -105,7 +105,7 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
 
 @pytest.fixture
 def pipe(bundle: Bundle, tmp_path: Path) -> Iterator[Callable[[Any], Any]]:
-    write(tmp_path / "home", bundle)
+    LiveEmbedding(bundle).save(tmp_path / "home")
     command = [sys.executable, "-m", "isi", "live", str(tmp_path / "home")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin
