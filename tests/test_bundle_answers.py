@@ -1,6 +1,4 @@
-"""Answers of a bundle by hand: ranks, marks and probabilities, queries that fit, kinds,
-and spellings of names.
-"""
+"""Answers of a bundle by hand: ranks, marks and probabilities, queries that fit, and kinds."""
 
 from dataclasses import replace
 
@@ -10,13 +8,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.errors import InputError
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
 from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
 from isi.live.loaded import Query, queries_of
-from isi.live.names import KnownNames, plurals, singulars
-from isi.names import plain
 from tests.small_bundle import TRIPLES, opened
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
@@ -63,35 +58,31 @@ def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
 
 
 def test_one_odd_fact_is_an_answer_and_admits_no_other_of_its_kind() -> None:
-    rng = np.random.default_rng(0)
     names, kinds = [f"e{row}" for row in range(40)], ["object"] * 30 + ["room"] * 10
-    triples = np.array([[row, 0, 30 + row % 10] for row in range(29)])
-    home = replace(
-        opened(),
-        entities=rng.normal(size=(40, 4)).astype(np.float32),
-        entity_names=names,
-        kinds=kinds,
-        phrases=names,
-        triples=triples,
-        words=None,
-    )
+    triples = np.array([[row, AT, 30 + row % 10] for row in range(29)])
+    vectors = np.random.default_rng(0).normal(size=(40, 4)).astype(np.float32)
+    about = {"entities": vectors, "entity_names": names, "kinds": kinds, "phrases": names}
+    home = opened(**about, triples=triples, words=None)
     rooms = list(range(30, 40))
-    assert home.candidates(0, TAIL).tolist() == rooms
+    assert home.candidates(AT, TAIL).tolist() == rooms
     # two facts of one entity
-    odd = replace(home, triples=np.vstack([triples, [[29, 0, 3], [29, 0, 4]]]))
-    assert odd.candidates(0, TAIL).tolist() == rooms
-    assert sorted(odd.ranked(Query(29, 0, TAIL))[0].tolist()) == [3, 4, *rooms]
-    assert sorted(odd.ranked(Query(5, 0, TAIL))[0].tolist()) == rooms
-    usual = replace(home, triples=np.vstack([odd.triples, [[28, 0, 3]]]))
-    assert usual.candidates(0, TAIL).tolist() == list(range(40))
+    odd = replace(home, triples=np.vstack([triples, [[29, AT, 3], [29, AT, 4]]]))
+    assert odd.candidates(AT, TAIL).tolist() == rooms
+    assert sorted(odd.ranked(Query(29, AT, TAIL))[0].tolist()) == [3, 4, *rooms]
+    assert sorted(odd.ranked(Query(5, AT, TAIL))[0].tolist()) == rooms
+    likely = PlattCurve(0.0, 5.0)
+    given = answer(replace(odd, added=2), Query(29, AT, TAIL), 5, likely)
+    assert given.sure
+    assert {each.entity for each in given.answers if each.given} == {"e3", "e4"}
+    assert not answer(odd, Query(33, AT, TAIL), 5, likely).sure  # one odd triple is not usual
+    usual = replace(home, triples=np.vstack([odd.triples, [[28, AT, 3]]]))
+    assert usual.candidates(AT, TAIL).tolist() == list(range(40))
 
 
 def test_given_facts_stand_first_then_known_ones_and_keep_the_rank_of_their_score() -> None:
-    more = opened(
-        kinds=NO_KINDS, triples=np.array([*TRIPLES, (KETTLE, AT, BEDROOM), (KETTLE, AT, TURN_ON)])
-    )
-    facts = [("kettle", "atLocation", "turn on"), ("bed", "atLocation", "kitchen")]
-    result = answer(more, Query(KETTLE, AT, TAIL), 4, None, facts).answers
+    triples = np.array([*TRIPLES, (KETTLE, AT, BEDROOM), (KETTLE, AT, TURN_ON)])
+    more = replace(opened(kinds=NO_KINDS, triples=triples), added=1)
+    result = answer(more, Query(KETTLE, AT, TAIL), 4, None).answers
     assert [(one.entity, one.rank, one.given, one.known) for one in result] == [
         ("turn on", 4, True, True),
         ("kitchen", 2, False, True),
@@ -109,13 +100,9 @@ def test_relations_between_two_entities_are_given_then_known_then_the_most_proba
         ("atLocation", 1, 5.0, 0.5),
         ("hasAffordance", 2, 0.0, 0.0),
     ]
-    odd = replace(both, triples=np.array([*TRIPLES, (KETTLE, HAS, BED)]))
-    first = answer_relation(
-        odd, KETTLE, BED, 1, curves.__getitem__, [("kettle", "hasAffordance", "bed")]
-    ).answers
-    assert [(one.entity, one.rank, one.given, one.known) for one in first] == [
-        ("hasAffordance", 2, True, True)
-    ]
+    odd = replace(both, triples=np.array([*TRIPLES, (KETTLE, HAS, BED)]), added=1)
+    (first,) = answer_relation(odd, KETTLE, BED, 1, curves.__getitem__).answers
+    assert (first.entity, first.rank, first.given, first.known) == ("hasAffordance", 2, True, True)
     fitting = answer_relation(opened(), KETTLE, KITCHEN, 9, lambda _: torch.ones_like).answers
     assert [(one.entity, one.probability) for one in fitting] == [
         ("atLocation", 1.0),
@@ -174,38 +161,11 @@ def test_what_no_known_triple_asks_of_a_kind_has_no_sure_answer(
     assert answer(opened(triples=NONE), query, 5, likely).sure
 
 
-@pytest.mark.parametrize(
-    ("head", "tail", "sensible"),
-    [
-        (KETTLE, KITCHEN, True),
-        (TURN_ON, KITCHEN, False),
-        (KETTLE, BEDROOM, True),
-        (BED, KETTLE, False),
-    ],
-)
-def test_between_kinds_that_no_known_triple_joins_no_relation_is_sure(
-    head: int, tail: int, sensible: bool
-) -> None:
-    assert answer_relation(opened(), head, tail, 5, lambda _: PlattCurve(0.0, 5.0)).sure is sensible
-
-
-def test_a_fact_of_an_unusual_kind_is_an_answer_all_the_same() -> None:
-    many = [f"e{row}" for row in range(50)]
-    triples = np.array([*((row, AT, 30 + row % 20) for row in range(30)), (31, AT, 32)])
-    home = opened(
-        entities=np.ones((50, 4), np.float32),
-        entity_names=many,
-        kinds=["object"] * 30 + ["room"] * 20,
-        phrases=many,
-        triples=triples,
-        words=None,
-    )
-    told = answer(
-        home, Query(31, AT, TAIL), 5, PlattCurve(0.0, 5.0), given=[("e31", "atLocation", "e32")]
-    )
-    assert (told.sure, told.answers[0].entity, told.answers[0].given) == (True, "e32", True)
-    # one odd triple is not usual
-    assert not answer(home, Query(33, AT, TAIL), 5, PlattCurve(0.0, 5.0)).sure
+def test_between_kinds_that_no_known_triple_joins_no_relation_is_sure() -> None:
+    pairs = {(KETTLE, KITCHEN): True, (TURN_ON, KITCHEN): False, (BED, KETTLE): False}
+    for ends, sensible in pairs.items():
+        best = answer_relation(opened(), *ends, 5, lambda _: PlattCurve(0.0, 5.0))
+        assert best.sure is sensible
 
 
 def test_only_fitting_queries_are_made() -> None:
@@ -285,18 +245,6 @@ def test_the_curve_of_a_relation_goes_through_all_candidate_answers_about_known_
     assert fit_curve(opened(triples=NONE), AT, TAIL) is None
 
 
-def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
-    """For two distinct scores, the maximum-likelihood logistic curve passes through the
-    mean target at each score.
-    """
-    scores = torch.tensor([0.0] * 4 + [1.0] * 4, dtype=torch.float64)
-    known = torch.tensor([True, False, False, False, True, True, True, False])
-    right, wrong = 5 / 6, 1 / 6  # Platt's targets, of four known and four others
-    low, high = fit_platt(scores, known)(torch.tensor([0.0, 1.0])).tolist()
-    assert low == pytest.approx((right + 3 * wrong) / 4, abs=1e-6)
-    assert high == pytest.approx((3 * right + wrong) / 4, abs=1e-6)
-
-
 @given(
     scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30),
     data=st.data(),
@@ -325,100 +273,3 @@ def test_uninformative_scores_give_the_share_of_known_answers() -> None:
     )
     assert curve.slope == 0.0
     assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)
-
-
-# Names
-
-
-@pytest.mark.parametrize(
-    ("known", "text"),
-    [
-        *[
-            ("turn on", text)
-            for text in ("Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON")
-        ],
-        ("mW", "MW"),
-        ("chair_1_12", "Chair 1 12"),
-        ("room 2B", "room_2b"),
-    ],
-)
-def test_a_question_finds_a_name_without_regard_to_case_and_gaps_and_says_so(
-    known: str, text: str
-) -> None:
-    names, notes = KnownNames(["turn off", known]), list[str]()
-    assert names.queried(text, "ENTITY", "an entity", notes.append) == known
-    assert len(notes) == 1
-    assert repr(known) in notes[0]
-    assert repr(text) in notes[0]
-    with pytest.raises(InputError, match=f"did you mean {known!r}"):
-        names.find(text, "ENTITY", "an entity")
-
-
-@pytest.mark.parametrize(
-    ("known", "text"),
-    [
-        ("10", "-10"),
-        ("5", "+5"),
-        ("inf", "-inf"),
-        ("2021-11-2", "2021-1-12"),
-        ("1-12", "11-2"),
-        ("112", "11 2"),
-        ("chair_1_12", "chair_11_2"),
-        ("a1", "a-1"),
-        ("x1", "x 1"),
-        ("-x", "x"),
-        ("a²-³", "a²³"),
-    ],
-)
-def test_names_that_differ_in_signs_or_between_digits_are_never_taken_for_each_other(
-    known: str, text: str
-) -> None:
-    for one, other in ((known, text), (text, known)):
-        names = KnownNames([one])
-        with pytest.raises(InputError, match="did you mean"):
-            names.queried(other, "", "a name", pytest.fail)
-        assert names.resembled(other) is None
-
-
-def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
-    names = KnownNames(["Apple", "apple"])
-    assert names.queried("apple", "", "", pytest.fail) == "apple"
-    for text, hint in (
-        ("APPLE", "'Apple' or 'apple'"),
-        ("aple", "'apple'"),
-        ("zz", "'Apple' or 'apple'"),
-    ):
-        with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
-            names.queried(text, "ENTITY", "an entity", pytest.fail)
-
-
-@pytest.mark.parametrize(
-    ("one", "several"),
-    [
-        ("fork", "Forks"),
-        ("side table", "sideTables"),
-        ("box", "boxes"),
-        ("glass", "glasses"),
-        ("knife", "knives"),
-        ("berry", "berries"),
-        ("dish", "dishes"),
-        ("bench", "benches"),
-        ("vase", "vases"),
-        ("shelf", "shelves"),
-        ("potato", "potatoes"),
-        ("axe", "axes"),
-        ("tomato", "tomatoes"),
-    ],
-)
-def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
-    assert plain(one) in singulars(several)
-    assert plain(several) in plurals(one)
-    assert plain(several) not in singulars(one)
-
-
-@pytest.mark.parametrize(
-    ("one", "other"), [("gas", "ga"), ("glass", "glas"), ("tube", "tub"), ("tubes", "tubs")]
-)
-def test_words_that_differ_otherwise_are_no_plurals_of_each_other(one: str, other: str) -> None:
-    assert plain(other) not in singulars(one) | plurals(one)
-    assert plain(one) not in singulars(other) | plurals(other)

@@ -18,7 +18,7 @@ from isi.graph.files import read_graph
 from isi.insertion.arguments import listed_triples
 from isi.live.embedding import LiveEmbedding
 from isi.live.train import tables_of
-from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, small
+from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, small
 
 FACTS = [("jug", "atLocation", "kitchen"), ("jug", "hasAffordance", "turn on")]
 ARRAYS: dict[str, Any] = {"model": "distmult", "relation_names": BETWEEN}
@@ -109,14 +109,14 @@ def fit_new(facts: Any) -> object:
 def live_insert(facts: Any) -> object:
     home = LiveEmbedding(small())
     home.insert("jug", facts)
-    return list(home.additions.facts)
+    return [row.fact for row in home.facts[len(TRIPLES) :]]
 
 
 def live_observe(facts: Any) -> object:
     home = LiveEmbedding(small())
     home.insert("jug", [("jug", "atLocation", "bedroom")])
     home.observe(facts)
-    return list(home.additions.facts)
+    return [row.fact for row in home.facts[len(TRIPLES) :]]
 
 
 def pykeen_insert(facts: Any) -> object:

@@ -18,9 +18,9 @@ import pytest
 import torch
 import yaml
 from dvc.repo import Repo
-from isi.live.folder import read
 from safetensors.torch import load_file, save_file
 
+from isi.live.bundle import read
 from isi.report import stats
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace
@@ -89,7 +89,7 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
 
 
 def test_the_final_model_of_the_whole_graph_is_a_bundle(folder: Path) -> None:
-    bundle = read(folder / "data/final_models/ai2thor")
+    bundle, _ = read(folder / "data/final_models/ai2thor")
     assert bundle.manifest.model_name == "analogy"
     assert bundle.entities.shape == (len(bundle.entity_names), 8)
     names = [bundle.entity_names, bundle.relation_names, bundle.entity_names]

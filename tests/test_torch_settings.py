@@ -10,9 +10,10 @@ import pytest
 import torch
 
 import isi
+from isi.live.embedding import LiveEmbedding
 from isi.models.losses import Loss
 from tests.small_embedding import KNOWN_TRIPLES, fit, named
-from tests.small_live import live_of
+from tests.small_live import KNOWN
 
 FACTS = [(f"thing {a}", "near", f"thing {b}") for a in range(8) for b in range(8) if (a + b) % 3]
 NAMED = named()
@@ -65,7 +66,7 @@ def training_of_new_rows() -> list[Any]:
 
 def home() -> list[Any]:
     trained = isi.train(FACTS, model="distmult", dimension=4, budget=0.01)
-    live = live_of()
+    live = LiveEmbedding(KNOWN)
     live.insert("mug", {"in": live.base.entity_names[0]})
     answers = [live.ask("mug", "in"), live.nearest("mug"), live.explain("mug"), live.report("mug")]
     return [trained.base.entities, live.now.entities, *answers, live.interference()]

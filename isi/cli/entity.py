@@ -256,7 +256,7 @@ def history(
             "added": each.added,
             "seen": each.seen,
             "lost": each.lost,
-            "time": each.time,
+            "time": f"{each.time:%Y-%m-%d %H:%M:%S} UTC",
             "source": each.source,
         }
         for each in changes

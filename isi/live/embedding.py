@@ -43,6 +43,7 @@ from isi.models.stack import usual_torch
 from isi.names import clean, plain
 from isi.tables import paths
 
+FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -86,14 +87,21 @@ def one_at_a_time(
     method: Callable[Concatenate[Any, P], R],
 ) -> Callable[Concatenate[Any, P], R]:
     """A method that one thread runs at a time, after what other processes have changed is taken
-    over, under PyTorch's usual settings.
+    over; what it calls sees the same state, under PyTorch's usual settings.
     """
 
     @wraps(method)
     def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with self._lock, usual_torch():
-            self._take_over()
-            return method(self, *args, **kwargs)
+        with self._lock:
+            if self._is_inside:
+                return method(self, *args, **kwargs)
+            self._is_inside = True
+            try:
+                with usual_torch():
+                    self._take_over()
+                    return method(self, *args, **kwargs)
+            finally:
+                self._is_inside = False
 
     return locked
 
@@ -124,9 +132,9 @@ class LiveEmbedding:
 
         ``home``: of the bundle; None: one in memory.
         """
-        self._lock = RLock()
+        self._lock, self._is_inside = RLock(), False
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
-        loaded = with_words(loaded)
+        loaded = with_words(loaded) if home is None else _with_own_words(loaded)
         self.home = home or Home.create(loaded)
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
@@ -192,8 +200,14 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts, confidence))
+        names, listed = _names(entities), self._as_known(checked_facts(facts, confidence))
         about = _about(definition, kind, initializer, options, seed)
+        named = set(names_in(listed, names))
+        for argument, texts in (("definition", definition), ("kind", kind)):
+            for name in texts if isinstance(texts, Mapping) else ():
+                if clean(name) not in named and self._known.same(name) is None:
+                    expected = f"expected names of entities that are told, got {name!r:.80}"
+                    raise InputError(f"argument {argument!r}", "", expected)
         with self._changing("tell", time, source) as change:
             unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
             self._insert_entities(change, unknown, about, new)
@@ -227,7 +241,7 @@ class LiveEmbedding:
         """
         names = _names(entities)
         if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
-            if len(names) > 1 and facts:
+            if len(names) != 1 and facts:
                 expected = "expected facts by name: tails by relation are of one entity"
                 raise InputError("facts", "", expected)
             facts = dict.fromkeys(names, facts)
@@ -235,7 +249,7 @@ class LiveEmbedding:
         if present and not upsert:
             refused = f"expected a new name: {present[0]!r:.80} is known; use tell"
             raise InputError(repr(present[0])[:80], "", refused)
-        self._refuse_unknown(_cleaned(checked_facts(facts)), names)
+        self._refuse_unknown(self._as_known(checked_facts(facts)), names)
         return self.tell(facts, entities=names, **about)
 
     @one_at_a_time
@@ -247,7 +261,7 @@ class LiveEmbedding:
             1
         """
         if not upsert:
-            self._refuse_unknown(_cleaned(checked_facts(facts)), ())
+            self._refuse_unknown(self._as_known(checked_facts(facts)), ())
         return self.tell(facts, **about)
 
     @one_at_a_time
@@ -271,7 +285,7 @@ class LiveEmbedding:
             >>> home.move("lamp", "in", "kitchen").lost
             [('lamp', 'in', 'bedroom')]
         """
-        (fact,) = listed = _cleaned({(head, relation, tail): None})
+        (fact,) = listed = self._as_known({(head, relation, tail): None})
         with self._changing("move", time, source) as change:
             self._refuse_unknown(listed, ())
             old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
@@ -302,7 +316,7 @@ class LiveEmbedding:
             >>> home.remove(facts=[("lamp", "in", "bedroom")]).lost
             [('lamp', 'in', 'bedroom')]
         """
-        names, listed = _names(entities), _cleaned(checked_facts(facts))
+        names, listed = _names(entities), self._as_known(checked_facts(facts))
         with self._changing("remove", time, source) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
@@ -330,15 +344,15 @@ class LiveEmbedding:
 
     @property
     def history(self) -> list[Change]:
-        """All changes since the first training, that included, and those that were undone.
+        """All changes since the first training, those that were undone included.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> [(change.verb, change.added) for change in home.history]
-            [('train', []), ('tell', [('mug', 'in', 'kitchen')])]
+            [('tell', [('mug', 'in', 'kitchen')])]
         """
         with self._lock:
-            return changes_of(self.home)
+            return changes_of(self.home, FIRST_TRAINING + 1)
 
     @one_at_a_time
     def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
@@ -462,8 +476,8 @@ class LiveEmbedding:
         """
         check(top, Count, "", "argument 'top'")
         notes = list[str]()
-        explanation = explain(self._snapshot(entity, notes), top)
-        return replace(explanation, notes=[*notes, *explanation.notes])
+        explained = explain(self._snapshot(entity, notes), top)
+        return replace(explained, notes=[*notes, *explained.notes])
 
     @one_at_a_time
     def report(self, entity: str, top: int = 5) -> Report:
@@ -477,9 +491,11 @@ class LiveEmbedding:
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
         check(top, Count, "", "argument 'top'")
-        return report(self._snapshot(entity), top, self._ask_query)
+        notes = list[str]()
+        reported = report(self._snapshot(entity, notes), top, self._ask_query)
+        return replace(reported, notes=[*notes, *reported.notes])
 
-    def _snapshot(self, entity: str, notes: list[str] | None = None) -> Snapshot:
+    def _snapshot(self, entity: str, notes: list[str]) -> Snapshot:
         name = self._inserted(self._queried(entity, notes))
         given = self._inputs_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
@@ -525,6 +541,7 @@ class LiveEmbedding:
         return self.home.folder
 
     @property
+    @one_at_a_time
     def inserted(self) -> dict[str, InsertedEntity]:
         """The inserted entities by name, in order.
 
@@ -550,6 +567,7 @@ class LiveEmbedding:
             return self.home.facts("status <> 'retracted'")
 
     @property
+    @one_at_a_time
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3).
 
@@ -563,12 +581,12 @@ class LiveEmbedding:
         return self._known_triples
 
     @property
+    @one_at_a_time
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
-        with self._lock:
-            if self._now is None:
-                self._now = self._as_it_is(self._rows)
-            return self._now
+        if self._now is None:
+            self._now = self._as_it_is(self._rows)
+        return self._now
 
     def _as_it_is(self, rows: Mapping[str, InsertedEntity]) -> LoadedEmbedding:
         """The bundle with inserted entities, and what the tables say holds."""
@@ -611,8 +629,10 @@ class LiveEmbedding:
         return self._known_relations
 
     @one_at_a_time
-    def save(self, folder: str | Path) -> None:
+    def save(self, folder: str | Path | None = None) -> None:
         """Write a copy of the home into another folder, where ``isi.open`` finds it.
+
+        None: of a home in a folder, all is there already.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"})
@@ -626,7 +646,10 @@ class LiveEmbedding:
                 "TransE or RotatE without inverse triples"
             )
             raise InputError("save", "", expected)
-        self.home.write_to(Path(folder), self.base)
+        if folder is None and self.folder is None:
+            raise InputError("save", "", "expected a folder: this home is in memory")
+        if folder is not None:
+            self.home.write_to(Path(folder), self.base)
 
     @one_at_a_time
     def train_again(self, bundle: Bundle) -> None:
@@ -670,8 +693,7 @@ class LiveEmbedding:
     @property
     def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
-        names = LoadedEmbedding.__dataclass_fields__
-        return (LoadedEmbedding(**{name: getattr(self.base, name) for name in names}),)
+        return (replace(self.base),)  # without what is derived from its fields
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
@@ -710,6 +732,7 @@ class LiveEmbedding:
         except BaseException:
             self.groups.forget()
             self._forget()
+            self._version = -1  # what was interrupted may be committed: it is read again
             raise
         self._last = number
         rows = self._rows | {name: each.entity for name, each in computed.items()}
@@ -735,7 +758,11 @@ class LiveEmbedding:
     ) -> None:
         """Insert entities that are not known."""
         kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
+        together = KnownNames(dict.fromkeys(names))
         for name in names:
+            if not new and together.meant(name) is None:
+                expected = "expected one spelling of a new name, or new=True for several"
+                raise InputError(repr(name)[:80], "", expected)
             check_new(name, self._known, None if new else self._same_words(name), new)
             each = about(name)
             if each.kind is not None:
@@ -811,8 +838,8 @@ class LiveEmbedding:
         if version == self._version:
             return
         self._version = version
-        if self.home.vectors_file != self.home.read_file:
-            self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
+        if self.home.last_training() != self.home.read_training:
+            self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()
         if last != self._last:
@@ -832,6 +859,15 @@ class LiveEmbedding:
     def _forget(self) -> None:
         """Derive again, when it is needed, what the tables say."""
         self._now = self._known_triples = self._known_names = self._known_relations = None
+
+    def _as_known(self, facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
+        """Facts by the names that are known, or else in the form in which names are compared."""
+        named = dict[Fact, float | None]()
+        for (head, relation, tail), confidence in facts.items():
+            label = self._relations.same(relation) or clean(relation)
+            first, last = (self._known.same(end) or clean(end) for end in (head, tail))
+            named[first, label, last] = confidence
+        return named
 
     def _refuse_unknown(self, facts: Iterable[Fact], new: Collection[str]) -> None:
         """``InputError`` for a fact with an unknown name that is not among the new ones."""
@@ -882,7 +918,9 @@ class LiveEmbedding:
         )
 
 
-def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
+def open_live(
+    folder: str | Path, durability: Durability = "full", *, journal: bool | None = None
+) -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write. A folder that was
@@ -892,6 +930,7 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
             may take the last ones, which makes changes faster; ``memory``: changes stay in this
             object.
+        journal: has no effect any more.
 
     Raises:
         InputError: the home is missing or broken.
@@ -906,6 +945,9 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
+    if journal is not None:
+        gone = "isi.open writes each change when it is made: journal= is not needed"
+        warnings.warn(gone, DeprecationWarning, stacklevel=2)
     if convert.is_old(path) and not (path / DATABASE).exists():
         return _converted(path, durability)
     home = Home.opened(path, durability)
@@ -939,6 +981,11 @@ def _unpacked(
     return kind(*parts, Home.of_bytes(content))
 
 
+def _with_own_words(loaded: LoadedEmbedding) -> LoadedEmbedding:
+    """What a home has, with words that can be had here; one without was found to have none."""
+    return loaded if loaded.words is None else with_words(loaded)
+
+
 def _is_mapping(value: object) -> bool:
     return isinstance(value, Mapping)
 
@@ -955,14 +1002,6 @@ def _names(entities: str | Sequence[str]) -> list[str]:
     return list(dict.fromkeys(map(clean, listed)))
 
 
-def _cleaned(facts: Mapping[Fact, float | None]) -> dict[Fact, float | None]:
-    """Facts whose names are in the form in which they are compared."""
-    return {
-        (clean(head), clean(relation), clean(tail)): confidence
-        for (head, relation, tail), confidence in facts.items()
-    }
-
-
 def _about(
     definition: str | Mapping[str, str] | None,
     kind: str | Mapping[str, str] | None,
@@ -974,7 +1013,10 @@ def _about(
 
     def of(name: str) -> NewEntity:
         text, named = (
-            each.get(name) if isinstance(each, Mapping) else each for each in (definition, kind)
+            {clean(key): value for key, value in each.items()}.get(name)
+            if isinstance(each, Mapping)
+            else each
+            for each in (definition, kind)
         )
         with at(repr(name)[:80]):
             return NewEntity(

@@ -78,6 +78,7 @@ STEPS = (
         undoes INTEGER REFERENCES change,
         undone INTEGER REFERENCES change
     );
+    CREATE INDEX change_that_trained ON change (verb) WHERE verb = 'train';
     CREATE TABLE effect (  -- of a change on an entity, on a relation or on a fact
         change INTEGER NOT NULL REFERENCES change,
         effect TEXT NOT NULL,
@@ -143,13 +144,15 @@ KEYS = {
 FACT = ("head", "relation", "tail")
 #: What a home that is trained again keeps of before: what is known of facts; facts that the new
 #: embedding lacks, since they were told while it was trained, and those that were retracted then;
-#: their entities, and inserted ones without facts.
+#: their entities, and inserted ones without facts. What was removed meanwhile is retracted.
 CARRIED_OVER = (
     "UPDATE fact SET (count, confidence, first_seen, last_seen, source) = "
     "(old.count, old.confidence, old.first_seen, old.last_seen, old.source), "
     "status = CASE old.status WHEN 'retracted' THEN 'retracted' ELSE 'trained' END "
     "FROM old_fact AS old "
     "WHERE (fact.head, fact.relation, fact.tail) = (old.head, old.relation, old.tail)",
+    "UPDATE fact SET status = 'retracted' WHERE (head, relation, tail) NOT IN "
+    "(SELECT head, relation, tail FROM old_fact)",
     "INSERT OR IGNORE INTO fact (head, relation, tail, status, count, confidence, first_seen, "
     "last_seen, source) SELECT head, relation, tail, 'added', count, confidence, first_seen, "
     "last_seen, source FROM old_fact "
@@ -195,7 +198,7 @@ class Home:
         self.folder = folder
         self.durability: Durability = "memory"
         self.is_read_only = False
-        self.read_file: str | None = None  #: The file of trained vectors that was read or written.
+        self.read_training: int | None = None  #: The training whose vectors were read or written.
         self._connection: sqlite3.Connection | None = connection
 
     # -- open and close ----------------------------------------------------------------------------
@@ -242,9 +245,8 @@ class Home:
         try:
             if not is_new and not home._check_version():
                 raise InputError(home.path, "", "expected the database of a home")
-            with home._in_words():
-                home.connection.execute("PRAGMA journal_mode = WAL")
-                home.connection.execute(f"PRAGMA synchronous = {durability.upper()}")
+            home.read("PRAGMA journal_mode = WAL")
+            home.read(f"PRAGMA synchronous = {durability.upper()}")
             home._upgrade()
         except BaseException:
             home.close()
@@ -254,14 +256,16 @@ class Home:
     @classmethod
     def _to_read(cls, folder: Path) -> "Home":
         """A home whose folder stays as it is: it may be on a disk that is read-only."""
-        path = folder / DATABASE
-        is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
-        still = "&immutable=1" if is_quiet and not os.access(folder, os.W_OK) else ""
-        home = cls(folder, _connected(f"{path.absolute().as_uri()}?mode=ro{still}"))
+        path, parameters = folder / DATABASE, "mode=rw"  # which leaves no files for readers
+        if not os.access(folder, os.W_OK):
+            is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
+            parameters = "mode=ro" + "&immutable=1" * is_quiet
+        home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
         home.durability, home.is_read_only = "full", True
         try:
             if not home._check_version():
                 raise InputError(home.path, "", "expected the database of a home")
+            home.read("PRAGMA query_only = 1")
         except BaseException:
             home.close()
             raise
@@ -280,12 +284,15 @@ class Home:
         """The home in memory that ``as_bytes`` gave."""
         home = cls(None, _connected(":memory:"))
         home.connection.deserialize(content)
+        home.read_training = home.last_training()
         return home
 
     def as_bytes(self) -> bytes:
         """The database, without the trained vectors."""
         with self._in_words():
-            return self.connection.serialize()
+            content = bytearray(self.connection.serialize())
+        content[18:20] = b"\1\1"  # without WAL, which a database in memory cannot have
+        return bytes(content)
 
     def write_to(self, folder: Path, bundle: Bundle, beside: bool = False) -> None:
         """Write a copy of the home, whose trained embedding is ``bundle``, into another folder;
@@ -297,17 +304,12 @@ class Home:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(folder, error) from error
-        name = write_vectors(folder, bundle)
-        there = Home._in_folder(folder, "full", is_new=True)
-        try:
-            old = there.vectors_file
-            with there._in_words():
-                self.connection.backup(there.connection)
-            with there.transaction():
-                there.set("vectors", name)
+        with Home._in_folder(folder, "full", is_new=True) as there, self.copied() as copy:
+            name, old = write_vectors(folder, bundle), there.vectors_file
+            copy.set("vectors", name)
+            with there._in_words():  # at once: whoever is killed leaves the old home or the new one
+                copy.connection.backup(there.connection)
             _remove_vectors(folder, old, name)
-        finally:
-            there.close()
 
     @property
     def connection(self) -> sqlite3.Connection:
@@ -331,6 +333,9 @@ class Home:
     def _check_version(self) -> int:
         with self._in_words():
             ((version,),) = self.connection.execute("PRAGMA user_version")
+        tables = {name for (name,) in self.read("SELECT name FROM sqlite_master")}
+        if tables and not {"setting", "effect"} <= tables:
+            raise InputError(self.path, "", "is a database of another program")
         if version > len(STEPS):
             newer = f"was written by a newer isi (version {version} of the database)"
             raise InputError(self.path, "", newer)
@@ -408,14 +413,15 @@ class Home:
                     self.read(f"DELETE FROM {table}")
                 self._fill(bundle)
                 self.set("vectors", name)
-                self.add_change("train", time or as_text(now()))
+                number = self.add_change("train", time or as_text(now()))
                 for statement in CARRIED_OVER if keep else ():
                     self.read(statement)
-        except BaseException:
-            _remove_vectors(self.folder, name, old)
-            raise
-        _remove_vectors(self.folder, old, name)
-        self.read_file = name
+            self.read_training = number
+        finally:  # a signal may come after it is committed
+            with suppress(InputError):
+                in_force = self.vectors_file
+                _remove_vectors(self.folder, name, in_force)
+                _remove_vectors(self.folder, old, in_force)
 
     def _fill(self, bundle: Bundle) -> None:
         connection = self.connection
@@ -433,6 +439,10 @@ class Home:
         facts = ((*fact, count) for fact, count in zip(bundle.named_triples(), counts, strict=True))
         connection.executemany(ADD_FACT, facts)
 
+    def last_training(self) -> int | None:
+        """The number of the last training among the changes; None before the first."""
+        return self.read("SELECT max(id) FROM change WHERE verb = 'train'")[0][0]  # type: ignore[no-any-return]
+
     @property
     def vectors_file(self) -> str | None:
         """The name of the file of trained vectors; None in memory, and before training."""
@@ -441,6 +451,7 @@ class Home:
 
     def bundle(self) -> Bundle:
         """The trained embedding. An ``InputError`` names what is missing or broken."""
+        training = self.last_training()
         settings = {name: json.loads(value) for name, value in self.read("SELECT * FROM setting")}
         name = settings.pop("vectors", None)
         if self.folder is None or name is None:
@@ -458,7 +469,7 @@ class Home:
             if self.vectors_file == name:
                 raise
             return self.bundle()  # it was trained again in between
-        self.read_file = name
+        self.read_training = training
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )

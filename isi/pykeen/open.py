@@ -9,6 +9,7 @@ from pykeen.pipeline import PipelineResult
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
 
 from isi.errors import InputError
+from isi.graph.graph import RELATION
 from isi.insertion.inverses import pack
 from isi.live.bundle import Manifest
 from isi.live.embedding import LiveEmbedding
@@ -60,7 +61,9 @@ class PykeenEmbedding(LiveEmbedding):
 
     @property
     def factory(self) -> CoreTriplesFactory:
-        """A copy of the triples factory, with the inserted entities and all facts that hold."""
+        """A copy of the triples factory, with the inserted entities and all facts that hold, except
+        those of new relations, which the model does not have.
+        """
         return self._enlarged[1]
 
     @property
@@ -72,6 +75,7 @@ class PykeenEmbedding(LiveEmbedding):
             trained = factory.mapped_triples.numpy()
             is_retracted = np.isin(now.keys_of(trained), now.keys_of(now.retracted))
             added = now.triples[len(now.triples) - now.added :]
+            added = added[added[:, RELATION] < len(self.base.relations)]
             triples = np.concatenate([trained[~is_retracted], added])
             no_relations = now.relations[:0]
             larger = add_rows(model, now.entities[known:], no_relations, now.model)

@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import Change, Selected
 
 import isi
 from isi.live.bundle import Bundle, Fact, Manifest

@@ -1,0 +1,314 @@
+"""The folder of a home: processes that are killed, full disks, threads, other databases, and homes
+of before they were databases.
+"""
+
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sqlite3
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import isi
+from isi.errors import InputError
+from isi.live.embedding import LiveEmbedding
+from isi.live.home import DATABASE
+from tests.small_bundle import edit, files, home_of, written
+from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, quick_choices, seen
+from tools.kills.home import NEGATIVE, killed
+
+MUG = ("mug", "in", "e1")
+FIRST = TRAINED[0]
+
+
+@pytest.fixture(autouse=True)
+def _quick() -> Iterator[None]:
+    with quick_choices():
+        yield
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return home_of(tmp_path / "home", KNOWN)
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """A limit on the size of files, as a full disk is one."""
+    largest = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, largest[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, largest)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize(
+    ("way", "cause"),
+    [("tell", signal.SIGKILL), ("train", signal.SIGKILL), ("create", signal.SIGTERM)],
+)
+def test_a_killed_process_leaves_all_that_it_acknowledged_and_nothing_half(
+    folder: Path, way: str, cause: int
+) -> None:
+    for seed in range(2):
+        assert not killed(folder, way, cause, random.Random(seed)).lost
+
+
+def test_on_a_full_disk_changes_and_training_are_refused_and_nothing_is_lost(folder: Path) -> None:
+    with isi.open(folder) as live, isi.open(folder) as other:
+        live.tell([MUG])
+        before = seen(live)
+        for change in (
+            lambda: [live.tell([("mug", "on", f"e{each}")]) for each in range(30)],
+            lambda: live.train_again(NEGATIVE),
+            lambda: live.save(folder.parent / "copy"),
+        ):
+            with files_of_at_most(1024), pytest.raises(InputError, match="cannot be"):
+                change()
+            for each in (live, other):
+                assert_same(seen(each), before)
+        live.tell([("mug", "on", "e4")])
+        after = seen(live)
+        assert_same(seen(other), after)
+    with isi.open(folder) as again:
+        assert_same(seen(again), after)
+        assert len(again.history) == 3
+
+
+def test_an_interrupted_change_is_there_if_it_was_committed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with isi.open(folder) as live:
+        monkeypatch.setattr(live.home, "inserted", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            live.tell([MUG])
+        monkeypatch.undo()
+        assert list(live.inserted) == [name for name in ("mug",) if MUG in facts_of(live)]
+
+
+@pytest.mark.parametrize("objects", [1, 2])
+def test_threads_insert_into_one_home(folder: Path, objects: int) -> None:
+    lives = [isi.open(folder) for _ in range(objects)]
+
+    def work(thread: int) -> None:
+        for number in range(15):
+            name = f"thing {'xy'[thread]} {number}"
+            lives[thread % objects].insert(name, {"in": "e1"}, initializer="mean")
+            assert name in lives[0].inserted
+
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(work, range(2)))
+    for live in (*lives, isi.open(folder)):
+        assert len(live.inserted) == len(live.history) - 1 == 30
+
+
+def statements(live: LiveEmbedding, change: Callable[[], object]) -> int:
+    """The number of statements that the database runs for a change."""
+    run = list[str]()
+    live.home.connection.set_trace_callback(run.append)
+    change()
+    live.home.connection.set_trace_callback(None)
+    return len(run)
+
+
+def test_the_work_of_a_change_and_of_taking_one_over_does_not_grow_with_the_history(
+    folder: Path,
+) -> None:
+    with isi.open(folder) as live, isi.open(folder) as other:
+        numbers = []
+        for _ in range(3):
+            live.tell([FIRST])
+            of_tell = statements(live, lambda: live.tell([FIRST]))
+            of_others = statements(other, lambda: other.ask("e0", "in"))
+            with isi.open(folder) as opened:
+                of_opening = statements(opened, lambda: opened._load(opened.base))
+            numbers.append((of_tell, of_others, of_opening))
+            for each in range(20):
+                live.tell([("e1", "on", f"e{each}")])
+        assert numbers[0] == numbers[1] == numbers[2]
+
+
+def other_program(database: sqlite3.Connection) -> None:
+    for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'view'"):
+        database.execute(f"DROP VIEW {name}")
+    database.executescript("DROP TABLE effect; DROP TABLE setting; PRAGMA user_version = 0")
+
+
+def newer(database: sqlite3.Connection) -> None:
+    database.execute("PRAGMA user_version = 99")
+
+
+def no_setting(database: sqlite3.Connection) -> None:
+    database.execute("DELETE FROM setting")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (other_program, "another program"),
+        (newer, "newer isi"),
+        (no_setting, "vectors"),
+        (lambda _: None, "digest"),
+    ],
+)
+def test_what_is_no_home_is_refused_and_stays_as_it_is(
+    folder: Path, change: Callable[[sqlite3.Connection], None], message: str
+) -> None:
+    database = sqlite3.connect(folder / DATABASE)
+    change(database)
+    database.commit()
+    database.close()
+    if message == "digest":
+        (vectors,) = folder.glob("vectors-*")
+        vectors.write_bytes(vectors.read_bytes()[:-4] + b"\0\0\0\1")
+    before = files(folder)
+    for durability in ("full", "memory"):
+        with pytest.raises(InputError, match=message):
+            isi.open(folder, durability=durability)  # type: ignore[arg-type]
+    assert files(folder) == before
+    (folder / DATABASE).write_bytes(b"no database at all " * 99)
+    with pytest.raises(InputError, match="not a database"):
+        isi.open(folder)
+
+
+def test_a_home_that_cannot_be_written_can_be_asked(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with isi.open(folder) as live:
+        live.tell([MUG])
+        expected = seen(live)
+    before = files(folder)
+    with isi.open(folder, durability="memory") as copy:
+        assert copy.tell([("cup", "in", "e2")]).inserted == ["cup"]
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with isi.open(folder) as live:
+        assert_same(seen(live), expected)
+        assert live.explain("mug").indicators
+        with pytest.raises(InputError, match="readonly"):
+            live.tell([MUG])
+    assert files(folder) == before
+
+
+def test_a_folder_with_a_home_of_changes_or_with_other_files_is_not_written_into(
+    folder: Path,
+) -> None:
+    live = isi.open(folder)
+    copy = folder.parent / "copy"
+    for _ in range(2):  # over a home without changes, too
+        live.save(copy)
+    live.tell([MUG])
+    live.save(copy)
+    with pytest.raises(InputError, match="1 changes"):
+        live.save(copy)
+    (folder.parent / "mine").mkdir()
+    (folder.parent / "mine/notes.txt").write_text("mine", encoding="utf-8")
+    for taken in (folder, folder.parent / "mine", folder.parent / "mine/notes.txt"):
+        with pytest.raises(InputError):
+            live.save(taken)
+    assert_same(seen(isi.open(copy)), seen(live))
+
+
+# Homes of before they were databases
+
+
+LINES: list[dict[str, Any]] = [
+    {"do": "choose", "facts": 1, "words": False, "initializer": "mean", "why": "", "options": {}},
+    {"do": "insert", "entities": {"mug": {"initializer": "map"}}, "facts": [MUG], "time": 1.5e9},
+    {
+        "do": "insert",
+        "entities": {"tray": {"kind": "place"}, "pan": {"definition": "a dish"}},
+        "facts": [["tray", "in", "e2"], ["pan", "on", "tray"]],
+        "time": "2026-11-27T09:00:00Z",
+        "source": "camera",
+    },
+    {"do": "observe", "facts": [["mug", "on", "e4"], ["e1", "in", "e9"]]},
+    {"do": "move", "facts": [["mug", "in", "e5"]], "replaced": [MUG]},
+    {"do": "remove", "facts": [FIRST]},
+    {"do": "remove", "entities": {"mug": {}}},
+    {"do": "undo"},
+]
+
+
+def test_a_folder_with_a_journal_becomes_a_home_once(tmp_path: Path) -> None:
+    folder = written(tmp_path / "home", KNOWN)
+    torn = b'{"do": "observe", "facts": [["mug", '
+    lines = "".join(json.dumps(line) + "\n" for line in LINES).encode()
+    (folder / "journal.jsonl").write_bytes(lines + torn)
+    before = files(folder)
+    told = LiveEmbedding(KNOWN)
+    told.tell([("mug", "in", "e5"), ("mug", "on", "e4")], initializer="map")
+    told.tell([("tray", "in", "e2"), ("pan", "on", "tray")], kind={"tray": "place"})
+    told.tell([("e1", "in", "e9")])
+    told.remove(facts=[FIRST])
+    in_memory = isi.open(folder, durability="memory")
+    assert files(folder) == before
+    for live in (in_memory, isi.open(folder), isi.open(folder)):
+        assert_same(seen(live), seen(told))
+        assert facts_of(live) == facts_of(told)
+        assert len(live.history) == len(LINES)
+        assert live.history[2].source == "camera"
+        assert live.home.about("pan").definition == "a dish"
+        assert live.inserted["tray"].kind == "place"
+    assert {name: content for name, content in files(folder).items() if name in before} == before
+    live.undo()  # of the second last line
+    assert FIRST in facts_of(live)
+
+
+def test_a_folder_that_records_what_was_inserted_becomes_a_home(tmp_path: Path) -> None:
+    """A copy that was saved has inserted entities in its tables, too, and may have no journal."""
+    told = LiveEmbedding(KNOWN)
+    told.tell([MUG], initializer="mean")
+    told.tell([("pan", "on", "mug"), ("pan", "in", "e3")], initializer="mean", kind="place")
+    folder = written(tmp_path / "home", told.now)
+    record = {"definition": None, "asked": None, "options": {}, "seed": 0, "initializer": "mean"}
+    records = [
+        {
+            "entity": "mug",
+            "told": [MUG, ("pan", "on", "mug")],
+            **record,
+            "why": "",
+            "fallback": None,
+        },
+        {"entity": "pan", "told": [("pan", "on", "mug"), ("pan", "in", "e3")], **record},
+    ]
+    edit(folder, lambda manifest: manifest.update(inserted=records))
+    live = isi.open(folder)
+    assert_same(seen(live), seen(told))
+    assert [change.inserted for change in live.history] == [[], ["mug"], ["pan"]]
+    live.undo()
+    live.undo()
+    assert facts_of(live).keys() == {*TRAINED}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ({"do": "dance"}, "line 1"),
+        ({"do": "undo"}, "change 1"),
+        ({"do": "remove", "facts": [MUG]}, "change 1"),
+        ({"do": "observe", "facts": [["mug"]]}, "line 1"),
+    ],
+)
+def test_a_broken_journal_is_refused_by_its_line(
+    tmp_path: Path, line: dict[str, Any], message: str
+) -> None:
+    folder = written(tmp_path / "home", KNOWN)
+    (folder / "journal.jsonl").write_text(json.dumps(line) + "\n", encoding="utf-8")
+    before = files(folder)
+    with pytest.raises(InputError, match=f"journal.jsonl: {message}"):
+        isi.open(folder)
+    assert files(folder) == before
+    shutil.rmtree(folder)

@@ -1,0 +1,331 @@
+"""What a home keeps of facts, how it is asked, trained again, copied and closed."""
+
+import copy
+import dataclasses
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import isi
+from isi.errors import InputError
+from isi.live import groups
+from isi.live.bundle import Bundle
+from isi.live.embedding import LiveEmbedding
+from isi.live.phrases import with_words
+from tests.small_bundle import files, home_of, small, worded
+from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, quick_choices, seen
+
+MUG = ("mug", "in", "e1")
+FIRST = TRAINED[0]
+
+
+@pytest.fixture(autouse=True)
+def _quick() -> Iterator[None]:
+    with quick_choices():
+        yield
+
+
+@pytest.fixture
+def home() -> LiveEmbedding:
+    return LiveEmbedding(KNOWN)
+
+
+# What is known of facts
+
+
+def test_a_fact_keeps_its_count_its_times_and_what_reported_it(home: LiveEmbedding) -> None:
+    effect = home.tell([MUG, FIRST], time="2026-11-25T09:30:00Z", source="camera", confidence=0.5)
+    assert (effect.facts, effect.known, effect.inserted) == (1, 1, ["mug"])
+    effect = home.tell([MUG], time=datetime(2026, 11, 20, tzinfo=UTC))
+    assert (effect.facts, effect.known, effect.updated) == (0, 1, [])
+    row = home.facts[-1]
+    assert row.observations == (2, 0.5, "2026-11-20T00:00:00Z", "2026-11-25T09:30:00Z", "camera")
+    last = home.history[-1]
+    assert (last.seen, last.added, last.time) == ([MUG], [], "2026-11-20T00:00:00Z")
+    home.undo()
+    assert (home.facts[-1].count, home.history[-2].undone) == (1, True)
+    assert home.tell([]) == home.remove()  # nothing to list
+    assert len(home.history) == 4
+
+
+def test_facts_not_seen_for_long_are_stale_those_of_training_since_then(
+    home: LiveEmbedding,
+) -> None:
+    since = datetime(2026, 11, 25, tzinfo=UTC)
+    home.tell([MUG], time=since - timedelta(days=40))
+    home.tell([("mug", "on", "e2"), FIRST], time=since - timedelta(days=20))
+    assert [row.fact for row in home.stale(timedelta(days=30), since)] == [MUG]
+    assert len(home.stale(timedelta(days=30), datetime(2999, 1, 1, tzinfo=UTC))) == 92
+    home.remove(facts=[FIRST])
+    assert [row.fact for row in home.stale(timedelta(0), since)] == [MUG, ("mug", "on", "e2")]
+
+
+@pytest.mark.parametrize(
+    ("given", "hour"),
+    [
+        (datetime(2026, 1, 5, 20, 52), 1),
+        ("2026-01-05T20:52", 1),
+        ("2026-01-05T20:52:00+00:00", 20),
+        (datetime(2026, 1, 5, 20, 52, tzinfo=UTC), 20),
+        (datetime(2026, 1, 5, 20, 52, tzinfo=UTC).timestamp(), 20),
+    ],
+)
+def test_a_time_without_a_zone_is_local_time(
+    home: LiveEmbedding, monkeypatch: pytest.MonkeyPatch, given: Any, hour: int
+) -> None:
+    with monkeypatch.context() as context:
+        context.setenv("TZ", "America/New_York")
+        time.tzset()
+        home.tell([MUG], time=given)
+    time.tzset()
+    assert home.history[-1].time == f"2026-01-0{6 if hour == 1 else 5}T{hour:02}:52:00Z"
+
+
+def test_a_doubtful_fact_moves_the_vector_of_map_less(home: LiveEmbedding) -> None:
+    def vector(confidence: float | None, *facts: Any) -> np.ndarray:
+        home.tell([("mug", "on", "e7"), *facts], confidence=confidence, initializer="map")
+        row = home.inserted["mug"].vector
+        home.undo()
+        return row
+
+    without, doubtful, sure = vector(None), vector(None, (*MUG, 0.1)), vector(None, MUG)
+    assert 0 < np.linalg.norm(doubtful - without) < np.linalg.norm(sure - without)
+    np.testing.assert_array_equal(vector(1.0, MUG), sure)
+    home.tell([("mug", "on", "e7"), (*MUG, 0.1)], initializer="map")
+    assert home.tell([(*MUG, 1.0)]).updated == ["mug"]
+    np.testing.assert_array_equal(home.inserted["mug"].vector, sure)
+    for wrong in (0, 1.5, float("nan"), "much"):
+        with pytest.raises(InputError, match="confidence"):
+            home.tell([(*MUG, wrong)])
+
+
+def test_a_relation_is_new_with_two_facts_and_goes_by_undo(home: LiveEmbedding) -> None:
+    near = [("e1", "near", "e2"), ("e3", "near", "e4")]
+    before = seen(home)
+    for refused in (partial(home.tell, near[:1]), partial(home.observe, near)):
+        with pytest.raises(InputError, match="near"):
+            refused()
+    effect = home.tell([*near, ("mug", "near", "e2"), MUG])
+    assert (effect.relations, effect.inserted, effect.facts) == (["near"], ["mug"], 4)
+    assert home.now.relations.shape == (3, KNOWN.relations.shape[1])
+    assert home.ask("e1", "near").answers[0].entity == "e2"
+    first = home.now.relations[2]
+    home.tell([("e5", "near", "e2")])  # known now: one fact will do, and counts
+    assert (home.now.relations[2] != first).any()
+    again = pickle.loads(pickle.dumps(home))  # noqa: S301
+    np.testing.assert_array_equal(again.now.relations, home.now.relations)
+    for _ in range(2):
+        home.undo()
+    assert_same(seen(home), before)
+    assert len(home.now.relations) == 2
+
+
+# Questions
+
+
+def test_answers_leave_out_what_is_known_or_all_but_some(home: LiveEmbedding) -> None:
+    home.tell([MUG])
+    every = home.ask("mug", "in", top=99).answers
+    new = home.ask("mug", "in", top=99, new=True).answers
+    assert [each.entity for each in new] == [each.entity for each in every if not each.known]
+    some = home.ask("mug", "in", among=["e9", "e1", "e9", "e4"]).answers
+    assert [each.entity for each in some] == [
+        each.entity for each in every if each.entity in ("e1", "e4", "e9")
+    ]
+    best = home.ask("mug", "in", among=["e1", "e4"], new=True).answers
+    assert [(each.entity, each.known) for each in best] == [("e4", False)]
+    assert not home.ask("mug", "in", among=[]).answers
+    for wrong in ({"among": ["nowhere"]}, {"among": ["e1"], "tail": "e1", "relation": None}):
+        with pytest.raises(InputError):
+            home.ask("mug", **{"relation": "in", **wrong})  # type: ignore[arg-type]
+
+
+def test_a_question_and_an_insertion_never_wait_for_a_choice_that_is_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = home_of(tmp_path / "home", KNOWN)
+    with isi.open(folder) as live:
+        live.prepare()
+        live.tell([MUG])
+        expected = seen(live)
+    monkeypatch.setattr(groups, "select", None)
+    monkeypatch.setattr(groups, "fit_curves", None)
+    with isi.open(folder) as live:
+        assert not live.groups.preparation()
+        assert_same(seen(live), expected)
+        live.tell([("cup", "in", f"e{each}") for each in range(9)])
+        assert live.ask("cup", "in").answers[0].probability is not None
+
+
+def test_without_kinds_of_objects_a_new_object_has_none() -> None:
+    kinds = ["room", "room", "", "", "affordance", "affordance"]
+    live = LiveEmbedding(small(kinds=kinds))
+    for facts in ({"atLocation": "kitchen"}, {"hasAffordance": "turn on"}):
+        live.insert("stove", facts, initializer="mean")
+        assert live.inserted["stove"].kind == ""
+        live.undo()
+    assert live.ask("kettle", "atLocation").answers
+
+
+def test_names_are_told_as_the_embedding_writes_them() -> None:
+    names = ["cafe\u0301", *KNOWN.entity_names[1:]]
+    live = LiveEmbedding(replace(KNOWN, entity_names=names))
+    composed = "caf\u00e9"
+    effect = live.tell([(composed, "in", "e3"), (f"{composed} mug", "in", names[0])])
+    assert effect.inserted == [f"{composed} mug"]
+    assert live.tell([(f"{names[0]} mug ", "in", composed)]).known == 1
+    with pytest.raises(InputError, match="known"):
+        live.insert(f"{names[0]} mug", {"in": "e3"})
+    assert live.ask(composed, "in").answers[0].given
+    assert live.remove(f"{names[0]} mug").removed == [f"{composed} mug"]
+
+
+# Word vectors of a file
+
+
+def test_word_vectors_of_a_file_are_found_from_any_folder_or_are_said_to_be_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bundle = worded(Path(), stove=[0.6, 0.8, 0.0])
+    source = bundle.manifest.words.source  # type: ignore[union-attr]
+    folder = home_of(tmp_path / "home", with_words(bundle, Path(source)))
+    (tmp_path / "elsewhere").mkdir()
+    os.chdir(tmp_path / "elsewhere")
+    with isi.open(folder) as live:
+        live.insert("stove")
+        assert "words.txt" in live.report("stove").words
+        vector = live.inserted["stove"].vector
+    Path(tmp_path / source).unlink()
+    with isi.open(folder) as live:
+        np.testing.assert_array_equal(live.inserted["stove"].vector, vector)
+        effect = live.insert("oven", {"atLocation": "kitchen"}, initializer="mean")
+        assert any("words.txt" in note and "not there" in note for note in effect.notes)
+        with pytest.raises(InputError, match=r"words\.txt"):
+            live.insert("hob")
+
+
+# Trained again, copied, closed
+
+
+def trained_on(live: LiveEmbedding) -> Bundle:
+    """What training on all that holds may give: inserted entities have rows as others."""
+    fields = {field.name: getattr(live.now, field.name) for field in dataclasses.fields(Bundle)}
+    return Bundle(**fields | {"counts": None})
+
+
+def test_a_home_that_is_trained_again_keeps_what_is_known_and_what_came_meanwhile(
+    tmp_path: Path,
+) -> None:
+    folder = home_of(tmp_path / "home", KNOWN)
+    live, other = isi.open(folder), isi.open(folder)
+    live.tell([MUG, ("mug", "on", "e2"), FIRST], confidence=0.5, source="camera")
+    live.tell([("e1", "on", "e20"), ("e1", "on", "e21")])
+    live.remove(facts=[TRAINED[1]])
+    bundle = trained_on(live)
+    other.tell([("mug", "on", "e9"), ("tray", "in", "e3")], initializer="mean")
+    other.remove(facts=[("e1", "on", "e20"), TRAINED[2]])
+    known, changes = facts_of(other), len(other.history)
+    live.train_again(bundle)
+    for each in (live, other, isi.open(folder)):
+        assert facts_of(each) == known
+        assert each.history[-1].verb == "train"
+        assert len(each.history) == changes + 1
+        assert list(each.inserted) == ["tray"]
+        assert each.base.kinds == bundle.kinds
+        assert each.home.fact(MUG).status == "trained"  # type: ignore[union-attr]
+        with pytest.raises(InputError, match="no change"):
+            each.undo()
+    assert_same(seen(live), seen(other))
+    live.tell([("tray", "on", "mug")])
+    assert ("tray", "on", "mug") in facts_of(other)
+
+
+@pytest.mark.filterwarnings("ignore")  # it has learned nothing
+def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
+    rows = [(f"thing {each}", "at", f"room {each % 4}") for each in range(12)]
+    kinds = {end: end.split()[0] for row in rows for end in (row[0], row[2])}
+    home = isi.train(rows, kinds=kinds, model="distmult", dimension=4, budget=1)
+    home.save(tmp_path / "home")
+    with isi.open(tmp_path / "home") as live:
+        live.tell([("mug", "at", "room 1"), ("mug", "by", "room 2"), ("thing 1", "by", "room 2")])
+        live.tell(rows[:1])
+        live.remove(facts=[rows[1]])
+        known = facts_of(live)
+        assert isi.train(live, model="distmult", dimension=4, budget=1) is live
+        assert facts_of(live) == known
+        assert (live.base.kinds[live.base.entity_ids["mug"]], live.inserted) == ("thing", {})
+        assert live.base.relation_names == ["at", "by"]
+        assert ("thing 1", "at", "room 1") not in live.base.named_triples()
+
+
+def _pickled(live: LiveEmbedding) -> LiveEmbedding:
+    copied: LiveEmbedding = pickle.loads(pickle.dumps(live))  # noqa: S301
+    return copied
+
+
+@pytest.mark.parametrize("where", ["in memory", "in a folder", "a copy in memory"])
+@pytest.mark.parametrize("copied", [copy.deepcopy, _pickled])
+def test_a_home_is_pickled_and_copied(
+    tmp_path: Path, where: str, copied: Callable[[LiveEmbedding], LiveEmbedding]
+) -> None:
+    live = LiveEmbedding(KNOWN)
+    if where != "in memory":
+        folder = home_of(tmp_path / "home", KNOWN)
+        live = isi.open(folder, durability="memory" if "copy" in where else "normal")
+    for change in (lambda: None, lambda: live.tell([MUG]), lambda: live.ask("mug", "in")):
+        change()
+        again = copied(live)
+        assert_same(seen(again), seen(live))
+    again.tell([("cup", "in", "e1")])
+    assert ("cup" in live.inserted) == (where == "in a folder")
+    assert again.home.durability == live.home.durability
+
+
+VERBS = ("tell", "insert", "observe", "move", "remove", "undo", "ask", "explain", "save", "prepare")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_what_is_done_with_a_closed_home_is_refused(tmp_path: Path, verb: str) -> None:
+    folder = home_of(tmp_path / "home", KNOWN)
+    with isi.open(folder) as live:
+        live.tell([MUG])
+    with isi.open(folder) as other:
+        other.tell([("cup", "in", "e2")])
+    before = files(folder)
+    given: dict[str, tuple[Any, ...]] = {
+        "insert": ("tray", {"in": "e1"}),
+        "move": MUG,
+        "remove": ("mug",),
+        "ask": ("mug", "in"),
+        "explain": ("mug",),
+        "save": (tmp_path / "copy",),
+        "undo": (),
+        "prepare": (),
+    }
+    with pytest.raises(InputError, match="closed"):
+        getattr(live, verb)(*given.get(verb, ([MUG],)))
+    live.close()
+    assert files(folder) == before
+    assert list(isi.open(folder).inserted) == ["mug", "cup"]
+
+
+def test_how_durable_changes_are_is_told_when_a_home_is_opened(tmp_path: Path) -> None:
+    folder = home_of(tmp_path / "home", KNOWN)
+    for durability, code in (("full", 2), ("normal", 1)):
+        with isi.open(folder, durability=durability) as live:  # type: ignore[arg-type]
+            assert live.home.read("PRAGMA synchronous") == [(code,)]
+    with isi.open(folder, durability="memory") as live:
+        live.tell([MUG])
+    assert not isi.open(folder).inserted
+    with pytest.raises(InputError, match="durability"):
+        isi.open(folder, durability="sometimes")  # type: ignore[arg-type]

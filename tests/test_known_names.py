@@ -1,0 +1,133 @@
+"""Names of a home: which name a text is in facts, which one it may mean in a question."""
+
+from pathlib import Path
+
+import pytest
+
+from isi.errors import InputError
+from isi.live.embedding import LiveEmbedding
+from isi.live.names import KnownNames, plurals, singulars
+from isi.names import plain
+from tests.small_bundle import NAMES, opened, worded
+
+IN_KITCHEN = {"atLocation": "kitchen"}
+
+
+@pytest.mark.parametrize(
+    ("known", "text"),
+    [
+        *[("turn on", text) for text in ("Turn On", "turnOn", "turn_on", "turn-on", "TURNON")],
+        ("mW", "MW"),
+        ("chair_1_12", "Chair 1 12"),
+        ("room 2B", "room_2b"),
+    ],
+)
+def test_a_question_finds_a_name_without_regard_to_case_and_gaps_and_says_so(
+    known: str, text: str
+) -> None:
+    names, notes = KnownNames(["turn off", known]), list[str]()
+    assert names.queried(text, "ENTITY", "an entity", notes.append) == known
+    (note,) = notes
+    assert repr(known) in note
+    assert repr(text) in note
+    with pytest.raises(InputError, match=f"did you mean {known!r}"):
+        names.find(text, "ENTITY", "an entity")
+
+
+@pytest.mark.parametrize(
+    ("known", "text"),
+    [
+        ("10", "-10"),
+        ("5", "+5"),
+        ("2021-11-2", "2021-1-12"),
+        ("112", "11 2"),
+        ("chair_1_12", "chair_11_2"),
+        ("a1", "a-1"),
+        ("x 1", "x1"),
+        ("-x", "x"),
+        ("a²-³", "a²³"),
+    ],
+)
+def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
+    known: str, text: str
+) -> None:
+    for one, other in ((known, text), (text, known)):
+        names = KnownNames([one])
+        with pytest.raises(InputError, match="did you mean"):
+            names.queried(other, "", "a name", pytest.fail)
+        live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], one]))
+        with pytest.raises(InputError, match="did you mean"):
+            live.observe([(other, "atLocation", "kitchen")])
+        assert live.tell([(other, "atLocation", "kitchen")]).inserted == [other]
+        assert live.ask(other, "atLocation").query[0] == other
+        assert live.remove(other).removed == [other]
+
+
+def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
+    names = KnownNames(["Apple", "apple"])
+    assert names.queried("apple", "", "", pytest.fail) == "apple"
+    both = "'Apple' or 'apple'"
+    for text, hint in (("APPLE", both), ("aple", "'apple'"), ("zz", both)):
+        with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
+            names.queried(text, "ENTITY", "an entity", pytest.fail)
+
+
+@pytest.mark.parametrize(
+    "name", ["Kettle", "kettles", "KETTLES", "BedRoom", "turnOn", "copper kettle"]
+)
+def test_a_name_that_looks_like_a_known_one_is_refused_unless_it_is_new(
+    tmp_path: Path, name: str
+) -> None:
+    live = LiveEmbedding(worded(tmp_path, **{"copper kettle": [0.95, 0.1, 0.1]}))
+    for verb in (live.insert, live.tell):
+        with pytest.raises(InputError, match=r"kettle|bedroom|turn on"):
+            verb(*((name, IN_KITCHEN) if verb == live.insert else ({name: IN_KITCHEN},)))
+    assert live.insert(name, IN_KITCHEN, new=True).inserted == [name]
+
+
+def test_new_names_that_differ_in_case_are_told_together_where_that_is_meant() -> None:
+    live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], "mW"]))
+    facts = [(name, "atLocation", "kitchen") for name in ("MW", "Co", "CO")]
+    for names in (["Co", "CO"], ["MW"]):
+        with pytest.raises(InputError, match=r"'Co'|'mW'"):
+            live.insert(names, facts[1:] if "Co" in names else facts[:1])
+    with pytest.warns(UserWarning, match="'MW' is not known.*'mW'"):
+        live.nearest("MW")
+    live.tell(facts, new=True)
+    assert [live.ask(name, "atLocation").query[0] for name in ("MW", "CO")] == ["MW", "CO"]
+    with pytest.raises(InputError, match="did you mean 'mW' or 'MW'"):
+        live.ask("mw", "atLocation")  # one of two is not chosen
+
+
+@pytest.mark.parametrize("form", [" gas hob", "gas\u200b hob", "gas\u00a0hob"])
+def test_forms_of_a_name_in_one_change_are_one_entity(form: str) -> None:
+    live = LiveEmbedding(opened())
+    facts = [("gas hob", "atLocation", "kitchen"), (form, "hasAffordance", "turn on")]
+    effect = live.tell(facts, kind={form: "object"})
+    assert (effect.inserted, effect.facts) == (["gas hob"], 2)
+    assert live.inserted["gas hob"].kind == "object"
+
+
+@pytest.mark.parametrize(
+    ("one", "several"),
+    [
+        ("fork", "Forks"),
+        ("side table", "sideTables"),
+        ("box", "boxes"),
+        ("knife", "knives"),
+        ("berry", "berries"),
+        ("shelf", "shelves"),
+        ("axe", "axes"),
+        ("tomato", "tomatoes"),
+    ],
+)
+def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
+    assert plain(one) in singulars(several)
+    assert plain(several) in plurals(one)
+    assert plain(several) not in singulars(one)
+
+
+@pytest.mark.parametrize(("one", "other"), [("gas", "ga"), ("glass", "glas"), ("tubes", "tubs")])
+def test_words_that_differ_otherwise_are_no_plurals_of_each_other(one: str, other: str) -> None:
+    assert plain(other) not in singulars(one) | plurals(one)
+    assert plain(one) not in singulars(other) | plurals(other)

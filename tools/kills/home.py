@@ -1,0 +1,131 @@
+"""A process that changes a home until it is killed, and what must be there afterwards.
+
+``python -m tools.kills.home WAY FOLDER`` prints a number for each change that is acknowledged.
+"""
+
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count, islice, product
+from pathlib import Path
+
+import numpy as np
+
+import isi
+from isi.live.bundle import Bundle, Fact
+from isi.live.embedding import LiveEmbedding
+from isi.live.home import Home
+from isi.process import errors_in_one_line
+from tests.environment import ENVIRONMENT
+from tests.small_live import KNOWN, TRAINED, facts_of
+from tools.kills.workspace import Fault, Lost
+
+NEGATIVE = replace(KNOWN, entities=-KNOWN.entities)
+#: Facts that ``KNOWN`` lacks between entities that it has.
+OTHERS = [
+    fact
+    for fact in product(KNOWN.entity_names, KNOWN.relation_names, KNOWN.entity_names)
+    if fact not in TRAINED
+]
+
+
+def told(way: str, number: int) -> Fact:
+    """Another fact for each number; the way ``tell`` inserts an entity by each third of them."""
+    if way == "tell":
+        return f"thing {number // 3}", "in", f"e{number % 30}"
+    return OTHERS[number]
+
+
+def tell(folder: Path) -> Iterator[int]:
+    """Tell a home fact after fact."""
+    with isi.open(folder) as home:
+        for number in count(len(home.facts) - len(TRAINED)):
+            home.tell([told("tell", number)], initializer="map")
+            yield number
+
+
+def train(folder: Path) -> Iterator[int]:
+    """Tell a home fact after fact, and train it again after each."""
+    with isi.open(folder) as home:
+        for number in count(len(home.facts) - len(TRAINED)):
+            home.tell([told("train", number)])
+            home.train_again((KNOWN, NEGATIVE)[number % 2])
+            yield number
+
+
+def create(folder: Path) -> Iterator[int]:
+    """Replace a home without changes by another one, again and again."""
+    for number in count():
+        Home.create((KNOWN, NEGATIVE)[number % 2], folder).close()
+        yield number
+
+
+WAYS = {"tell": tell, "train": train, "create": create}
+
+
+def killed(folder: Path, way: str, cause: int, chosen: random.Random) -> Fault:
+    """Start a process, and send it a signal at a random moment.
+
+    Raises:
+        Lost: if what it has acknowledged is not there, or something is half there.
+    """
+    command = [sys.executable, "-m", "tools.kills.home", way, str(folder)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=ENVIRONMENT, text=True
+    ) as process:
+        printed = process.stdout or ()
+        lines = list(islice(printed, chosen.randint(1, 20)))
+        time.sleep(chosen.uniform(0, 0.02))
+        process.send_signal(cause)
+        lines += [line for line in printed if line.endswith("\n")]  # the last may be cut short
+        status = process.wait()
+    check(folder, way, int(lines[-1]) + 1 if lines else 0)
+    return Fault("a home", str(cause), way, status)
+
+
+def check(folder: Path, way: str, acknowledged: int) -> None:
+    """``Lost`` unless a home has the facts of all acknowledged changes, at most one more, and all
+    that follows from them.
+    """
+    try:
+        with isi.open(folder) as home:
+            number = len(home.facts) - len(TRAINED)
+            facts = [told(way, each) for each in range(number)]
+            whole = home_told(facts if way == "tell" else [], home.base)
+            if way != "create" and number < acknowledged:
+                raise Lost(f"of {acknowledged} facts, {number} are there")
+            if facts_of(home).keys() != {*TRAINED, *facts}:
+                raise Lost("other facts are there")
+            if not any(np.array_equal(home.base.entities, each.entities) for each in BUNDLES):
+                raise Lost("the vectors are of no embedding")
+            if home.inserted.keys() != whole.inserted.keys():
+                raise Lost("other entities are there")
+            for name, row in whole.inserted.items():
+                if not np.allclose(home.inserted[name].vector, row.vector, atol=1e-6):
+                    raise Lost(f"another vector of {name}")
+    except isi.InputError as error:
+        raise Lost(f"the home cannot be opened: {error}") from error
+
+
+BUNDLES = (KNOWN, NEGATIVE)
+
+
+def home_told(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
+    """A home in memory that was told facts at once, without being killed."""
+    home = LiveEmbedding(replace(KNOWN, entities=bundle.entities))
+    home.tell(facts, initializer="map")
+    return home
+
+
+def main() -> None:
+    way, folder = sys.argv[1:]
+    with errors_in_one_line("home"):
+        for number in WAYS[way](Path(folder)):
+            print(number, flush=True)
+
+
+if __name__ == "__main__":
+    main()
