@@ -105,7 +105,7 @@ tell hob atLocation kitchen --time noon => [1] time
 tell hob atLocation kitchen --dry-run => hob is inserted | nothing is written
 remove --fact kettle atLocation kitchen --dry-run => facts removed: 1 | nothing is written
 ask hob atLocation => [1] hob
-history => train ! tell
+history => changes: none
 """,
 }
 

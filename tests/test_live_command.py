@@ -287,12 +287,12 @@ def test_a_socket_is_of_one_process_and_a_dead_one_is_taken_over(
         )
         assert (serving.returncode, serving.stderr.count(b"\n")) == (1, 1)
         assert str(path).encode() in serving.stderr
-        assert ask(HISTORY)["history"]
+        assert ask(HISTORY) == {"history": []}
         path.unlink()
         with socket_of(home, path):  # another one, under the name that the first one had
             process.terminate()
             process.wait()
-            assert connect(path)(HISTORY)["history"]
+            assert connect(path)(HISTORY) == {"history": []}
 
 
 def test_a_socket_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> None:

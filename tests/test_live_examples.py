@@ -36,7 +36,7 @@ def test_the_client_tells_and_asks(home: Path, tmp_path: Path) -> None:
     updated, found = client.stdout.decode().splitlines()
     assert updated == "['espresso machine']"
     assert found.startswith("['turn on'")
-    assert [change.verb for change in isi.open(home).history] == ["train", "tell", "tell", "undo"]
+    assert [change.verb for change in isi.open(home).history] == ["tell", "tell", "undo"]
 
 
 @pytest.mark.filterwarnings("ignore:the model has learned nothing")
