@@ -243,7 +243,7 @@ def test_an_insertion_is_reported_as_json_and_in_sentences(
     told = ["tell", "stove", "atLocation", "kitchen", "--dry-run"]
     text = printed(capsys, *told)
     assert len(printed(capsys, *told, "--verbose").splitlines()) > len(text.splitlines())
-    result = parsed(capsys, *told[:-1])
+    result = parsed(capsys, *told)
     report = result["report"]
     assert (result["inserted"], result["facts"]) == (["stove"], 1)
     assert report["facts"] == [["stove", "atLocation", "kitchen"]]

@@ -17,11 +17,12 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
+from isi.live.phrases import with_words
 from isi.models.model import MODELS, make_model
 from isi.models.stack import uniform
 from isi.sources import READERS, Source
 from tests.documented import code, params
-from tests.small_bundle import written
+from tests.small_bundle import home_of, small
 from tests.small_graphs import score_all
 from tests.small_insertion import insertion
 
@@ -60,32 +61,12 @@ def test_an_initializer() -> None:
 def test_an_initializer_serves_commands_and_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    home, larger, vectors = (
-        written(tmp_path / "home"),
-        tmp_path / "larger",
-        tmp_path / "vectors.txt",
-    )
+    vectors = tmp_path / "vectors.txt"
     vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.8 0.6\n", encoding="utf-8")
-    main(
-        [
-            "insert",
-            "teapot",
-            "--initializer",
-            "nearest",
-            "--vectors",
-            str(vectors),
-            "--fact",
-            "atLocation",
-            "bedroom",
-            "--embedding",
-            str(home),
-            "--out",
-            str(larger),
-            "--json",
-        ]
-    )
-    inserted = json.loads(capsys.readouterr().out)
-    main(["explain", "teapot", "--embedding", str(larger), "--json"])
+    home = ["--home", str(home_of(tmp_path / "home", with_words(small(), vectors))), "--json"]
+    main(["tell", "teapot", "atLocation", "bedroom", "--initializer", "nearest", *home])
+    inserted = json.loads(capsys.readouterr().out)["report"]
+    main(["explain", "teapot", *home])
     explained = json.loads(capsys.readouterr().out)
     for answer in (inserted, explained):
         assert answer["initializer"] == "nearest"
@@ -99,19 +80,13 @@ def test_an_initializer_serves_commands_and_is_explained(
 def test_a_command_takes_the_options_of_an_initializer_from_the_params_of_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "insert",
-        "teapot",
-        "--initializer",
-        "nearest",
-        "--embedding",
-        str(written(tmp_path / "home")),
-    ]
+    home = str(home_of(tmp_path / "home"))
+    command = ["insert", "teapot", "--initializer", "nearest", "--home", home]
     monkeypatch.chdir(tmp_path)
 
     def scale(*more: str) -> float:
         main([*command, "--dry-run", "--json", *more])
-        return float(json.loads(capsys.readouterr().out)["options"]["scale"])
+        return float(json.loads(capsys.readouterr().out)["report"]["options"]["scale"])
 
     assert scale() == 1.0  # its default
     for listed, expected in (

@@ -27,7 +27,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.documented import DOCS, blocks
-from tests.small_bundle import written
+from tests.small_bundle import home_of
 
 ROOT = DOCS.parent
 #: Maximum number of distributions in an environment with the wheel alone; those that a CUDA build
@@ -226,18 +226,14 @@ def test_insertion_works_in_the_empty_environment(empty: Empty) -> None:
 
 
 def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) -> None:
-    bundle, larger = str(written(tmp_path / "bundle")), str(tmp_path / "larger")
+    home = ("--home", str(home_of(tmp_path / "home")))
     facts = ("--fact", "atLocation", "kitchen", "--fact", "hasAffordance", "turn on")
-    empty.run("isi", "insert", "toaster", *facts, "--embedding", bundle, "--out", larger)
-    answers = json.loads(
-        empty.run("isi", "ask", "toaster", "atLocation", "--embedding", larger, "--json")
-    )["answers"]
-    assert answers[0]["entity"] == "kitchen"
-    assert "toaster hasAffordance turn on" in empty.run(
-        "isi", "explain", "toaster", "--embedding", larger
-    )
+    empty.run("isi", "insert", "toaster", *facts, *home)
+    asked = empty.run("isi", "ask", "toaster", "atLocation", *home, "--json")
+    assert json.loads(asked)["answers"][0]["entity"] == "kitchen"
+    assert "toaster hasAffordance turn on" in empty.run("isi", "explain", "toaster", *home)
     out = tmp_path / "triples.tsv"
-    empty.run("isi", "export", "--format", "pykeen-tsv", "--embedding", larger, "--out", str(out))
+    empty.run("isi", "export", "--format", "pykeen-tsv", *home, "--out", str(out))
     assert "toaster\tatLocation\tkitchen" in out.read_text(encoding="utf-8").splitlines()
 
 
@@ -259,20 +255,11 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
         ("pykeen", ["python", "-c", "import isi; isi.pykeen"]),
         (
             "rdf",
-            ["isi", "export", "--format", "turtle", "--embedding", "BUNDLE", "--out", "graph.ttl"],
+            ["isi", "export", "--format", "turtle", "--home", "HOME", "--out", "graph.ttl"],
         ),
         (
             "words-file",
-            [
-                "isi",
-                "insert",
-                "toaster",
-                "--vectors",
-                "words.txt",
-                "--embedding",
-                "BUNDLE",
-                "--dry-run",
-            ],
+            ["isi", "train", "triples.csv", "--vectors", "words.txt", "--out", "home"],
         ),
         ("pipeline", ["isi", "graph", "triples.parquet", "--reader", "table"]),
     ],
@@ -281,8 +268,9 @@ def test_the_extra_of_a_missing_package_is_named(
     empty: Empty, tmp_path: Path, extra: str, command: list[str]
 ) -> None:
     shutil.copy(ROOT / "params.yaml", empty.folder)
-    bundle = str(written(tmp_path / "bundle"))
-    line = empty.run(
-        *(bundle if word == "BUNDLE" else word for word in command), status=1
-    ).splitlines()[-1]
+    triples = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
+    (empty.folder / "triples.csv").write_text(triples, encoding="utf-8")
+    home = str(home_of(tmp_path / "home"))
+    words = [home if word == "HOME" else word for word in command]
+    line = empty.run(*words, status=1).splitlines()[-1]
     assert line.endswith(f"not installed: pip install 'isi-kge[{extra}]'")

@@ -91,7 +91,7 @@ def tell(
         "options": _options(initializer, set),
         "seed": seed,
     }
-    with changing(home, dry_run) as live, flags(initializer="--initializer", options="--set"):
+    with changing(home, dry_run, json) as live, flags(initializer="--initializer", options="--set"):
         if from_:
             listed, kinds = _from_files(live, from_)
             facts += listed
@@ -146,7 +146,7 @@ def insert(
         raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
     about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
     about += [_about(name, whole) for whole in whole_fact]
-    with changing(home, dry_run) as live, flags(initializer="--initializer", options="--set"):
+    with changing(home, dry_run, json) as live, flags(initializer="--initializer", options="--set"):
         effect = live.insert(
             name,
             about,
@@ -176,7 +176,7 @@ def observe(
     json: Json = False,
 ) -> None:
     """Tell facts of entities that are known."""
-    with changing(home, dry_run) as live:
+    with changing(home, dry_run, json) as live:
         stamp: dict[str, Any] = {"time": time, "source": source, "confidence": confidence}
         summary(live, live.observe(list(fact), upsert=new, **stamp), json)
 
@@ -196,7 +196,7 @@ def move(
     json: Json = False,
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
-    with changing(home, dry_run) as live:
+    with changing(home, dry_run, json) as live:
         effect = live.move(head, relation, tail, instead_of=instead_of, time=time, source=source)
         summary(live, effect, json)
 
@@ -214,13 +214,13 @@ def remove(
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
-    with changing(home, dry_run) as live:
+    with changing(home, dry_run, json) as live:
         summary(live, live.remove(list(entity), list(fact), time=time, source=source), json)
 
 
 def undo(*, dry_run: DryRun = False, home: HomeFolder = HOME, json: Json = False) -> None:
     """Take the last change back; the next time, the one before."""
-    with changing(home, dry_run) as live:
+    with changing(home, dry_run, json) as live:
         summary(live, live.undo(), json)
 
 
@@ -487,13 +487,13 @@ def _from_files(
 
 
 @contextmanager
-def changing(path: Path, dry_run: bool) -> Iterator[LiveEmbedding]:
+def changing(path: Path, dry_run: bool, json: bool) -> Iterator[LiveEmbedding]:
     """Open a home for a change, or a copy of it in memory."""
     printed = StringIO()  # a command that cannot write prints no result
     with open_home(path, dry_run) as live, redirect_stdout(printed):
         yield live
     print(printed.getvalue(), end="")
-    if dry_run:
+    if dry_run and not json:
         print("nothing is written")
 
 

@@ -1,4 +1,4 @@
-"""``isi train``: trains a bundle on your own triples, scenes or houses."""
+"""``isi train``: trains a home on your own triples, scenes or houses, or a home again."""
 
 import shlex
 from pathlib import Path
