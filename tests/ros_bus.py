@@ -9,7 +9,8 @@ from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from types import ModuleType
+from functools import partial
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 Callback = Callable[..., Any]
@@ -41,11 +42,6 @@ class MutuallyExclusiveCallbackGroup(ThreadPoolExecutor):
 
     def __init__(self) -> None:
         super().__init__(1)
-
-
-@dataclass
-class Value:
-    value: str
 
 
 @dataclass
@@ -95,16 +91,12 @@ class Bus:
             def __init__(self, _: str) -> None:
                 assert bus.running
 
-            def declare_parameter(self, name: str, default: str) -> Value:
-                return Value(bus.parameters.get(name, default))
+            def declare_parameter(self, name: str, default: str) -> Any:
+                return SimpleNamespace(value=bus.parameters.get(name, default))
 
             def create_publisher(self, kind: type, topic: str, _: int) -> Any:
                 assert kind is String
-                publisher = ModuleType("publisher")
-                vars(publisher)["publish"] = lambda message: bus.publish(
-                    f"{bus.namespace}/{topic}", message
-                )
-                return publisher
+                return SimpleNamespace(publish=partial(bus.publish, f"{bus.namespace}/{topic}"))
 
             def create_subscription(
                 self, kind: type, topic: str, callback: Callback, _: int, callback_group: Any
