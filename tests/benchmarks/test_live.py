@@ -2,23 +2,24 @@
 changes and queries in process and by the pipe of ``isi live``.
 
 The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the
-vector itself.
+vector itself. The peer of a change that is written is a commit of SQLite with one row, on the same
+disk.
 """
 
 import json
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from itertools import count, product
+from itertools import count, cycle, islice, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from isi.live.folder import Bundle, Manifest, write
-from isi.live.journal import Change, Selected
 
 import isi
+from isi.live.bundle import Bundle, Fact, Manifest
 from isi.live.embedding import LiveEmbedding
 
 ENTITIES, DIMENSION, TRIPLES, OBJECTS = 145, 100, 1_009, 40
@@ -34,6 +35,15 @@ WAYS = [
     "observe, pipe",
     "ask, pipe",
 ]
+CHANGES = 100_000  #: In the history of a home.
+HOME_WAYS = [
+    "SQLite's commit",
+    "tell a known fact, durable",
+    "tell a new fact, durable",
+    "tell a known fact, normal",
+    "open, 100,000 changes",
+    "ask after a change, 100,000 changes",
+]
 
 
 @pytest.fixture
@@ -47,7 +57,7 @@ def bundle() -> Bundle:
         axis=0,
     )
     names = [f"e{number}" for number in range(ENTITIES)]
-    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={})
     known = rng.permutation(triples)[:TRIPLES]
     return Bundle(manifest, entities, relations, names, [""] * ENTITIES, names, RELATIONS, known)
 
@@ -58,18 +68,19 @@ def fact(number: int) -> tuple[str, str, str]:
     return f"object {number % OBJECTS}", RELATIONS[place % 3], f"e{place // 3 % ENTITIES}"
 
 
-def long_life(bundle: Bundle) -> list[Change | Selected]:
-    """A change that adds many facts between known entities."""
+def long_life(bundle: Bundle) -> list[Fact]:
+    """Many facts between known entities."""
     known = set(map(tuple, bundle.triples.tolist()))
     ids = product(range(ENTITIES), range(3), range(ENTITIES))
     rows = [row for row in ids if row not in known][:: ENTITIES * 3 * ENTITIES // MANY][:MANY]
     names = bundle.entity_names
-    facts = [(names[head], RELATIONS[relation], names[tail]) for head, relation, tail in rows]
-    return [Change(do="observe", facts=facts)]
+    return [(names[head], RELATIONS[relation], names[tail]) for head, relation, tail in rows]
 
 
 def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
-    live, numbers = LiveEmbedding(bundle, long_life(bundle) if "10,000" in way else None), count()
+    live, numbers = LiveEmbedding(bundle), count()
+    if "10,000" in way:
+        live.tell(long_life(bundle))
     for number in range(OBJECTS):
         live.insert(f"object {number}", [(f"object {number}", "at", "e144")], initializer="map")
     if way == "isi.insert":
@@ -105,7 +116,7 @@ def of_object(bundle: Bundle, way: str) -> Callable[[], object]:
 
 @pytest.fixture
 def pipe(bundle: Bundle, tmp_path: Path) -> Iterator[Callable[[Any], Any]]:
-    write(tmp_path / "home", bundle)
+    LiveEmbedding(bundle).save(tmp_path / "home")
     command = [sys.executable, "-m", "isi", "live", str(tmp_path / "home")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin
@@ -144,3 +155,38 @@ def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
         rounds=200,
         warmup_rounds=40,
     )
+
+
+@pytest.mark.parametrize("way", HOME_WAYS)
+def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -> None:
+    folder, numbers, rounds = tmp_path / "home", count(), 200
+    LiveEmbedding(bundle).save(folder)
+    benchmark.group = "live"
+    benchmark.extra_info.update(what=way)
+    facts = bundle.named_triples() if "known" in way else long_life(bundle)
+    if way.startswith("SQLite"):
+        database = sqlite3.connect(tmp_path / "rows.sqlite", isolation_level=None)
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("CREATE TABLE row (head, relation, tail)")
+        benchmark.pedantic(lambda: database.execute("INSERT INTO row VALUES (1, 2, 3)"), rounds=200)
+        return
+    if "100,000" in way:
+        rounds = 10
+        with isi.open(folder, durability="normal") as live, live.home.transaction():
+            for fact in islice(cycle(facts), CHANGES):
+                live.tell([fact])
+
+    def open_and_ask() -> object:
+        with isi.open(folder) as opened:
+            return opened.ask("e0", "at")
+
+    def tell() -> object:
+        return live.tell([facts[next(numbers)]])
+
+    def tell_and_ask() -> object:
+        live.remove(facts=[facts[next(numbers)]])
+        return live.ask("e0", "at")
+
+    with isi.open(folder, durability="normal" if "normal" in way else "full") as live:
+        work = open_and_ask if way.startswith("open") else tell
+        benchmark.pedantic(tell_and_ask if "ask after" in way else work, rounds=rounds)
