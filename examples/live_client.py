@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Home:
-    """A connection to a live embedding: each call sends a request, and returns its answer."""
+    """A connection to a home: each call sends a request, and returns its answer."""
 
     def __init__(self, path: str) -> None:
         connection = socket.socket(socket.AF_UNIX)
@@ -28,8 +28,8 @@ class Home:
 
 # %%
 home = Home(sys.argv[1])
-home(insert="espresso machine", facts=[["espresso machine", "atLocation", "kitchen"]])
-print(home(observe=[["espresso machine", "hasAffordance", "turn on"]])["updated"])
+home(tell=[["espresso machine", "atLocation", "kitchen"]])
+print(home(tell=[["espresso machine", "hasAffordance", "turn on"]])["updated"])
 found = home(ask=["espresso machine", "hasAffordance", None], top=3)
 print([answer["entity"] for answer in found["answers"]] if found["sure"] else "not sure")
 home(undo=True)

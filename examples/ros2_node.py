@@ -1,51 +1,69 @@
-"""A ROS 2 node with a live embedding: python examples/ros2_node.py FOLDER
+"""A ROS 2 node with a home: ``python examples/ros2_node.py --ros-args -p home:=FOLDER``
 
-The topics carry ``std_msgs/String`` with a request or an answer of docs/live.md in JSON. Changes
-come on /isi/facts and queries on /isi/ask, so that a bag of /isi/facts alone can be played again;
-the answers to both leave on /isi/answers, with the ``id`` of the request. The node has been tested
-with a stand-in for rclpy (tests/ros_bus.py), not with ROS 2.
+``std_msgs/String`` carries the requests and answers of docs/live.md in JSON: changes come on the
+topic ``facts`` and questions on ``ask``, so that a bag of ``facts`` alone can be played again; the
+answers leave on ``answers``, with the ``id`` of the request. (A service with a text in its request
+needs a package of its own with its ``.srv``.) The service ``undo``, a ``std_srvs/Trigger``, takes
+the last change back. All names are relative: a namespace or a remapping moves them.
+
+Parameters: ``home``, the folder; ``durability``, ``full`` or ``normal``.
+
+The node was run with a stand-in for rclpy that delivers messages within one process
+(tests/ros_bus.py). It was not run with ROS 2: quality of service, executors and shutdown are as its
+documentation says.
 """
 
-import sys
+import json
 from contextlib import suppress
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 import isi
-from isi.live.stream import answer, take_step
+from isi.live.stream import answer, prepared_beside
 
 WAITING = 100  #: Messages that may wait on a topic.
 
 
 class LiveNode(Node):
-    """Answers the requests of two topics on a third one.
-    Its callbacks run one at a time, as rclpy's default is.
+    """Changes wait for each other, and so do questions; the executor has a thread for each of these
+    groups, so that no callback keeps the node from receiving.
     """
 
-    def __init__(self, home: isi.LiveEmbedding) -> None:
+    def __init__(self) -> None:
         super().__init__("isi")
-        self.home = home
-        self.answers = self.create_publisher(String, "/isi/answers", WAITING)
-        for topic in ("/isi/facts", "/isi/ask"):
-            self.create_subscription(String, topic, self.respond, WAITING)
-        steps = home.groups.preparation()
-        self.create_timer(0.1, lambda: take_step(steps))
+        folder = self.declare_parameter("home", "home").value
+        durability = self.declare_parameter("durability", "full").value
+        self.home = isi.open(folder, durability)
+        self.answers = self.create_publisher(String, "answers", WAITING)
+        changes, questions = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        for topic, group in (("facts", changes), ("ask", questions)):
+            self.create_subscription(String, topic, self.respond, WAITING, callback_group=group)
+        self.create_service(Trigger, "undo", self.undo, callback_group=changes)
 
     def respond(self, request: String) -> None:
-        """Publish the answer to a request; a change is in the journal by then."""
-        self.answers.publish(
-            String(data=answer(self.home, request.data.encode(errors="replace")).decode().rstrip())
-        )
+        """Publish the answer to a request; a change is stored by then."""
+        found = answer(self.home, request.data.encode(errors="replace"))
+        self.answers.publish(String(data=found.decode().rstrip()))
+
+    def undo(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Take the last change back; the message is the answer in JSON."""
+        response.message = answer(self.home, json.dumps({"undo": True}).encode()).decode().rstrip()
+        response.success = "error" not in json.loads(response.message)
+        return response
 
 
 def main() -> None:
     rclpy.init()
-    stopped = KeyboardInterrupt, ExternalShutdownException
-    with isi.open(sys.argv[1], journal=True) as home, suppress(*stopped):
-        rclpy.spin(LiveNode(home))
+    node, executor = LiveNode(), MultiThreadedExecutor(num_threads=2)
+    executor.add_node(node)
+    stopped = suppress(KeyboardInterrupt, ExternalShutdownException)
+    with node.home, prepared_beside(node.home), stopped:
+        executor.spin()
     rclpy.try_shutdown()
 
 

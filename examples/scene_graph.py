@@ -1,5 +1,5 @@
 """From a scene graph to an embedding: read what a robot has mapped, train,
-and insert what the next map adds.
+and tell what the next map has.
 
 ``python examples/scene_graph.py [MAP.json ...]``. A map is JSON of rooms with objects, as below, an
 AI2-THOR event, or a file of Hydra's ``DynamicSceneGraph.save``; the reader is guessed from its
@@ -46,15 +46,14 @@ if len(sys.argv) == 1:
 home = isi.train(maps[0], budget=1)
 print(home)
 
-# %% Insert what the next map has in addition
-# `isi insert --from next_map.json` does the same for a saved bundle
+# %% Tell what the next map has: what is new is inserted, what is known is seen once more
+# `isi tell --from next_map.json` does the same for a home in a folder
 tables, _ = read_graph([maps[-1]])
 facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-new = [name for name in tables.entities["entity"] if name not in home.now.entity_names]
-done = home.insert(new, facts)
-print("inserted:", ", ".join(done.inserted))
+done = home.tell(facts)
+print("inserted:", ", ".join(done.inserted), "seen again:", done.known)
 
-# %% Where is it, and what is it made of? A folder holds the embedding for `isi ask` and `isi live`
+# %% Where is it, and what is it made of? A folder is the home for `isi ask` and `isi live`
 for name in done.inserted:
     print(home.ask(name, "hasMaterial", top=2))
 home.save("mapped_home")

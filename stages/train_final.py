@@ -31,9 +31,7 @@ def train_final(context: StageContext, experiment: str) -> None:
         "params": {"seed": params.seed, f"models.{model}": options, **settings},
     }
     source = WordSource(source=words.source, text=words.text, model=of_package)
-    manifest = Manifest(
-        model_name=model, model_options=options, words=source, inserted=[], made=made
-    )
+    manifest = Manifest(model_name=model, model_options=options, words=source, made=made)
     bundle = Bundle(
         manifest,
         trained.entity[0].numpy(),

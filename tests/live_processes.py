@@ -32,7 +32,19 @@ class Client:
 
 
 @contextmanager
+def piped(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Client]]:
+    """A process that answers its standard input."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([*COMMAND, str(folder)], **pipes) as process:  # type: ignore[call-overload]
+        try:
+            yield process, Client(process.stdout, process.stdin)
+        finally:
+            process.kill()
+
+
+@contextmanager
 def socket_of(folder: Path, path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that serves a socket."""
     with subprocess.Popen(
         [*COMMAND, str(folder), "--socket", str(path)], stderr=subprocess.PIPE
     ) as process:

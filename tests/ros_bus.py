@@ -1,15 +1,18 @@
-"""A stand-in for the few names of rclpy and std_msgs that examples/ros2_node.py uses:
-topics in one process.
+"""A stand-in for the few names of rclpy, std_msgs and std_srvs that examples/ros2_node.py uses:
+topics and services in one process.
 
-``spin`` delivers the messages that were published, in their order, calls each timer as often as
-there are messages, and then raises what rclpy raises when ROS is shut down from outside.
+``spin`` delivers what was published and called, in its order, to a thread for each callback group,
+until nothing is left; then it raises what rclpy raises when ROS is shut down from outside.
 """
 
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
+
+Callback = Callable[..., Any]
 
 
 @dataclass
@@ -17,80 +20,132 @@ class String:
     data: str = ""
 
 
+class Trigger:
+    """The type of a service without a request."""
+
+    class Request:
+        pass
+
+    @dataclass
+    class Response:
+        success: bool = False
+        message: str = ""
+
+
 class ExternalShutdownException(Exception):
     pass
 
 
-class Bus:
-    """Subscriptions by topic, waiting messages, and all that were delivered by topic."""
+class MutuallyExclusiveCallbackGroup(ThreadPoolExecutor):
+    """One thread, in which callbacks follow each other."""
 
     def __init__(self) -> None:
-        self.subscribed: dict[str, list[Callable[[Any], None]]] = defaultdict(list)
-        self.waiting: list[tuple[str, Any]] = []
-        self.delivered: dict[str, list[Any]] = defaultdict(list)
-        self.timers: list[Callable[[], object]] = []
-        self.running = False
+        super().__init__(1)
+
+
+@dataclass
+class Value:
+    value: str
+
+
+@dataclass
+class Bus:
+    """Topics and services by their full names, and what waits and was delivered."""
+
+    namespace: str = ""
+    parameters: dict[str, str] = field(default_factory=dict)
+    subscribed: dict[str, list[tuple[Callback, ThreadPoolExecutor]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    services: dict[str, tuple[Callback, ThreadPoolExecutor]] = field(default_factory=dict)
+    waiting: list[tuple[str, Any]] = field(default_factory=list)
+    delivered: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+    running: bool = False
 
     def publish(self, topic: str, message: Any) -> None:
         assert isinstance(message, String)
         assert isinstance(message.data, str)
         self.waiting.append((topic, message))
 
-    def spin(self, node: Any) -> None:
-        assert self.running
-        assert isinstance(node, self.node())
-        while self.waiting:
-            topic, message = self.waiting.pop(0)
-            self.delivered[topic].append(message)
-            for callback in self.subscribed[topic]:
-                callback(message)
-            for callback in self.timers:
-                callback()
-        raise ExternalShutdownException
+    def call(self, service: str) -> None:
+        self.waiting.append((service, Trigger.Request()))
 
-    def node(self) -> type:
-        return self.modules()["rclpy.node"].Node  # type: ignore[no-any-return]
+    def spin(self) -> None:
+        assert self.running
+        while self.waiting:
+            waiting, self.waiting = self.waiting, []
+            done = list[Future[Any]]()
+            for name, message in waiting:
+                self.delivered[name].append(message)
+                for callback, group in self.subscribed[name]:
+                    done.append(group.submit(callback, message))
+                if name in self.services:
+                    callback, group = self.services[name]
+                    response = group.submit(callback, message, Trigger.Response())
+                    self.delivered[name].append(response)
+            for each in done:
+                each.result()
+        raise ExternalShutdownException
 
     def modules(self) -> dict[str, ModuleType]:
         """The modules by name, for ``sys.modules``."""
-        if "made" in vars(self):
-            return self.made
         bus = self
-
-        class Publisher:
-            def __init__(self, topic: str) -> None:
-                self.topic = topic
-
-            def publish(self, message: Any) -> None:
-                bus.publish(self.topic, message)
 
         class Node:
             def __init__(self, _: str) -> None:
                 assert bus.running
 
-            def create_publisher(self, kind: type, topic: str, _: int) -> Publisher:
+            def declare_parameter(self, name: str, default: str) -> Value:
+                return Value(bus.parameters.get(name, default))
+
+            def create_publisher(self, kind: type, topic: str, _: int) -> Any:
                 assert kind is String
-                return Publisher(topic)
+                publisher = ModuleType("publisher")
+                vars(publisher)["publish"] = lambda message: bus.publish(
+                    f"{bus.namespace}/{topic}", message
+                )
+                return publisher
 
             def create_subscription(
-                self, kind: type, topic: str, callback: Callable[[Any], None], _: int
+                self, kind: type, topic: str, callback: Callback, _: int, callback_group: Any
             ) -> None:
                 assert kind is String
-                bus.subscribed[topic].append(callback)
+                bus.subscribed[f"{bus.namespace}/{topic}"].append((callback, callback_group))
 
-            def create_timer(self, _: float, callback: Callable[[], object]) -> None:
-                bus.timers.append(callback)
+            def create_service(
+                self, kind: type, name: str, callback: Callback, callback_group: Any
+            ) -> None:
+                assert kind is Trigger
+                bus.services[f"{bus.namespace}/{name}"] = callback, callback_group
 
-        self.made = {
-            name: ModuleType(name)
-            for name in ("rclpy", "rclpy.node", "rclpy.executors", "std_msgs", "std_msgs.msg")
+        class MultiThreadedExecutor:
+            spin = bus.spin
+
+            def __init__(self, num_threads: int) -> None:
+                assert num_threads > 1
+
+            def add_node(self, node: Any) -> None:
+                assert isinstance(node, Node)
+
+        names: dict[str, dict[str, Any]] = {
+            "rclpy": {
+                "init": lambda: vars(bus).update(running=True),
+                "try_shutdown": lambda: vars(bus).update(running=False),
+            },
+            "rclpy.node": {"Node": Node},
+            "rclpy.callback_groups": {
+                "MutuallyExclusiveCallbackGroup": MutuallyExclusiveCallbackGroup
+            },
+            "rclpy.executors": {
+                "ExternalShutdownException": ExternalShutdownException,
+                "MultiThreadedExecutor": MultiThreadedExecutor,
+            },
+            "std_msgs": {},
+            "std_msgs.msg": {"String": String},
+            "std_srvs": {},
+            "std_srvs.srv": {"Trigger": Trigger},
         }
-        vars(self.made["rclpy"]).update(
-            init=lambda: vars(self).update(running=True),
-            try_shutdown=lambda: vars(self).update(running=False),
-            spin=self.spin,
-        )
-        vars(self.made["rclpy.node"])["Node"] = Node
-        vars(self.made["rclpy.executors"])["ExternalShutdownException"] = ExternalShutdownException
-        vars(self.made["std_msgs.msg"])["String"] = String
-        return self.made
+        made = {name: ModuleType(name) for name in names}
+        for name, content in names.items():
+            vars(made[name]).update(content)
+        return made

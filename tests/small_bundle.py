@@ -102,6 +102,7 @@ def worded(folder: Path, bundle: Bundle | None = None, **further: Sequence[float
 
 def written(path: Path, bundle: Bundle | None = None) -> Path:
     """Write a bundle (default: the small one) as plain files; returns their folder."""
+    path.mkdir(parents=True, exist_ok=True)
     write(path, bundle or small())
     return path
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from isi.graph import graph as tables
 from tests.observing import TRIPLE
-from tests.small_bundle import small, written
+from tests.small_bundle import home_of, small
 
 MADE = "a_test"
 ENTITIES = pd.DataFrame(
@@ -46,7 +46,7 @@ def write_experiment() -> None:
 
 
 def write_model(folder: Path) -> None:
-    """Write the bundle of a model of the same graph."""
+    """Write the home of a model of the same graph."""
     names = ENTITIES["entity"].tolist()
     triples = [
         (names.index(head), LABELS.index(relation), names.index(tail))
@@ -63,4 +63,4 @@ def write_model(folder: Path) -> None:
         words=None,
     )
     manifest = bundle.manifest.model_copy(update={"words": None})
-    written(folder, replace(bundle, manifest=manifest))
+    home_of(folder, replace(bundle, manifest=manifest))

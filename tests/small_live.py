@@ -9,8 +9,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from isi.insertion.hidden import HoldOut
 from isi.insertion.engine import Method
+from isi.insertion.hidden import HoldOut
 from isi.insertion.selection import named
 from isi.live import groups
 from isi.live.bundle import Fact

@@ -12,8 +12,6 @@ from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
 from isi.live.answers import LIKELY, Answer, Answers, answer, answer_relation, fit_curve
 from isi.live.loaded import Query, queries_of
-from isi.live.names import KnownNames, plurals, singulars
-from isi.names import plain
 from tests.small_bundle import TRIPLES, opened
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)

@@ -18,7 +18,6 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.groups import TOLERANCE
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
-    BETWEEN,
     KINDS,
     NAMES,
     RELATIONS,

@@ -15,11 +15,12 @@ import pytest
 import torch
 from torch.nn.functional import pairwise_distance
 
+import isi
 from isi.__main__ import main
 from isi.errors import MissingPackage
 from isi.graph.graph import TAIL
 from isi.live import checkpoints
-from isi.live.loaded import LoadedEmbedding, open_bundle
+from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import BETWEEN, NAMES
 
 R = len(BETWEEN)
@@ -33,7 +34,8 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def imported(folder: str, *arguments: str) -> LoadedEmbedding:
     main(["import", folder, *arguments, "--out", "out"])
-    return open_bundle(Path("out"))
+    with isi.open("out") as home:
+        return home.base
 
 
 def scores(bundle: LoadedEmbedding, relation: str) -> np.ndarray:

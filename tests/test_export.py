@@ -17,7 +17,7 @@ from isi.graph.files import read_graph
 from isi.sources.graphml import SHARED
 from tests.observing import TRIPLE, observe, refused
 from tests.observing import written as make_file
-from tests.small_bundle import small, written
+from tests.small_bundle import home_of, small
 from tests.small_experiment import ENTITIES, TRIPLES, write_experiment, write_model
 
 ROOT = Path(__file__).parent.parent
@@ -54,7 +54,7 @@ def export(form: str, out: str, *more: str) -> None:
 
 
 def predict(form: str, out: str, number: int, *more: str) -> None:
-    of_model = ["export", "--embedding", "models/home", "--predictions", str(number)]
+    of_model = ["export", "--home", "models/home", "--predictions", str(number)]
     main([*of_model, "--format", form, "--out", out, *more])
 
 
@@ -117,7 +117,7 @@ def test_pykeen_reads_the_triples() -> None:
 
 def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Path) -> None:
     (folder / "isi").symlink_to(ROOT / "isi")
-    options = ["--embedding", "models/home", "--labels", "--predictions", "2"]
+    options = ["--home", "models/home", "--labels", "--predictions", "2"]
     for form in FORMATS:
         main(["export", "--format", form, "--out", f"here/{form}", *options])
     calls = [["export", "--format", form, "--out", f"there/{form}", *options] for form in FORMATS]
@@ -145,27 +145,11 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
     """By hand: a kettle in the bedroom and a bed in the kitchen have score 1;
     known triples are left out.
     """
-    written(Path("small"))
-    main(
-        [
-            "export",
-            "--embedding",
-            "small",
-            "--format",
-            "pykeen-tsv",
-            "--out",
-            "small.tsv",
-            "--predictions",
-            "1",
-        ]
-    )
-    bundle = small()
-    entities, relations = bundle.entity_names, bundle.relation_names
-    named = {(entities[h], relations[r], entities[t]) for h, r, t in bundle.triples.tolist()}
-    assert (
-        set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None))
-        == named
-    )
+    home_of(Path("small"))
+    command = ["export", "--home", "small", "--format", "pykeen-tsv", "--out", "small.tsv"]
+    main([*command, "--predictions", "1"])
+    rows = pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None)
+    assert set(rows) == {*small().named_triples()}
     read = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
     assert list(read.itertuples(index=False, name=None)) == [
         ("kettle", "atLocation", "kettle", 10.0, 1),
@@ -177,19 +161,11 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_retracted_fact_is_neither_a_triple_nor_predicted() -> None:
-    home = written(Path("embedding"))
+    home = home_of(Path("here"))
     fact = small().named_triples()[0]
-    with isi.open(home, journal=True) as live:
+    with isi.open(home) as live:
         live.remove(facts=[fact])
-    command = [
-        "export",
-        "--embedding",
-        "embedding",
-        "--format",
-        "pykeen-tsv",
-        "--predictions",
-        "9",
-    ]
+    command = ["export", "--home", "here", "--format", "pykeen-tsv", "--predictions", "9"]
     main([*command, "--out", "out.tsv"])
     tables = [pd.read_csv(path, sep="\t", header=None) for path in Path().glob("out*.tsv")]
     rows = set(pd.concat(tables)[[0, 1, 2]].itertuples(index=False, name=None))

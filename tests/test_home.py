@@ -229,7 +229,7 @@ class HomeMachine(RuleBasedStateMachine):
         live.close()
         with pytest.raises(isi.InputError, match="closed"):
             live.tell([("e1", "in", "e2")])
-        self.lives[who] = isi.open(self.folder) if how == "close" else pickle.loads(content)
+        self.lives[who] = isi.open(self.folder) if how == "close" else pickle.loads(content)  # noqa: S301
 
     @invariant()
     def all_follows_from_what_was_told(self) -> None:

@@ -121,7 +121,7 @@ def test_a_relation_is_new_with_two_facts_and_goes_by_undo(home: LiveEmbedding) 
     first = home.now.relations[2]
     home.tell([("e5", "near", "e2")])  # known now: one fact will do, and counts
     assert (home.now.relations[2] != first).any()
-    again = pickle.loads(pickle.dumps(home))
+    again = pickle.loads(pickle.dumps(home))  # noqa: S301
     np.testing.assert_array_equal(again.now.relations, home.now.relations)
     for _ in range(2):
         home.undo()
@@ -268,8 +268,13 @@ def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
         assert ("thing 1", "at", "room 1") not in live.base.named_triples()
 
 
+def _pickled(live: LiveEmbedding) -> LiveEmbedding:
+    copied: LiveEmbedding = pickle.loads(pickle.dumps(live))  # noqa: S301
+    return copied
+
+
 @pytest.mark.parametrize("where", ["in memory", "in a folder", "a copy in memory"])
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda live: pickle.loads(pickle.dumps(live))])
+@pytest.mark.parametrize("copied", [copy.deepcopy, _pickled])
 def test_a_home_is_pickled_and_copied(
     tmp_path: Path, where: str, copied: Callable[[LiveEmbedding], LiveEmbedding]
 ) -> None:

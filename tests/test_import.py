@@ -13,9 +13,10 @@ import torch
 from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_tensors
 
+import isi
 from isi.__main__ import main
 from isi.graph.graph import HEAD, TAIL
-from isi.live.loaded import LoadedEmbedding, open_bundle
+from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     BETWEEN,
     ENTITIES,
@@ -29,7 +30,8 @@ from tests.small_bundle import (
 
 def imported(*arguments: str) -> LoadedEmbedding:
     main(["import", *arguments, "--out", "out"])
-    return open_bundle(Path("out"))
+    with isi.open("out") as home:
+        return home.base
 
 
 @pytest.fixture(autouse=True)

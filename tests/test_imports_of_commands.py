@@ -10,7 +10,7 @@ import pytest
     ("module", "absent"),
     [
         ("isi.cli", {"torch", "pandas", "numpy"}),
-        ("isi.live.journal", {"torch", "pandas"}),
+        ("isi.live.home", {"torch", "pandas"}),
         ("isi.cli.graph", {"torch"}),
         ("isi.live.explain", {"pandas", "networkx", "jinja2"}),
     ],
@@ -18,7 +18,7 @@ import pytest
 def test_a_command_imports_nothing_slow_that_it_does_not_need(
     module: str, absent: set[str]
 ) -> None:
-    """``isi.live.explain`` has all that insert, observe, ask, nearest, remove and undo need."""
+    """``isi.live.explain`` has all that tell, ask, remove and undo need."""
     code = f"import sys, {module}; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -1,5 +1,5 @@
-"""The client and the ROS 2 node of examples/:
-one talks to a process, the other to a stand-in for rclpy.
+"""The client and the ROS 2 node of examples/, and the code of docs/live.md:
+one talks to a process, another to a stand-in for rclpy.
 """
 
 import json
@@ -15,13 +15,19 @@ import isi
 from tests.documented import blocks
 from tests.live_processes import connect, socket_of
 from tests.ros_bus import Bus, String
-from tests.small_bundle import TRIPLES, without_words, written
+from tests.small_bundle import home_of, without_words
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
+MACHINE = "espresso machine"
 
 
-def test_the_client_inserts_observes_and_asks(tmp_path: Path) -> None:
-    home, path = written(tmp_path / "home", without_words()), tmp_path / "socket"
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    return home_of(tmp_path / "home", without_words())
+
+
+def test_the_client_tells_and_asks(home: Path, tmp_path: Path) -> None:
+    path = tmp_path / "socket"
     with socket_of(home, path):
         connect(path)
         client = subprocess.run(
@@ -30,59 +36,47 @@ def test_the_client_inserts_observes_and_asks(tmp_path: Path) -> None:
     updated, found = client.stdout.decode().splitlines()
     assert updated == "['espresso machine']"
     assert found.startswith("['turn on'")
-    assert [change.do for change in isi.open(home).history] == ["insert", "observe", "undo"]
+    assert [change.verb for change in isi.open(home).history] == ["train", "tell", "tell", "undo"]
 
 
+@pytest.mark.filterwarnings("ignore:the model has learned nothing")
 def test_the_code_of_the_page_runs_as_it_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written(tmp_path / "home", without_words())
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(home.parent)
     left: dict[str, Any] = {}
-    first, second = blocks("live.md", "python")
-    exec(compile(first, "first block", "exec"), left)  # noqa: S102
+    for block in blocks("live.md", "python"):
+        exec(compile(block, "live.md", "exec"), left)  # noqa: S102
     assert left["answers"].answers[0].given
-    exec(compile(second, "second block", "exec"), left)  # noqa: S102
-    assert (
-        left["facts"]
-        == left["triples"][len(TRIPLES) :]
-        == [("espresso machine", "atLocation", "kitchen")]
-    )
-    assert len(left["changes"]) == 3
+    assert [row.fact for row in left["told"]] == [(MACHINE, "atLocation", "kitchen")]
+    assert MACHINE in left["again"].base.entity_names
 
 
-def test_the_ros_node_answers_on_a_topic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    home, bus = written(tmp_path / "home", without_words()), Bus()
+def test_the_ros_node_answers_on_a_topic_and_by_a_service(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = Bus("/robot", {"home": str(home), "durability": "normal"})
     for name, module in bus.modules().items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(home)])
     requests = [
-        (
-            "/isi/facts",
-            {
-                "insert": "espresso machine",
-                "facts": [["espresso machine", "atLocation", "kitchen"]],
-                "id": 1,
-            },
-        ),
-        ("/isi/ask", {"ask": ["espresso machine", "atLocation", None], "top": 1, "id": 2}),
-        ("/isi/ask", {"ask": ["espresso machine"], "id": 3}),
-        ("/isi/other", {"undo": True}),
+        ("facts", {"tell": [[MACHINE, "atLocation", "kitchen"]], "id": 1}),
+        ("facts", {"tell": [[MACHINE, "hasAffordance", "turn on"]], "id": 2}),
+        ("facts", {"ask": [MACHINE], "id": 3}),
+        ("other", {"undo": True}),
     ]
     for topic, request in requests:
-        bus.publish(topic, String(json.dumps(request)))
-    bus.publish("/isi/facts", String("no JSON"))
+        bus.publish(f"/robot/{topic}", String(json.dumps(request)))
+    bus.publish("/robot/ask", String("no JSON"))
+    bus.call("/robot/undo")
     runpy.run_path(str(EXAMPLES / "ros2_node.py"), run_name="__main__")
-    inserted, found, refused, broken = (
-        json.loads(message.data) for message in bus.delivered["/isi/answers"]
-    )
-    assert (inserted["id"], inserted["inserted"]) == (1, ["espresso machine"])
-    assert (found["id"], found["answers"][0]["entity"], found["answers"][0]["given"]) == (
-        2,
-        "kitchen",
-        True,
-    )
-    assert (refused["id"], list(broken)) == (3, ["error"])
+    answers = [json.loads(message.data) for message in bus.delivered["/robot/answers"]]
+    by_id = {found.get("id"): found for found in answers}
+    assert (by_id[1]["inserted"], by_id[2]["updated"]) == ([MACHINE], [MACHINE])
+    assert "error" in by_id[3]
+    assert list(by_id[None]) == ["error"]
+    _, undone = bus.delivered["/robot/undo"]
+    assert undone.result().success
+    assert json.loads(undone.result().message)["updated"] == [MACHINE]
     assert not bus.running
-    with isi.open(home, journal=True) as again:  # the node has left it
-        assert again.inserted.keys() == {"espresso machine"}
+    with isi.open(home) as again:
+        assert [row.fact for row in again.facts[4:]] == [(MACHINE, "atLocation", "kitchen")]

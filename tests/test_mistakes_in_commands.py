@@ -31,9 +31,8 @@ from tests.small_embedding import call, fit
 PROGRAMS = listed(
     changed=commands.changed,
     distances=commands.distances,
-    inserted_elsewhere=commands.inserted_elsewhere,
-    large=commands.large,
-    twins=commands.twins,
+    of_before=commands.of_before,
+    of_pipeline=commands.of_pipeline,
     misnamed=graphs.misnamed,
     texts=graphs.texts,
     write_experiment=graphs.write_experiment,

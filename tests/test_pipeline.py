@@ -18,9 +18,9 @@ import pytest
 import torch
 import yaml
 from dvc.repo import Repo
-from isi.live.bundle import read
 from safetensors.torch import load_file, save_file
 
+from isi.live.bundle import read
 from isi.report import stats
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace

@@ -22,7 +22,6 @@ from torch.nn.functional import normalize
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
-from isi.live.loaded import open_bundle
 from tests.documented import DOCS
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, write_openke
 
@@ -153,10 +152,10 @@ def test_a_page_runs_as_it_stands(
             list(scope["home"].inserted) == list(isi.open("home").inserted) == ["espresso machine"]
         )
     else:
-        larger = open_bundle(Path("larger"))
+        larger = isi.open("imported").now
         assert larger.entity_names[-1] == "espresso machine"
-        place = [larger.entity_names.index(name) for name in NAMES]
-        assert larger.entities[place].tobytes() == ENTITIES.tobytes()
+        rows = [larger.entity_ids[name] for name in NAMES]
+        assert larger.entities[rows].tobytes() == ENTITIES.tobytes()
 
 
 def test_tables_of_transe_are_normalized_as_openke_does_when_it_scores(
@@ -165,7 +164,7 @@ def test_tables_of_transe_are_normalized_as_openke_does_when_it_scores(
     monkeypatch.chdir(tmp_path)
     write_checkpoints()
     run(DOCS / "you-have" / "openke.md", capsys)
-    opened = open_bundle(Path("imported-transe"))
+    opened = isi.open("imported-transe").base
     np.testing.assert_allclose(np.linalg.norm(opened.entities, axis=1), 1, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(opened.relations, axis=1), 1, rtol=1e-6)
 

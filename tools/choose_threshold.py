@@ -9,8 +9,9 @@ import torch
 from tabulate import tabulate
 from tqdm import tqdm
 
+from isi.live.bundle import read
 from isi.live.embedding import LiveEmbedding
-from isi.live.loaded import open_bundle
+from isi.live.loaded import LoadedEmbedding
 from isi.tables import paths
 
 OBJECTS, MOST_FACTS = 80, 3
@@ -19,9 +20,12 @@ THRESHOLDS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 
 def main() -> None:
     torch.set_num_threads(1)
-    known, rng = open_bundle(paths.final_model("ai2thor")), np.random.default_rng(0)
-    groups = LiveEmbedding(known).groups
-    choices = [groups.selected_for(number, words=True) for number in range(1, MOST_FACTS + 1)]
+    bundle, _ = read(paths.final_model("ai2thor"))
+    known, rng = LoadedEmbedding(**vars(bundle)), np.random.default_rng(0)
+    whole = LiveEmbedding(known)
+    whole.prepare(progress=True)
+    choices = whole.home.read("SELECT * FROM choice")
+    store = "INSERT INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
     triples, rows = known.named_triples(), []
     for row in tqdm(
         rng.permutation(np.flatnonzero(np.array(known.kinds) == "object"))[:OBJECTS], "objects"
@@ -30,7 +34,8 @@ def main() -> None:
         about = [triple for triple in triples if name in (triple[0], triple[2])]
         number = min(int(rng.integers(1, MOST_FACTS + 1)), len(about) - 1)
         facts = [about[place] for place in rng.permutation(len(about))[:number]]
-        live = LiveEmbedding(known.part(np.delete(np.arange(len(known.entities)), row)), choices)
+        live = LiveEmbedding(known.part(np.delete(np.arange(len(known.entities)), row)))
+        live.home.connection.executemany(store, choices)
         if not number:
             continue
         live.insert(name, facts, kind="object", new=True)

@@ -8,12 +8,13 @@ at PATH, in the row that starts with these cells, without its interval; or, afte
 a row of a table, a forge takes it for the end of a cell. A PATH is relative to the root and has no
 suffix: ``.md``, or, where there is no such file, ``.csv``.
 
-The output below a command, ``$ isi ...`` in a block of console, is what it prints in a folder with
-``data``, ``examples``, ``params.yaml`` and the files of the page: blocks after
-``<!-- file: PATH -->``. Where a line ``...`` stands for lines that are left out, as many lines as
-before stay above and below it. If a page has ``<!-- console: NEED ... -->``, a test compares its
-output with that of the present code, but for the last digits of numbers. A NEED is a path below the
-root, which contains a slash, or an optional package, without which the test is skipped.
+The output below a command, ``$ isi ...`` or ``$ sqlite3 FILE QUERY`` in a block of console, is what
+it prints in a folder with ``data``, ``examples``, ``params.yaml`` and the files of the page: blocks
+after ``<!-- file: PATH -->``. Where a line ``...`` stands for lines that are left out, as many
+lines as before stay above and below it. If a page has ``<!-- console: NEED ... -->``, a test
+compares its output with that of the present code, but for the last digits of numbers. A NEED is a
+path below the root, which contains a slash, or an optional package, without which the test is
+skipped.
 
 python -m tools.docs            update tables and numbers (``make readme``)
 python -m tools.docs PAGE ...   run the commands of pages and update their output (``make console``)
@@ -25,10 +26,12 @@ import csv
 import math
 import re
 import shlex
+import sqlite3
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,7 +46,7 @@ ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "docs" / "benchmarks"
 PLACE = re.compile(r"(<!-- (table|value): ([^>]+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
-COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
+COMMAND = re.compile(r"^\$ ((?:isi|sqlite3) .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
 CHECKED = re.compile(r"^<!-- console:(.*)-->$", re.MULTILINE)
 FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 SEPARATOR = re.compile(r"::| \| ")
@@ -140,6 +143,14 @@ def run_isi(arguments: list[str], folder: Path) -> str:
     return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
 
 
+def rows_in(folder: Path, file: str, query: str) -> str:
+    """What ``sqlite3`` prints: a row a line, with | between columns."""
+    with closing(sqlite3.connect(folder / file)) as database:
+        rows = database.execute(query).fetchall()
+    texts = (["" if value is None else str(value) for value in row] for row in rows)
+    return "".join("|".join(row) + "\n" for row in texts)
+
+
 def with_output(page: str, folder: Path, run: Callable[[list[str], Path], str] = run_isi) -> str:
     """The text of a page with new output below commands that have output;
     all commands run in ``folder``, in order.
@@ -150,7 +161,8 @@ def with_output(page: str, folder: Path, run: Callable[[list[str], Path], str] =
 
     def again(command: re.Match[str]) -> str:
         line, before = command.groups()
-        printed = run(shlex.split(line)[1:], folder)
+        program, *arguments = shlex.split(line)
+        printed = run(arguments, folder) if program == "isi" else rows_in(folder, *arguments)
         return f"$ {line}\n{shortened(printed, before) if before else ''}"
 
     return BLOCK.sub(lambda block: COMMAND.sub(again, block[1]), page)

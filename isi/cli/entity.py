@@ -22,7 +22,7 @@ from isi.errors import InputError, at
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.live.answers import Answer, Answers
+    from isi.live.answers import Answer
     from isi.live.changes import Effect
     from isi.live.embedding import LiveEmbedding
     from isi.live.explain import Explanation, Report
@@ -229,16 +229,19 @@ def history(
     """List all changes, those that were undone included; or facts that may have changed."""
     from isi.live.stream import AGE
 
-    live = open_home(home)
     if stale is not None:
         with at("--stale"):
             age = AGE.validate_python(stale)
+        with open_home(home) as live:
+            facts = live.stale(age)
         rows = [
             {"fact": row.fact, "count": row.count, "last_seen": row.last_seen, "source": row.source}
-            for row in live.stale(age)
+            for row in facts
         ]
         show({"stale": rows}, json)
         return
+    with open_home(home) as live:
+        changes = live.history
     listed = [
         {
             "change": f"{each.verb}{' (undone)' * each.undone}",
@@ -247,10 +250,10 @@ def history(
             "added": each.added,
             "seen": each.seen,
             "lost": each.lost,
-            "time": each.time,
+            "time": f"{each.time:%Y-%m-%d %H:%M:%S} UTC",
             "source": each.source,
         }
-        for each in live.history
+        for each in changes
     ]
     show({"changes": listed}, json)
 
@@ -280,16 +283,16 @@ def ask(
     """
     if (from_ is None) == (head is None and relation is None and tail is None):
         raise InputError("", "", "expected either two of HEAD, RELATION and --tail, or --from FILE")
-    live = open_home(home)
-    ranked: list[Answers] = []
     candidates = list(among) or None
-    if from_ is None:
-        with flags(ask="", entity="ENTITY", relation="RELATION"):
-            ranked.append(live.ask(head, relation, tail, top, new=new, among=candidates))
-    else:
-        for line, query in _queries(from_):
-            with at(from_, f"line {line}"):
-                ranked.append(live.ask(*query, top=top, new=new, among=candidates))
+    with open_home(home) as live:
+        if from_ is None:
+            with flags(ask="", entity="ENTITY", relation="RELATION"):
+                ranked = [live.ask(head, relation, tail, top, new=new, among=candidates)]
+        else:
+            ranked = []
+            for line, query in _queries(from_):
+                with at(from_, f"line {line}"):
+                    ranked.append(live.ask(*query, top=top, new=new, among=candidates))
     if json:
         rows = [asdict(answers) | {"sure": answers.sure} for answers in ranked]
         show(rows[0] if from_ is None else {"results": rows}, True)
@@ -326,8 +329,7 @@ def explain(
     """Explain an insertion: its indicators, the nearest entities, and the effect of each fact,
     of the words and of each indicator.
     """
-    live = open_home(home)
-    with flags(entity="ENTITY"):
+    with open_home(home) as live, flags(entity="ENTITY"):
         explanation = live.explain(entity, top)
     show(asdict(explanation), True) if json else print(
         *why_in_words(explanation, verbose), sep="\n"

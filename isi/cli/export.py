@@ -1,4 +1,4 @@
-"""``isi export``: writes the graph of an experiment or a bundle, and predicted triples,
+"""``isi export``: writes the graph of an experiment or of a home, and predicted triples,
 for other tools.
 """
 
@@ -69,13 +69,14 @@ def export(
     ],
     out: Annotated[Path, Parameter(help="file to write")],
     embedding: Annotated[
-        Path | None, Parameter(help="folder of a bundle, instead of EXPERIMENT")
+        Path | None,
+        Parameter(name=["--home", "--embedding"], help="folder of a home, instead of EXPERIMENT"),
     ] = None,
     predictions: Annotated[
         int,
         Parameter(
             validator=FROM_ZERO,
-            help="with --embedding: predicted tails per head and relation, but known triples",
+            help="with --home: predicted tails per head and relation, but known triples",
         ),
     ] = 0,
     labels: Annotated[
@@ -87,9 +88,9 @@ def export(
     if out.suffix == ".gz":
         raise InputError(out, "", "expected a name without .gz: the output is not compressed")
     if (embedding is None) == (experiment is None):
-        raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
+        raise InputError("", "", "expected either EXPERIMENT or --home DIR")
     if predictions and embedding is None:
-        raise InputError("--predictions", "", "expected --embedding DIR, whose model predicts")
+        raise InputError("--predictions", "", "expected --home DIR, whose model predicts")
     exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment))
     files = FORMATS[format](exported, out, labels)
     write_outputs(files, exported.files, replace)
@@ -131,10 +132,11 @@ def of_experiment(experiment: str) -> GraphExport:
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
-    """The known triples of a bundle, each with count 1,
+    """The known triples of a home, each with count 1,
     and ``most`` predictions per head and relation.
     """
-    opened, name = open_home(folder).now, folder.resolve().name
+    with open_home(folder) as live:
+        opened, name = live.now, folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])

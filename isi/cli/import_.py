@@ -107,7 +107,10 @@ def import_(
     if is_old(folder):
         if trust_pickle or model or chosen or set or loss:
             raise InputError(folder, "", "expected no option but --vectors: it says what it holds")
-        bundle = trained_and_changes(folder)[0]
+        bundle, changes = trained_and_changes(folder)
+        if changes:
+            number = f"has {len(changes):,} changes, which an import would lose"
+            raise InputError(folder, "", f"{number}: it is a home by itself, for --home")
     elif reader := checkpoint_reader(folder):
         if trust_pickle or model or chosen:
             expected = (

@@ -54,7 +54,7 @@ class Change:
 
     id: int
     verb: str
-    time: str  #: UTC
+    time: datetime  #: in UTC
     source: str | None  #: what reported it
     undone: bool
     inserted: list[str] = field(default_factory=list)
@@ -90,7 +90,7 @@ def changes_of(home: Home, first: int = 0) -> list[Change]:
         " WHERE id >= ? ORDER BY id, effect.rowid"
     )
     for number, verb, time, source, undone, undoes, effect, *item in home.read(query, first):
-        made = Change(number, verb, time, source, undone is not None)
+        made = Change(number, verb, datetime.fromisoformat(time), source, undone is not None)
         change = changes.setdefault(number, made)
         if effect is None:
             continue

@@ -41,7 +41,9 @@ from isi.live.names import KnownNames, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
+from isi.tables import paths
 
+FIRST_TRAINING = 1  #: Number of the change that made a home.
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -132,7 +134,7 @@ class LiveEmbedding:
         """
         self._lock, self._is_inside = RLock(), False
         loaded = bundle if isinstance(bundle, LoadedEmbedding) else LoadedEmbedding(**vars(bundle))
-        loaded = with_words(loaded)
+        loaded = with_words(loaded) if home is None else _with_own_words(loaded)
         self.home = home or Home.create(loaded)
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
@@ -342,15 +344,15 @@ class LiveEmbedding:
 
     @property
     def history(self) -> list[Change]:
-        """All changes since the first training, that included, and those that were undone.
+        """All changes since the first training, those that were undone included.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen")])
             >>> [(change.verb, change.added) for change in home.history]
-            [('train', []), ('tell', [('mug', 'in', 'kitchen')])]
+            [('tell', [('mug', 'in', 'kitchen')])]
         """
         with self._lock:
-            return changes_of(self.home)
+            return changes_of(self.home, FIRST_TRAINING + 1)
 
     @one_at_a_time
     def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
@@ -473,7 +475,9 @@ class LiveEmbedding:
             ['cup', 'fork', 'pan']
         """
         check(top, Count, "", "argument 'top'")
-        return explain(self._snapshot(entity), top)
+        notes = list[str]()
+        explained = explain(self._snapshot(entity, notes), top)
+        return replace(explained, notes=[*notes, *explained.notes])
 
     @one_at_a_time
     def report(self, entity: str, top: int = 5) -> Report:
@@ -487,10 +491,12 @@ class LiveEmbedding:
             ([('mug', 'in', 'kitchen')], 'mean', 'as named')
         """
         check(top, Count, "", "argument 'top'")
-        return report(self._snapshot(entity), top, self._ask_query)
+        notes = list[str]()
+        reported = report(self._snapshot(entity, notes), top, self._ask_query)
+        return replace(reported, notes=[*notes, *reported.notes])
 
-    def _snapshot(self, entity: str) -> Snapshot:
-        name = self._inserted(self._queried(entity))
+    def _snapshot(self, entity: str, notes: list[str]) -> Snapshot:
+        name = self._inserted(self._queried(entity, notes))
         given = self._inputs_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
 
@@ -625,8 +631,10 @@ class LiveEmbedding:
         return self._known_relations
 
     @one_at_a_time
-    def save(self, folder: str | Path) -> None:
+    def save(self, folder: str | Path | None = None) -> None:
         """Write a copy of the home into another folder, where ``isi.open`` finds it.
+
+        None: of a home in a folder, all is there already.
 
         Example:
             >>> effect = home.insert("mug", {"in": "kitchen"})
@@ -640,7 +648,10 @@ class LiveEmbedding:
                 "TransE or RotatE without inverse triples"
             )
             raise InputError("save", "", expected)
-        self.home.write_to(Path(folder), self.base)
+        if folder is None and self.folder is None:
+            raise InputError("save", "", "expected a folder: this home is in memory")
+        if folder is not None:
+            self.home.write_to(Path(folder), self.base)
 
     @one_at_a_time
     def train_again(self, bundle: Bundle) -> None:
@@ -684,7 +695,7 @@ class LiveEmbedding:
     @property
     def _parts(self) -> tuple[Any, ...]:
         """What a copy of this object is made of, except its home."""
-        return (replace(self.base),)  # without what it has derived
+        return (replace(self.base),)  # without what is derived from its fields
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
@@ -830,7 +841,7 @@ class LiveEmbedding:
             return
         self._version = version
         if self.home.last_training() != self.home.read_training:
-            self._load(with_words(LoadedEmbedding(**vars(self.home.bundle()))))
+            self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
         last = self._last_change()
         if last != self._last:
@@ -909,7 +920,9 @@ class LiveEmbedding:
         )
 
 
-def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
+def open_live(
+    folder: str | Path, durability: Durability = "full", *, journal: bool | None = None
+) -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write. A folder that was
@@ -919,6 +932,7 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
             may take the last ones, which makes changes faster; ``memory``: changes stay in this
             object.
+        journal: has no effect any more.
 
     Raises:
         InputError: the home is missing or broken.
@@ -933,6 +947,9 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
+    if journal is not None:
+        gone = "isi.open writes each change when it is made: journal= is not needed"
+        warnings.warn(gone, DeprecationWarning, stacklevel=2)
     if convert.is_old(path) and not (path / DATABASE).exists():
         return _converted(path, durability)
     home = Home.opened(path, durability)
@@ -945,6 +962,9 @@ def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedd
 
 def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
     """The home of a folder of a bundle and its journal, which are repeated."""
+    if folder.resolve().parts[-3:-1] == paths.FINAL_MODELS.parts:
+        expected = "is written by the pipeline: isi import makes a home of it"
+        raise InputError(folder, "", expected)
     trained, lines = convert.trained_and_changes(folder)
     made = LiveEmbedding(trained)
     for number, line in enumerate(lines, 1):
@@ -961,6 +981,11 @@ def _unpacked(
 ) -> LiveEmbedding:
     """A copy of an embedding in memory."""
     return kind(*parts, Home.of_bytes(content))
+
+
+def _with_own_words(loaded: LoadedEmbedding) -> LoadedEmbedding:
+    """What a home has, with words that can be had here; one without was found to have none."""
+    return loaded if loaded.words is None else with_words(loaded)
 
 
 def _is_mapping(value: object) -> bool:

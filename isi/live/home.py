@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from safetensors.numpy import load, save
 
-from isi.errors import InputError, at, unwritable
+from isi.errors import InputError, at, short, unwritable
 from isi.live.bundle import Bundle, Fact, Manifest, NewEntity, check_numbers
 from isi.names import plain
 from isi.tables.io import atomically
@@ -124,6 +124,12 @@ STEPS = (
         ORDER BY change.id, effect.rowid;
     """,
 )
+#: A name in ``fact`` that its table has not: of a fact that another program has written.
+UNKNOWN = """
+    SELECT relation FROM fact WHERE relation NOT IN (SELECT name FROM relation)
+    UNION SELECT head FROM fact WHERE head NOT IN (SELECT name FROM entity)
+    UNION SELECT tail FROM fact WHERE tail NOT IN (SELECT name FROM entity) LIMIT 1
+"""
 #: The columns of a row that ``effect.before`` holds, by table.
 COLUMNS = {
     "entity": "id, name, trained, kind, phrase, definition, initializer, options, seed",
@@ -212,7 +218,7 @@ class Home:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise unwritable(folder, error) from error
-            home = cls._in_folder(folder, "full")
+            home = cls._in_folder(folder, "full", is_new=True)
         try:
             home.train(bundle, time)
         except BaseException:
@@ -233,11 +239,12 @@ class Home:
         return cls._in_folder(folder, durability)
 
     @classmethod
-    def _in_folder(cls, folder: Path, durability: Durability) -> "Home":
+    def _in_folder(cls, folder: Path, durability: Durability, is_new: bool = False) -> "Home":
         home = cls(folder, _connected(str(folder / DATABASE)))
         home.durability = durability
         try:
-            home._check_version()
+            if not is_new and not home._check_version():
+                raise InputError(home.path, "", "expected the database of a home")
             home.read("PRAGMA journal_mode = WAL")
             home.read(f"PRAGMA synchronous = {durability.upper()}")
             home._upgrade()
@@ -256,7 +263,8 @@ class Home:
         home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
         home.durability, home.is_read_only = "full", True
         try:
-            home._check_version()
+            if not home._check_version():
+                raise InputError(home.path, "", "expected the database of a home")
             home.read("PRAGMA query_only = 1")
         except BaseException:
             home.close()
@@ -296,7 +304,7 @@ class Home:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(folder, error) from error
-        with Home._in_folder(folder, "full") as there, self.copied() as copy:
+        with Home._in_folder(folder, "full", is_new=True) as there, self.copied() as copy:
             name, old = write_vectors(folder, bundle), there.vectors_file
             copy.set("vectors", name)
             with there._in_words():  # at once: whoever is killed leaves the old home or the new one
@@ -465,6 +473,9 @@ class Home:
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )
+        for name in self.read(UNKNOWN):
+            expected = "expected names of the tables entity and relation"
+            raise InputError(self.path, "fact", f"{expected}, got {short(*name)}")
         ids = {name: row for row, name in enumerate(names)}
         label_ids = {name: row for row, name in enumerate(labels)}
         triples = [(ids[head], label_ids[label], ids[tail]) for head, label, tail, _ in facts]

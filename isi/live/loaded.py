@@ -48,8 +48,10 @@ class LoadedEmbedding(Bundle):
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
-    #: of ``fitting_in_slot``, by relation and slot
+    #: of ``in_slot``, ``fitting_in_slot`` and ``kinds_in_slot``, by relation and slot
+    _in_slot: dict[tuple[int, int], list[int]] = field(init=False, default_factory=dict)
     _fitting: dict[tuple[int, int], np.ndarray] = field(init=False, default_factory=dict)
+    _kinds_in_slot: dict[tuple[int, int], set[str]] = field(init=False, default_factory=dict)
 
     @cached_property
     def model(self) -> Model:
@@ -120,7 +122,11 @@ class LoadedEmbedding(Bundle):
 
     def in_slot(self, relation: int, slot: int) -> list[int]:
         """The ids of the entities in a slot of the known triples of a relation, sorted."""
-        return np.unique(self.triples[self.triples[:, RELATION] == relation, slot]).tolist()  # type: ignore[no-any-return]
+        key = relation, slot
+        if key not in self._in_slot:
+            triples = self.triples[self.triples[:, RELATION] == relation]
+            self._in_slot[key] = np.unique(triples[:, slot]).tolist()
+        return self._in_slot[key]
 
     @cached_property
     def kind_numbers(self) -> dict[str, int]:
@@ -188,7 +194,11 @@ class LoadedEmbedding(Bundle):
 
     def kinds_in_slot(self, relation: int, slot: int) -> set[str]:
         """The kinds of the entities in a slot of the known triples of a relation."""
-        return {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
+        key = relation, slot
+        if key not in self._kinds_in_slot:
+            kinds = {self.kinds[row] for row in self.in_slot(relation, slot)}
+            self._kinds_in_slot[key] = kinds - {""}
+        return self._kinds_in_slot[key]
 
     def fitting_in_slot(self, relation: int, slot: int) -> np.ndarray:
         """The ids of the entities in a slot of the known triples of a relation that are candidates

@@ -10,6 +10,7 @@ import json
 import multiprocessing
 import os
 import socket as sockets
+import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -287,7 +288,11 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def answer_input(live: LiveEmbedding) -> None:
-    """Answer standard input on standard output, to its end."""
+    """Answer standard input on standard output, to its end. An ``InputError`` refuses a closed one:
+    another file of the process may have its descriptor.
+    """
+    if sys.stdin is None or sys.stdout is None:
+        raise InputError("standard input or output", "", "is closed")
     for descriptor in (0, 1):  # a pipe that does not block would lose requests and answers
         os.set_blocking(descriptor, True)
     with open(0, "rb", closefd=False) as requests, open(1, "wb", closefd=False) as answers:

@@ -13,7 +13,7 @@ import yaml
 
 from isi.tables import paths
 from tests.mistakes import LOG
-from tests.small_bundle import without_words, written
+from tests.small_bundle import home_of, without_words
 from tools.workspace import change_all
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +97,7 @@ def lay_out(folder: Path) -> Path:
     (folder / paths.DATA).mkdir()
     (folder / paths.RAW).symlink_to(ROOT / paths.RAW)
     (folder / "log.csv").write_text(LOG, encoding="utf-8")
-    written(folder / "home", without_words())
+    home_of(folder / "home", without_words())
     return folder
 
 

@@ -1,13 +1,12 @@
 """Mistakes in command lines about graphs (``isi graph``, ``export``)."""
 
-from pathlib import Path
-
 import pandas as pd
 
 from isi.graph import graph as tables
 from tests.example_tables import change_table
 from tests.mistakes.calls import Typed, params, put
-from tests.small_bundle import NAMES, small, written
+from tests.mistakes.commands import anew
+from tests.small_bundle import NAMES, small
 from tests.small_experiment import write_experiment
 
 
@@ -53,8 +52,8 @@ GRAPH_CASES = [
     ),
     Typed(
         "a name that no XML can hold",
-        "export --embedding home --format graphml --out x",
+        "export --home home --format graphml --out x",
         "x|uffff|turtle",
-        before=lambda: written(Path("home"), small(entity_names=["a\uffff", *NAMES[1:]])),
+        before=lambda: anew(small(entity_names=["a\uffff", *NAMES[1:]])),
     ),
 ]

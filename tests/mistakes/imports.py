@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from tests.mistakes.calls import Typed, packed
-from tests.mistakes.commands import inserted_elsewhere
+from tests.mistakes.commands import changed
 from tests.small_bundle import ENTITIES, LABELS, write_lists, write_openke
 
 TYPED = "import mine --family distmult --out out"
@@ -134,10 +134,10 @@ COMMAND_CASES = [
         before=with_tables(entities=ENTITIES[:, :3], relations=LABELS[:, :3]),
     ),
     Typed(
-        "a folder into which others were inserted",
-        f"{TYPED[:-3]}other",
-        "other",
-        before=lambda: (with_tables()(), inserted_elsewhere()),
+        "a home with changes",
+        f"{TYPED[:-3]}home",
+        "home|1 changes",
+        before=lambda: (with_tables()(), changed()),
     ),
 ]
 
