@@ -79,7 +79,7 @@ class HomeMachine(RuleBasedStateMachine):
         home_of(self.folder, KNOWN)
         self.lives = [isi.open(self.folder, durability=durability) for _ in range(2)]
         self.states = [State({}, START)]  # after each change that is in force
-        self.changes = 1
+        self.changes = 0
 
     def teardown(self) -> None:
         if not hasattr(self, "stack"):

@@ -95,11 +95,11 @@ def changes_of(home: Home, first: int = 0) -> list[Change]:
         if effect is None:
             continue
         entity, head, relation, tail = item
-        what = (head, relation, tail) if head else entity or relation
+        named = (head, relation, tail) if head else entity or relation
         if name := LISTS[effect][undoes is not None]:
-            getattr(change, name).append(what)
+            getattr(change, name).append(named)
         if effect == "believed":
-            change.believed.append(what)
+            change.believed.append(named)
         change.training |= effect in ("restored", "retracted")
     return list(changes.values())
 

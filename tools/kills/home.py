@@ -33,7 +33,7 @@ OTHERS = [
 ]
 
 
-def told(way: str, number: int) -> Fact:
+def fact_of(way: str, number: int) -> Fact:
     """Another fact for each number; the way ``tell`` inserts an entity by each third of them."""
     if way == "tell":
         return f"thing {number // 3}", "in", f"e{number % 30}"
@@ -44,7 +44,7 @@ def tell(folder: Path) -> Iterator[int]:
     """Tell a home fact after fact."""
     with isi.open(folder) as home:
         for number in count(len(home.facts) - len(TRAINED)):
-            home.tell([told("tell", number)], initializer="map")
+            home.tell([fact_of("tell", number)], initializer="map")
             yield number
 
 
@@ -52,7 +52,7 @@ def train(folder: Path) -> Iterator[int]:
     """Tell a home fact after fact, and train it again after each."""
     with isi.open(folder) as home:
         for number in count(len(home.facts) - len(TRAINED)):
-            home.tell([told("train", number)])
+            home.tell([fact_of("train", number)])
             home.train_again((KNOWN, NEGATIVE)[number % 2])
             yield number
 
@@ -115,8 +115,8 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
     try:
         with isi.open(folder) as home:
             number = len(home.facts) - len(TRAINED)
-            facts = [told(way, each) for each in range(number)]
-            whole = home_told(facts if way == "tell" else [], home.base)
+            facts = [fact_of(way, each) for each in range(number)]
+            whole = in_memory(facts if way == "tell" else [], home.base)
             if way != "create" and number < acknowledged:
                 raise Lost(f"of {acknowledged} facts, {number} are there")
             if facts_of(home).keys() != {*TRAINED, *facts}:
@@ -135,7 +135,7 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
 BUNDLES = (KNOWN, NEGATIVE)
 
 
-def home_told(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
+def in_memory(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
     """A home in memory that was told facts at once, without being killed."""
     home = LiveEmbedding(replace(KNOWN, entities=bundle.entities))
     home.tell(facts, initializer="map")
