@@ -31,6 +31,9 @@ NO_EXAMPLE = {
     "isi.insertion.request.InsertRequest",
     "isi.insertion.result.Entity",
     "isi.insertion.result.Inserted",
+    "isi.live.changes.Change",
+    "isi.live.changes.Effect",
+    "isi.live.home.StoredFact",
     *(
         f"isi.live.embedding.LiveEmbedding.{name}"
         for name in ("close", "folder", "now", "prepare", "train_again")

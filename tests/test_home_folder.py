@@ -258,7 +258,7 @@ def test_a_folder_with_a_journal_becomes_a_home_once(tmp_path: Path) -> None:
     for live in (in_memory, isi.open(folder), isi.open(folder)):
         assert_same(seen(live), seen(told))
         assert facts_of(live) == facts_of(told)
-        assert len(live.history) == len(LINES) - 1
+        assert len(live.history) == len(LINES) - 1  # the choice is none
         assert live.history[1].source == "camera"
         assert live.home.about("pan").definition == "a dish"
         assert live.inserted["tray"].kind == "place"

@@ -86,7 +86,8 @@ def test_a_time_without_a_zone_is_local_time(
         time.tzset()
         home.tell([MUG], time=given)
     time.tzset()
-    assert home.history[-1].time == datetime(2026, 1, 6 if hour == 1 else 5, hour, 52, tzinfo=UTC)
+    expected = datetime(2026, 1, 6 if hour == 1 else 5, hour, 52, tzinfo=UTC)
+    assert home.history[-1].time == expected
 
 
 def test_a_doubtful_fact_moves_the_vector_of_map_less(home: LiveEmbedding) -> None:

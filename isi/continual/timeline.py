@@ -156,9 +156,9 @@ class Timeline:
 got ('cup', 'in')
         """
         parts = []
-        for number, snapshot in enumerate(_listed(snapshots, "argument 'snapshots'")):
+        for number, snapshot in enumerate(_triples_of(snapshots, "argument 'snapshots'")):
             place = f"snapshot {number}"
-            splits = _listed(snapshot, place)
+            splits = _triples_of(snapshot, place)
             if len(splits) != len(SPLITS):
                 expected = f"expected the triples of {', '.join(SPLITS)}, got {len(splits)} parts"
                 raise InputError(place, "", expected)
@@ -223,7 +223,7 @@ got ('cup', 'in')
         )
 
 
-def _listed(values: Any, place: str) -> list[Any]:
+def _triples_of(values: Any, place: str) -> list[Any]:
     """Snapshots, or the parts of one; InputError at ``place`` for a value that holds none."""
     with at(place):
         return as_list(values, object, "a list")

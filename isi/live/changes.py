@@ -95,11 +95,11 @@ def changes_of(home: Home, first: int = 0) -> list[Change]:
         if effect is None:
             continue
         entity, head, relation, tail = item
-        named = (head, relation, tail) if head else entity or relation
+        subject = (head, relation, tail) if head else entity or relation
         if name := LISTS[effect][undoes is not None]:
-            getattr(change, name).append(named)
+            getattr(change, name).append(subject)
         if effect == "believed":
-            change.believed.append(named)
+            change.believed.append(subject)
         change.training |= effect in ("restored", "retracted")
     return list(changes.values())
 

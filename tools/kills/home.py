@@ -116,7 +116,7 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
         with isi.open(folder) as home:
             number = len(home.facts) - len(TRAINED)
             facts = [fact_of(way, each) for each in range(number)]
-            whole = in_memory(facts if way == "tell" else [], home.base)
+            whole = home_of_facts(facts if way == "tell" else [], home.base)
             if way != "create" and number < acknowledged:
                 raise Lost(f"of {acknowledged} facts, {number} are there")
             if facts_of(home).keys() != {*TRAINED, *facts}:
@@ -135,8 +135,8 @@ def check(folder: Path, way: str, acknowledged: int) -> None:
 BUNDLES = (KNOWN, NEGATIVE)
 
 
-def in_memory(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
-    """A home in memory that was told facts at once, without being killed."""
+def home_of_facts(facts: list[Fact], bundle: Bundle) -> LiveEmbedding:
+    """A home in memory that was given all facts at once, without being killed."""
     home = LiveEmbedding(replace(KNOWN, entities=bundle.entities))
     home.tell(facts, initializer="map")
     return home
