@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from isi.evaluation.platt import PlattCurve, fit_platt
 from isi.graph.graph import HEAD, TAIL
@@ -243,33 +241,3 @@ def test_the_curve_of_a_relation_goes_through_all_candidate_answers_about_known_
     assert curve is not None
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-6)
     assert fit_curve(opened(triples=NONE), AT, TAIL) is None
-
-
-@given(
-    scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30),
-    data=st.data(),
-    scale=st.floats(0.01, 100),
-)
-def test_probabilities_rise_with_the_score_whatever_its_unit(
-    scores: list[float], data: st.DataObject, scale: float
-) -> None:
-    known = torch.tensor(
-        data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores)))
-    )
-    table = torch.tensor(scores, dtype=torch.float64)
-    probabilities = fit_platt(table, known)(table)
-    assert ((probabilities >= 0) & (probabilities <= 1)).all()
-    ordered = probabilities[table.argsort()]
-    # equal scores may differ in the last bit, by their place in the vector
-    assert (ordered.diff() >= -1e-15).all()
-    torch.testing.assert_close(
-        fit_platt(scale * table, known)(scale * table), probabilities, rtol=1e-3, atol=1e-4
-    )
-
-
-def test_uninformative_scores_give_the_share_of_known_answers() -> None:
-    curve = fit_platt(
-        torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True])
-    )
-    assert curve.slope == 0.0
-    assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)

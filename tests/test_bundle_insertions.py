@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 import isi
 from isi.errors import InputError
@@ -93,14 +92,6 @@ def test_an_insertion_is_that_of_the_library(home: LiveEmbedding, facts: list[Fa
     assert home.inserted["stove"].kind == "object"
 
 
-def test_facts_are_given_in_any_form_and_a_kind_that_is_given_counts(home: LiveEmbedding) -> None:
-    facts = {"atLocation": "kitchen", "hasAffordance": ["turn on"]}
-    home.insert("stove", facts, kind="room", initializer="mean")
-    assert [row.fact for row in home.facts[-2:]] == FACTS
-    assert home.inserted["stove"].kind == "room"
-    assert vector(home) == pytest.approx(np.mean(VECTORS[:2], axis=0))  # of the rooms
-
-
 def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_library(
     bare: LiveEmbedding,
 ) -> None:
@@ -136,15 +127,13 @@ def test_inserted_entities_are_no_indicators_and_those_that_share_facts_go_toget
     home.insert("oven", {"atLocation": "kitchen"}, **about)
     assert vector(home, "oven").tobytes() == vector(home, "hob").tobytes()
     assert {each.entity for each in home.explain("oven").indicators} <= set(NAMES)
-    facts = [*FACTS, ("tray", "atLocation", "stove")]
+    facts, new = [*FACTS, ("tray", "atLocation", "stove")], ["stove", "tray"]
     home.insert("stove", facts[:2], initializer="map")
     assert home.insert("tray", facts[2:], initializer="map").updated == ["stove"]
-    kinds = [*KINDS, "object", "object"]
-    words = np.array([*WORDS, WORD, [0.0] * 3], np.float32)
-    new = ["stove", "tray"]
-    expected = by_library(home, facts, new, kinds=kinds, words=words, initializer="map").entities
+    about = {"kinds": [*KINDS, "object", "object"], "initializer": "map"}
+    about["words"] = np.array([*WORDS, WORD, [0.0] * 3], np.float32)
+    expected = by_library(home, facts, new, **about).entities
     np.testing.assert_allclose([vector(home, name) for name in new], expected[-2:], atol=1e-6)
-    assert home.explain("tray").indicators
 
 
 @pytest.mark.parametrize("name", ["xavier", "iu", "gaussian", "class_noise"])
@@ -324,33 +313,16 @@ def test_what_is_left_out_may_be_the_only_piece_or_an_end_of_a_retracted_fact(
     assert fact[0] in {one.what for one in bare.explain("mug").without}
 
 
-# Interference
-
-
-def test_interference_of_all_and_of_one_is_that_of_the_definition(home: LiveEmbedding) -> None:
+def test_interference_is_that_of_the_library(home: LiveEmbedding) -> None:
     assert home.interference() is None
     home.insert("stove", FACTS, initializer="mean")
     alone = home.interference()
-    home.insert("hob", [HOB], initializer="neighbour_mean")
-    assert home.interference(["stove"]) == alone
-    now = home.now
-    tables = [torch.tensor(table) for table in (now.entities, now.relations, now.entities)]
-    scores = torch.einsum("hd,rd,td->hrt", *tables).numpy()
-    true = set(map(tuple, now.triples.tolist()))
-
-    def reciprocal_rank(entities: Sequence[int]) -> float:
-        ranks = []
-        for h, r, t in small().triples.tolist():
-            for cells in ([(e, r, t) for e in entities], [(h, r, e) for e in entities]):
-                wrong = np.array([scores[cell] for cell in cells if cell not in true])
-                ahead = (wrong > scores[h, r, t]).sum() + (wrong == scores[h, r, t]).sum() / 2
-                ranks.append(1 / (1 + ahead))
-        return float(np.mean(ranks))
-
-    for new, measured in ((2, home.interference()), (1, alone)):
-        assert measured
-        expected = reciprocal_rank(range(6)), reciprocal_rank(range(6 + new))
-        assert (measured.h_old, measured.h_cur) == pytest.approx(expected)
+    home.insert("hob", [HOB], initializer="mean")
+    assert home.interference(["stove"]) == alone != home.interference()
+    done = by_library(home, FACTS, ["stove"], initializer="mean", kinds=[*KINDS, "object"])
+    expected = done.interference()
+    assert alone
+    assert (alone.h_old, alone.h_cur) == pytest.approx((expected.h_old, expected.h_cur))
 
 
 # Mistakes
@@ -367,12 +339,9 @@ def test_interference_of_all_and_of_one_is_that_of_the_definition(home: LiveEmbe
         ("insert", ("hob", [("hob", "atLocation", "stove")]), {"initializer": "mean"}),
         ("insert", (["hob", "tray"], {"atLocation": "kitchen"}), {}),
         ("insert", ("hob", [HOB]), {"source": "two\nlines"}),
-        ("insert", (["gas hob", "Gas-Hob"], {}), {"initializer": "mean"}),
         ("tell", (["e1 in e2"],), {}),
         ("tell", ([{"e1": 1, "in": 2, "e2": 3}],), {}),
-        ("tell", ([5],), {}),
         ("move", ("kettle", "atLocation", "bedroom"), {"time": float("inf")}),
-        ("move", ("kettle", "atLocation", "bedroom"), {"time": "noon"}),
         ("remove", ("kettle",), {}),
         ("remove", (), {"facts": [FACTS[0]], "time": True}),
         ("insert", ([], {"atLocation": "kitchen"}), {}),

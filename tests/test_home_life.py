@@ -3,9 +3,8 @@
 import copy
 import dataclasses
 import os
-import pickle
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -22,7 +21,7 @@ from isi.live.bundle import Bundle
 from isi.live.embedding import LiveEmbedding
 from isi.live.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
-from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, quick_choices, seen
+from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, quick_choices, seen
 
 MUG = ("mug", "in", "e1")
 FIRST = TRAINED[0]
@@ -122,7 +121,7 @@ def test_a_relation_is_new_with_two_facts_and_goes_by_undo(home: LiveEmbedding) 
     first = home.now.relations[2]
     home.tell([("e5", "near", "e2")])  # known now: one fact will do, and counts
     assert (home.now.relations[2] != first).any()
-    again = pickle.loads(pickle.dumps(home))  # noqa: S301
+    again = copied(home)
     np.testing.assert_array_equal(again.now.relations, home.now.relations)
     for _ in range(2):
         home.undo()
@@ -269,52 +268,37 @@ def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
         assert ("thing 1", "at", "room 1") not in live.base.named_triples()
 
 
-def _pickled(live: LiveEmbedding) -> LiveEmbedding:
-    copied: LiveEmbedding = pickle.loads(pickle.dumps(live))  # noqa: S301
-    return copied
-
-
-@pytest.mark.parametrize("where", ["in memory", "in a folder", "a copy in memory"])
-@pytest.mark.parametrize("copied", [copy.deepcopy, _pickled])
-def test_a_home_is_pickled_and_copied(
-    tmp_path: Path, where: str, copied: Callable[[LiveEmbedding], LiveEmbedding]
-) -> None:
+@pytest.mark.parametrize("where", ["in memory", "of a folder"])
+def test_a_home_in_memory_is_pickled_and_copied(tmp_path: Path, where: str) -> None:
     live = LiveEmbedding(KNOWN)
-    if where != "in memory":
-        folder = home_of(tmp_path / "home", KNOWN)
-        live = isi.open(folder, durability="memory" if "copy" in where else "normal")
-    for change in (lambda: None, lambda: live.tell([MUG]), lambda: live.ask("mug", "in")):
+    if where == "of a folder":
+        live = isi.open(home_of(tmp_path / "home", KNOWN), durability="memory")
+    for change in (partial(live.tell, []), partial(live.tell, [MUG]), partial(live.ask, *MUG[:2])):
         change()
-        again = copied(live)
-        assert_same(seen(again), seen(live))
-    again.tell([("cup", "in", "e1")])
-    assert ("cup" in live.inserted) == (where == "in a folder")
-    assert again.home.durability == live.home.durability
+        for again in (copied(live), copy.deepcopy(live)):
+            assert_same(seen(again), seen(live))
+            again.tell([("cup", "in", "e1")])
+            assert "cup" not in live.inserted
 
 
-VERBS = ("tell", "insert", "observe", "move", "remove", "undo", "ask", "explain", "save", "prepare")
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_what_is_done_with_a_closed_home_is_refused(tmp_path: Path, verb: str) -> None:
+def test_what_is_done_with_a_closed_home_is_refused_and_loses_nothing(tmp_path: Path) -> None:
     folder = home_of(tmp_path / "home", KNOWN)
     with isi.open(folder) as live:
         live.tell([MUG])
     with isi.open(folder) as other:
         other.tell([("cup", "in", "e2")])
     before = files(folder)
-    given: dict[str, tuple[Any, ...]] = {
-        "insert": ("tray", {"in": "e1"}),
-        "move": MUG,
-        "remove": ("mug",),
-        "ask": ("mug", "in"),
-        "explain": ("mug",),
-        "save": (tmp_path / "copy",),
-        "undo": (),
-        "prepare": (),
-    }
-    with pytest.raises(InputError, match="closed"):
-        getattr(live, verb)(*given.get(verb, ([MUG],)))
+    for work in (
+        partial(live.tell, [MUG]),
+        partial(live.move, *MUG),
+        partial(live.remove, "mug"),
+        live.undo,
+        partial(live.ask, *MUG[:2]),
+        partial(live.save, tmp_path / "copy"),
+        live.prepare,
+    ):
+        with pytest.raises(InputError, match="closed"):
+            work()
     live.close()
     assert files(folder) == before
     assert list(isi.open(folder).inserted) == ["mug", "cup"]

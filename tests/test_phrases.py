@@ -213,14 +213,6 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
 # The tool that makes the vocabulary
 
 
-def test_the_vocabulary_has_common_words_and_rarer_things() -> None:
-    listed = [f"w{rank}" for rank in range(distil_words.LISTED + 1)]
-    last = f"w{distil_words.LISTED - 1}"
-    ranks = distil_words.vocabulary(listed, {"w3", last, f"w{distil_words.LISTED}", "unlisted"})
-    assert list(ranks) == [*listed[: distil_words.COMMONEST], last]
-    assert ranks[last] == distil_words.LISTED - 1
-
-
 def test_a_line_of_wordnet_names_its_nouns(tmp_path: Path) -> None:
     path = tmp_path / "data.noun"
     path.write_text(
@@ -237,14 +229,3 @@ def test_quantized_rows_are_within_half_a_step() -> None:
     numbers, scale = distil_words.quantized(rows)
     assert np.abs(numbers).max(1).tolist() == [127] * 20
     assert (np.abs(numbers * scale[:, None] - rows) <= 0.501 * scale[:, None]).all()
-
-
-def test_as_many_components_as_numbers_keep_all_cosines() -> None:
-    vectors = np.random.default_rng(0).standard_normal((40, 6)).astype(np.float32)
-    centred = vectors - vectors.mean(0)
-    unit = centred / np.linalg.norm(centred, axis=1, keepdims=True)
-    rows = distil_words.reduced(vectors, 6)
-    np.testing.assert_allclose(rows @ rows.T, unit @ unit.T, atol=1e-5)
-    assert distil_words.weights(np.array([0, 10, 100_000])) == pytest.approx(
-        [0.0126, 0.1236, 0.9999], abs=2e-3
-    )

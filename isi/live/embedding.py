@@ -607,11 +607,13 @@ class LiveEmbedding:
             words=None if base.words is None else np.pad(base.words, ((0, len(rows)), (0, 0))),
             inserted=len(rows),
         )
-        changed = self.home.facts("status <> 'trained'")
         labels = larger.relation_ids
-        usable = [row for row in changed if row.relation in labels]
-        added = larger.ids_of(row.fact for row in usable if row.status == "added")
-        retracted = larger.ids_of(row.fact for row in usable if row.status == "retracted")
+        query = "SELECT head, relation, tail FROM fact WHERE status = ? ORDER BY id"
+        usable = {
+            status: [fact for fact in self.home.read(query, status) if fact[1] in labels]
+            for status in ("added", "retracted")
+        }
+        added, retracted = larger.ids_of(usable["added"]), larger.ids_of(usable["retracted"])
         triples = np.concatenate([self.known_triples, added])
         return replace(larger, triples=triples, added=len(added), retracted=retracted)
 

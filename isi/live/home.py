@@ -69,7 +69,7 @@ STEPS = (
         UNIQUE (head, relation, tail)
     );
     CREATE INDEX fact_of_tail ON fact (tail);
-    CREATE INDEX fact_not_trained ON fact (status) WHERE status <> 'trained';
+    CREATE INDEX fact_by_status ON fact (status);
     CREATE TABLE change (
         id INTEGER PRIMARY KEY,
         verb TEXT NOT NULL,

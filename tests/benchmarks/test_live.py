@@ -2,14 +2,16 @@
 changes and queries in process and by the pipe of ``isi live``.
 
 The peer of changes is ``isi.insert`` with the same initializer by name: what they cost beyond the
-vector itself.
+vector itself. The peer of a change that is written is a commit of SQLite with one row, on the same
+disk.
 """
 
 import json
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from itertools import count, product
+from itertools import count, cycle, islice, product
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,15 @@ WAYS = [
     "ask",
     "observe, pipe",
     "ask, pipe",
+]
+CHANGES = 100_000  #: In the history of a home.
+HOME_WAYS = [
+    "SQLite's commit",
+    "tell a known fact, durable",
+    "tell a new fact, durable",
+    "tell a known fact, normal",
+    "open, 100,000 changes",
+    "ask after a change, 100,000 changes",
 ]
 
 
@@ -144,3 +155,38 @@ def test_by_pipe(benchmark: Any, pipe: Callable[[Any], Any], way: str) -> None:
         rounds=200,
         warmup_rounds=40,
     )
+
+
+@pytest.mark.parametrize("way", HOME_WAYS)
+def test_in_a_folder(benchmark: Any, bundle: Bundle, tmp_path: Path, way: str) -> None:
+    folder, numbers, rounds = tmp_path / "home", count(), 200
+    LiveEmbedding(bundle).save(folder)
+    benchmark.group = "live"
+    benchmark.extra_info.update(what=way)
+    facts = bundle.named_triples() if "known" in way else long_life(bundle)
+    if way.startswith("SQLite"):
+        database = sqlite3.connect(tmp_path / "rows.sqlite", isolation_level=None)
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("CREATE TABLE row (head, relation, tail)")
+        benchmark.pedantic(lambda: database.execute("INSERT INTO row VALUES (1, 2, 3)"), rounds=200)
+        return
+    if "100,000" in way:
+        rounds = 10
+        with isi.open(folder, durability="normal") as live, live.home.transaction():
+            for fact in islice(cycle(facts), CHANGES):
+                live.tell([fact])
+
+    def open_and_ask() -> object:
+        with isi.open(folder) as opened:
+            return opened.ask("e0", "at")
+
+    def tell() -> object:
+        return live.tell([facts[next(numbers)]])
+
+    def tell_and_ask() -> object:
+        live.remove(facts=[facts[next(numbers)]])
+        return live.ask("e0", "at")
+
+    with isi.open(folder, durability="normal" if "normal" in way else "full") as live:
+        work = open_and_ask if way.startswith("open") else tell
+        benchmark.pedantic(tell_and_ask if "ask after" in way else work, rounds=rounds)

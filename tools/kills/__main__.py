@@ -4,7 +4,8 @@
 In twenty runs of a small pipeline, the run, DVC, a stage or a worker gets KILL, TERM or INT at a
 random moment. Further runs have a limit on the size of files, or a full file system. After each of
 them, another run must give every output byte for byte as an undisturbed run does, and must leave no
-process and no temporary file.
+process and no temporary file. As many processes that change a home are killed or starved: what they
+have acknowledged must be there, and nothing half.
 
 python -m tools.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
@@ -25,6 +26,9 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
+from isi.live.home import Home
+from tests.small_live import KNOWN
+from tools.kills import home
 from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
 TABLE = Path("docs/benchmarks/kills.csv")
@@ -113,6 +117,22 @@ def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> 
                 yield fault
 
 
+def of_homes(kills: int, disks: int, chosen: random.Random) -> Iterator[Fault]:
+    """Kill processes that change one home after the other; then fill file systems by homes."""
+    ways = itertools.cycle([(way, cause) for cause in SIGNALS for way in home.WAYS])
+    with tempfile.TemporaryDirectory() as folder:
+        for way, cause in itertools.islice(ways, kills):
+            path = Path(folder) / way
+            if not path.exists():
+                Home.create(KNOWN, path).close()
+            yield home.killed(path, way, cause, chosen)
+    for way in itertools.islice(itertools.cycle(("tell", "train")), disks):
+        with suppress(PermissionError), disk() as (folder, hold):
+            Home.create(KNOWN, folder / "home").close()
+            hold(shutil.disk_usage(folder).used // 1024 + chosen.randrange(100, 300))
+            yield home.starved(folder / "home", way, partial(hold, 2**20))
+
+
 def table(faults: Sequence[Fault]) -> str:
     """A CSV table with a row for each kind of process and signal, and one for all."""
     rows = pd.DataFrame(map(asdict, faults))
@@ -150,8 +170,11 @@ def main() -> None:
             kills(where, given.kills, seconds, chosen),
             limits(where, given.disks, chosen),
             full_disks(where.expected, given.disks, chosen),
+            of_homes(given.kills, given.disks, chosen),
         )
-        for fault in tqdm(every, total=given.kills + 2 * given.disks, unit=" faults", disable=None):
+        for fault in tqdm(
+            every, total=2 * given.kills + 3 * given.disks, unit=" faults", disable=None
+        ):
             faults.append(fault)
             print(
                 f"{fault.whom}, {fault.cause}, in {fault.stage}: {fault.lost or 'nothing lost'}",

@@ -4,10 +4,11 @@
 """
 
 import random
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count, islice, product
 from pathlib import Path
@@ -66,24 +67,45 @@ def create(folder: Path) -> Iterator[int]:
 WAYS = {"tell": tell, "train": train, "create": create}
 
 
-def killed(folder: Path, way: str, cause: int, chosen: random.Random) -> Fault:
-    """Start a process, and send it a signal at a random moment.
-
-    Raises:
-        Lost: if what it has acknowledged is not there, or something is half there.
-    """
-    command = [sys.executable, "-m", "tools.kills.home", way, str(folder)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=ENVIRONMENT, text=True
-    ) as process:
+def killed(folder: Path, way: str, cause: signal.Signals, chosen: random.Random) -> Fault:
+    """Start a process, and send it a signal at a random moment."""
+    with _started(way, folder) as process:
         printed = process.stdout or ()
         lines = list(islice(printed, chosen.randint(1, 20)))
         time.sleep(chosen.uniform(0, 0.02))
         process.send_signal(cause)
         lines += [line for line in printed if line.endswith("\n")]  # the last may be cut short
-        status = process.wait()
-    check(folder, way, int(lines[-1]) + 1 if lines else 0)
-    return Fault("a home", str(cause), way, status)
+    return _checked(folder, Fault("a home", cause.name, way, process.returncode), lines)
+
+
+def starved(folder: Path, way: str, enlarge: Callable[[], object]) -> Fault:
+    """Start a process on a disk that it fills; then there is space again."""
+    with _started(way, folder) as process:
+        out, err = process.communicate()
+    enlarge()
+    fault = Fault("a home", "full", way, process.returncode)
+    if len(err.splitlines()) != 1 or not process.returncode:
+        return replace(fault, lost=f"no refusal in a line: {err[-300:]}")
+    return _checked(folder, fault, out.splitlines())
+
+
+def _started(way: str, folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "tools.kills.home", way, str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=ENVIRONMENT,
+        text=True,
+    )
+
+
+def _checked(folder: Path, fault: Fault, lines: Sequence[str]) -> Fault:
+    """The fault, with what it has lost; ``lines``: what was acknowledged."""
+    try:
+        check(folder, fault.stage, int(lines[-1]) + 1 if lines else 0)
+    except Lost as error:
+        return replace(fault, lost=str(error))
+    return fault
 
 
 def check(folder: Path, way: str, acknowledged: int) -> None:
