@@ -3,6 +3,7 @@
 ``python -m tools.kills.home WAY FOLDER`` prints a number for each change that is acknowledged.
 """
 
+import os
 import random
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import count, islice, product
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from isi.live.home import Home
 from isi.process import errors_in_one_line
 from tests.environment import ENVIRONMENT
 from tests.small_live import KNOWN, TRAINED, facts_of
-from tools.kills.workspace import Fault, Lost
+from tools.kills.workspace import Fault, Lost, prepare_process
 
 NEGATIVE = replace(KNOWN, entities=-KNOWN.entities)
 #: Facts that ``KNOWN`` lacks between entities that it has.
@@ -96,6 +98,7 @@ def _started(way: str, folder: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         env=ENVIRONMENT,
         text=True,
+        preexec_fn=partial(prepare_process, os.getpid(), None),
     )
 
 

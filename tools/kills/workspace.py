@@ -120,7 +120,7 @@ class Workspace:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            preexec_fn=partial(_prepare, os.getpid(), limit),
+            preexec_fn=partial(prepare_process, os.getpid(), limit),
         )
 
     def finish(self) -> float:
@@ -235,7 +235,7 @@ class Workspace:
         return Fault("the disk", cause, stage, run.returncode)
 
 
-def _prepare(parent: int, limit: int | None) -> None:
+def prepare_process(parent: int, limit: int | None) -> None:
     """End this process with the test, accept Ctrl-C even if the test's parent ignores it,
     and limit file sizes.
     """
