@@ -425,7 +425,8 @@ def summary(live: LiveEmbedding, effect: Effect, json: bool) -> None:
         lines.append(f"facts seen again: {effect.known:,}")
     has_vectors = effect.inserted or effect.updated
     measured = list(_mrr_in_words(live)) if has_vectors else []
-    print(*(lines or ["nothing has changed"]), *measured, *effect.notes, sep="\n")
+    nothing = [] if lines or effect.notes else ["nothing has changed"]
+    print(*lines, *nothing, *measured, *effect.notes, sep="\n")
 
 
 def _mrr_in_words(live: LiveEmbedding) -> Iterator[str]:

@@ -62,6 +62,7 @@ class Change:
     relations: list[str] = field(default_factory=list)  #: new ones
     added: list[Fact] = field(default_factory=list)  #: facts that held afterwards and not before
     seen: list[Fact] = field(default_factory=list)  #: facts that held already
+    unseen: list[Fact] = field(default_factory=list)  #: facts that were seen once less: of undo
     lost: list[Fact] = field(default_factory=list)  #: facts that held before and not afterwards
     believed: list[Fact] = field(default_factory=list)  #: of ``seen``, with another confidence
     training: bool = False  #: whether facts of training came or went
@@ -76,8 +77,8 @@ LISTS = {
     "restored": ("added", "lost"),
     "taken": ("lost", "added"),
     "retracted": ("lost", "added"),
-    "seen": ("seen", "seen"),
-    "believed": ("seen", "seen"),
+    "seen": ("seen", "unseen"),
+    "believed": ("seen", "unseen"),
 }
 
 

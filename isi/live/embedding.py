@@ -723,7 +723,8 @@ class LiveEmbedding:
                 change = Pending(number, when, stamp.source)
                 yield change
                 (made,) = changes_of(self.home, number)
-                if not any((made.inserted, made.removed, made.added, made.seen, made.lost)):
+                lists = made.inserted, made.removed, made.added, made.seen, made.lost, made.unseen
+                if not any(lists):
                     raise _NothingChanged
                 computed = self._computed(made)
                 self._write(number, computed, [*made.added, *made.lost])
@@ -744,6 +745,7 @@ class LiveEmbedding:
         elif made.added or made.lost:
             self._now = None
         notes = [note for each in computed.values() for note in each.entity.notes]
+        notes += [f"{' '.join(fact)} counts as seen once less" for fact in made.unseen]
         change.result = Effect(
             inserted=made.inserted,
             updated=[name for name in computed if name not in made.inserted],

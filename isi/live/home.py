@@ -119,8 +119,8 @@ STEPS = (
         SELECT head, relation, tail, status, count, confidence, first_seen, last_seen, source
         FROM fact WHERE status <> 'retracted';
     CREATE VIEW history AS
-        SELECT change.id, time, verb, source, effect, entity, head, relation, tail, undone
-        FROM change LEFT JOIN effect ON effect.change = coalesce(change.undoes, change.id)
+        SELECT change.id, time, verb, source, effect, entity, head, relation, tail, undone, undoes
+        FROM change LEFT JOIN effect ON effect.change = change.id
         ORDER BY change.id, effect.rowid;
     """,
 )
