@@ -13,7 +13,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import partial, wraps
@@ -28,6 +28,7 @@ from tqdm import tqdm
 from isi.config import Count, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
+from isi.insertion.arguments import as_list, naming_argument, options_by_name
 from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
@@ -37,7 +38,7 @@ from isi.live.explain import Explanation, Report, Snapshot, explain, report
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
-from isi.live.names import KnownNames, check_new
+from isi.live.names import KnownNames, NewName, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
@@ -79,31 +80,39 @@ class Pending:
     result: Effect = field(default_factory=Effect)  #: when it is made
 
 
-class _NothingChanged(Exception):
-    """Ends a transaction that would write nothing but a line of the history."""
-
-
-def one_at_a_time(
-    method: Callable[Concatenate[Any, P], R],
-) -> Callable[Concatenate[Any, P], R]:
-    """A method that one thread runs at a time, after what other processes have changed is taken
-    over; what it calls sees the same state, under PyTorch's usual settings.
+def _one_at_a_time(
+    begin: Callable[[Home], AbstractContextManager[Any]],
+) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[Any, P], R]]:
+    """Decorates methods of which one thread runs one at a time, under PyTorch's usual settings,
+    after what other processes have changed is taken over; ``begin``: what it sees or writes is of
+    one moment.
     """
 
-    @wraps(method)
-    def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with self._lock:
-            if self._is_inside:
-                return method(self, *args, **kwargs)
-            self._is_inside = True
-            try:
-                with usual_torch():
-                    self._take_over()
+    def decorate(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
+        @wraps(method)
+        def locked(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+            with self._lock:
+                if self._is_inside:
                     return method(self, *args, **kwargs)
-            finally:
-                self._is_inside = False
+                self._is_inside, before = True, (dict(self._rows), self._last)
+                try:
+                    with usual_torch(), begin(self.home):
+                        self._take_over()
+                        return method(self, *args, **kwargs)
+                except BaseException:
+                    self._rows, self._last = before
+                    self._start_again()
+                    raise
+                finally:
+                    self._is_inside = False
 
-    return locked
+        return locked
+
+    return decorate
+
+
+reads = _one_at_a_time(Home.snapshot)
+changes = _one_at_a_time(Home.transaction)
 
 
 class LiveEmbedding:
@@ -140,27 +149,22 @@ class LiveEmbedding:
         self._known_triples: np.ndarray | None = None
         self._known_names: KnownNames | None = None
         self._known_relations: KnownNames | None = None
-        self._load(loaded)
+        with usual_torch(), self.home.snapshot():
+            self._load(loaded)
 
     def _load(self, base: LoadedEmbedding) -> None:
         """Derive everything from the tables."""
         self.base = base  #: the trained entities, with the triples of training
         self.groups = EntityGroups(base, phrase_vectors(base), self.home)
         self._known_curves = dict[tuple[int, int], Curve | None]()  # by relation and slot
-        self._version = self.home.version()
         self._last = self._last_change()
         self._rows = dict[str, InsertedEntity]()
         self._read_rows(0)
-        missing = set(self.home.inserted()) - self._rows.keys()
-        if missing and not self.home.is_read_only:  # they came while this was trained
-            with self.home.transaction():
-                computed = self.groups.insert(self._inputs_of(missing), self.known_triples)
-                self._write(self._last, computed, [])
-            self._read_rows(0)
+        self._version = self.home.version()
 
     # -- changes -----------------------------------------------------------------------------------
 
-    @one_at_a_time
+    @changes
     def tell(
         self,
         facts: Any = (),
@@ -215,7 +219,7 @@ class LiveEmbedding:
             self._add_facts(change, listed)
         return change.result
 
-    @one_at_a_time
+    @changes
     def insert(
         self,
         entities: str | Sequence[str],
@@ -239,7 +243,7 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts
             (['mug', 'sofa'], 2)
         """
-        names = _names(entities)
+        names, facts = _names(entities), _whole(facts)
         if isinstance(facts, Mapping) and not any(map(_is_mapping, facts.values())):
             if len(names) != 1 and facts:
                 expected = "expected facts by name: tails by relation are of one entity"
@@ -252,7 +256,7 @@ class LiveEmbedding:
         self._refuse_unknown(self._as_known(checked_facts(facts)), names)
         return self.tell(facts, entities=names, **about)
 
-    @one_at_a_time
+    @changes
     def observe(self, facts: Any, *, upsert: bool = False, **about: Unpack[About]) -> Effect:
         """``tell`` of entities that are known, unless ``upsert``.
 
@@ -260,11 +264,12 @@ class LiveEmbedding:
             >>> home.observe([("lamp", "in", "kitchen")]).facts
             1
         """
+        facts = _whole(facts)
         if not upsert:
             self._refuse_unknown(self._as_known(checked_facts(facts)), ())
         return self.tell(facts, **about)
 
-    @one_at_a_time
+    @changes
     def move(
         self,
         head: str,
@@ -290,14 +295,14 @@ class LiveEmbedding:
             self._refuse_unknown(listed, ())
             old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
             if instead_of is not None:
-                old = [(*fact[:2], clean(instead_of))]
+                old = [(*fact[:2], self._known.same(instead_of) or clean(instead_of))]
             for each in old:
                 if each != fact:
                     self.home.take_fact(change.number, each)
             self._add_facts(change, listed)
         return change.result
 
-    @one_at_a_time
+    @changes
     def remove(
         self,
         entities: str | Sequence[str] = (),
@@ -326,7 +331,7 @@ class LiveEmbedding:
                 self.home.remove_entity(change.number, self._inserted(known))
         return change.result
 
-    @one_at_a_time
+    @changes
     def undo(
         self, *, time: datetime | str | float | None = None, source: str | None = None
     ) -> Effect:
@@ -354,7 +359,7 @@ class LiveEmbedding:
         with self._lock:
             return changes_of(self.home, FIRST_TRAINING + 1)
 
-    @one_at_a_time
+    @reads
     def stale(self, age: timedelta, since: datetime | None = None) -> list[StoredFact]:
         """The facts that hold and were not seen for some time before ``since`` (None: now), the
         oldest first. One that was not seen since training counts as seen then.
@@ -364,11 +369,11 @@ class LiveEmbedding:
             >>> [row.fact for row in home.stale(timedelta(days=30))]
             []
         """
-        trained = "(SELECT max(time) FROM change WHERE verb = 'train')"
-        last = f"coalesce(last_seen, {trained})"
+        ((trained,),) = self.home.read("SELECT max(time) FROM change WHERE verb = 'train'")
         before = as_text((since or now()) - age)
-        rows = self.home.facts(f"status <> 'retracted' AND {last} < ?", before)
-        return sorted(rows, key=lambda row: row.last_seen or "")
+        last = "coalesce(last_seen, ?)"
+        rows = self.home.facts(f"status <> 'retracted' AND {last} < ?", trained, before)
+        return sorted(rows, key=lambda row: row.last_seen or trained)
 
     def prepare(self, progress: bool = False) -> None:
         """Choose initializers and fit the curves of probabilities now, in some seconds, so that no
@@ -387,7 +392,7 @@ class LiveEmbedding:
 
     # -- answers -----------------------------------------------------------------------------------
 
-    @one_at_a_time
+    @reads
     def ask(
         self,
         head: str | None = None,
@@ -450,7 +455,7 @@ class LiveEmbedding:
         """The answers to a query by ids, with ``Answer.shared_by``."""
         return answer(self.now, query, top, self._curve(*query), indicators=indicators)
 
-    @one_at_a_time
+    @reads
     def nearest(self, entity: str, number: int = 10) -> list[tuple[str, float]]:
         """The ``number`` other entities with the highest cosine to an entity, and these cosines.
 
@@ -463,7 +468,7 @@ class LiveEmbedding:
         row = self.now.entity_ids[self._queried(entity)]
         return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
 
-    @one_at_a_time
+    @reads
     def explain(self, entity: str, top: int = 5) -> Explanation:
         """Why an inserted entity is where it is: its indicators,
         and the effect of each part of its input.
@@ -479,7 +484,7 @@ class LiveEmbedding:
         explained = explain(self._snapshot(entity, notes), top)
         return replace(explained, notes=[*notes, *explained.notes])
 
-    @one_at_a_time
+    @reads
     def report(self, entity: str, top: int = 5) -> Report:
         """What is known and predicted about an inserted entity,
         with the ``top`` best answers to each query.
@@ -500,7 +505,7 @@ class LiveEmbedding:
         given = self._inputs_of([name])
         return Snapshot(self.now, self.groups, self.known_triples, given, self._rows[name])
 
-    @one_at_a_time
+    @reads
     def interference(
         self, entities: Sequence[str] = (), most: int = 256, show: int = 5
     ) -> Interference | None:
@@ -541,7 +546,7 @@ class LiveEmbedding:
         return self.home.folder
 
     @property
-    @one_at_a_time
+    @reads
     def inserted(self) -> dict[str, InsertedEntity]:
         """The inserted entities by name, in order.
 
@@ -567,7 +572,7 @@ class LiveEmbedding:
             return self.home.facts("status <> 'retracted'")
 
     @property
-    @one_at_a_time
+    @reads
     def known_triples(self) -> np.ndarray:
         """The triples of training that hold; ids, shape (T, 3).
 
@@ -581,7 +586,7 @@ class LiveEmbedding:
         return self._known_triples
 
     @property
-    @one_at_a_time
+    @reads
     def now(self) -> LoadedEmbedding:
         """The bundle with all inserted entities in its last rows, and all facts that hold."""
         if self._now is None:
@@ -606,6 +611,7 @@ class LiveEmbedding:
             # those of inserted entities are looked up where they are needed
             words=None if base.words is None else np.pad(base.words, ((0, len(rows)), (0, 0))),
             inserted=len(rows),
+            counts=None,
         )
         labels = larger.relation_ids
         query = "SELECT head, relation, tail FROM fact WHERE status = ? ORDER BY id"
@@ -630,7 +636,7 @@ class LiveEmbedding:
             self._known_relations = KnownNames(dict.fromkeys(names))
         return self._known_relations
 
-    @one_at_a_time
+    @reads
     def save(self, folder: str | Path | None = None) -> None:
         """Write a copy of the home into another folder, where ``isi.open`` finds it.
 
@@ -653,14 +659,23 @@ class LiveEmbedding:
         if folder is not None:
             self.home.write_to(Path(folder), self.base)
 
-    @one_at_a_time
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
         loaded = with_words(LoadedEmbedding(**vars(bundle)))
-        self.home.train(loaded, keep=True)
-        self._load(loaded)
+        with self._lock, usual_torch():
+            try:
+                with self.home.training(loaded, keep=True) as number:
+                    self._load(loaded)
+                    if names := self.home.inserted():  # they came while this was trained
+                        computed = self.groups.insert(self._inputs_of(names), self.known_triples)
+                        added = [row.fact for row in self.home.facts("status = 'added'")]
+                        self._rows = {name: computed[name].entity for name in names}
+                        self._write(number, computed, added)
+            except BaseException:
+                self._start_again()
+                raise
 
-    @one_at_a_time
+    @changes
     def _repeat(self, line: convert.Line) -> None:
         """Make a change of a journal again."""
         if line.do == "undo":
@@ -699,6 +714,8 @@ class LiveEmbedding:
 
     def __repr__(self) -> str:
         sizes = self.base.sizes()
+        if self.home.is_closed:
+            return f"LiveEmbedding({self.folder or ''}: closed)"
         added = self.home.read("SELECT count(*) FROM fact WHERE status = 'added'")[0][0]
         return (
             f"LiveEmbedding({self.folder or ''}: {sizes['entities']:,} known entities,"
@@ -716,33 +733,24 @@ class LiveEmbedding:
         with at(verb):
             stamp = Stamp(time=time, source=source)
         when = as_text(stamp.time or now())
-        try:
-            with self.home.transaction():
-                self._take_over()
-                number = self.home.add_change(verb, when, stamp.source)
-                change = Pending(number, when, stamp.source)
-                yield change
-                (made,) = changes_of(self.home, number)
-                lists = made.inserted, made.removed, made.added, made.seen, made.lost, made.unseen
-                if not any(lists):
-                    raise _NothingChanged
-                computed = self._computed(made)
-                self._write(number, computed, [*made.added, *made.lost])
-                has_names = bool(made.inserted or made.removed)
-                present = self.home.inserted() if has_names else list(self._rows)
-        except _NothingChanged:
+        number = self.home.add_change(verb, when, stamp.source)
+        change = Pending(number, when, stamp.source)
+        yield change
+        (made,) = changes_of(self.home, number)
+        lists = made.inserted, made.removed, made.added, made.seen, made.lost, made.unseen
+        if not any(lists):
+            self.home.read("DELETE FROM change WHERE id = ?", number)
             return
-        except BaseException:
-            self.groups.forget()
-            self._forget()
-            self._version = -1  # what was interrupted may be committed: it is read again
-            raise
+        computed = self._computed(made)
+        self._write(number, computed, [*made.added, *made.lost])
+        has_names = bool(made.inserted or made.removed)
+        present = self.home.inserted() if has_names else list(self._rows)
         self._last = number
         rows = self._rows | {name: each.entity for name, each in computed.items()}
         self._rows = {name: rows[name] for name in present}
         if has_names or made.relations or verb == "undo":
             self._forget()
-        elif made.added or made.lost:
+        elif computed or made.added or made.lost:
             self._now = None
         notes = [note for each in computed.values() for note in each.entity.notes]
         notes += [f"{' '.join(fact)} counts as seen once less" for fact in made.unseen]
@@ -779,6 +787,7 @@ class LiveEmbedding:
         for name, number in Counter(fact[1] for fact in facts).items():
             if known.same(name) is not None:
                 continue
+            check(name, NewName, "", "relation")
             if number < 2:
                 expected = "expected a known relation, or two facts or more of a new one"
                 raise InputError(repr(name)[:80], "", expected + known.hint(name))
@@ -841,7 +850,6 @@ class LiveEmbedding:
         version = self.home.version()
         if version == self._version:
             return
-        self._version = version
         if self.home.last_training() != self.home.read_training:
             self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
             return
@@ -849,6 +857,13 @@ class LiveEmbedding:
         if last != self._last:
             self._read_rows(self._last)
             self._last = last
+        self._version = version
+
+    def _start_again(self) -> None:
+        """After a failure: what was done may be written or not, and is read when it is needed."""
+        self.groups.forget()
+        self._forget()
+        self._version = -1
 
     def _read_rows(self, after: int) -> None:
         """Read the vectors of changes after one."""
@@ -956,7 +971,8 @@ def open_live(
         return _converted(path, durability)
     home = Home.opened(path, durability)
     try:
-        return LiveEmbedding(home.bundle(), home)
+        with home.snapshot():
+            return LiveEmbedding(home.bundle(), home)
     except BaseException:
         home.close()
         raise
@@ -974,7 +990,8 @@ def _converted(folder: Path, durability: Durability) -> LiveEmbedding:
             made._repeat(line)
     if durability == "memory" or not os.access(folder, os.W_OK):
         return made
-    made.home.write_to(folder, made.base, beside=True)
+    with made:
+        made.home.write_to(folder, made.base, beside=True)
     return open_live(folder, durability)
 
 
@@ -990,6 +1007,11 @@ def _with_own_words(loaded: LoadedEmbedding) -> LoadedEmbedding:
     return loaded if loaded.words is None else with_words(loaded)
 
 
+def _whole(facts: Any) -> Any:
+    """Facts that can be read twice."""
+    return list(facts) if isinstance(facts, Iterator) else facts
+
+
 def _is_mapping(value: object) -> bool:
     return isinstance(value, Mapping)
 
@@ -1000,10 +1022,11 @@ def _fact_of(row: StoredFact) -> Fact:
 
 def _names(entities: str | Sequence[str]) -> list[str]:
     """Names, cleaned, once each."""
-    listed = [entities] if isinstance(entities, str) else list(entities)
-    for name in listed:
-        check(name, str, "", "name of an entity")
-    return list(dict.fromkeys(map(clean, listed)))
+    if isinstance(entities, str):
+        return [clean(entities)]
+    with naming_argument("entities"):
+        listed: list[str] = as_list(entities, str, "a list of names")
+    return list(dict.fromkeys(clean(name) for name in listed))
 
 
 def _about(
@@ -1027,7 +1050,7 @@ def _about(
                 definition=text,
                 kind=named,
                 initializer=initializer,
-                options=plain_numbers(dict(options or {})),
+                options=plain_numbers(options_by_name(options, "options")),
                 seed=plain_number(seed),
             )
 

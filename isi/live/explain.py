@@ -224,9 +224,12 @@ def _lacking(snapshot: Snapshot, indicator: Indicator) -> Snapshot:
     def is_of_others(fact: Fact) -> bool:
         return indicator.entity not in (fact[0], fact[2])
 
+    phrases = snapshot.groups.phrases
+    if phrases is not None and part.words is not None:
+        phrases = replace(phrases, known=part.words, phrases=part.phrases)
     return replace(
         snapshot,
-        groups=replace(snapshot.groups, base=part),
+        groups=replace(snapshot.groups, base=part, phrases=phrases),
         known_triples=part.triples,
         given=_fewer_facts(snapshot.given, is_of_others),
     )

@@ -363,17 +363,20 @@ class EntityGroups:
         return Choice(initializer, options, why, trained_with, warnings, _curves_of(curves))
 
     def _store(self, key: tuple[int, bool, str], choice: Choice) -> Choice:
-        if not self.home.is_read_only:
-            values = (
-                *key,
-                choice.initializer,
-                json.dumps(choice.options),
-                choice.why,
-                choice.trained_with,
-                json.dumps(list(choice.warnings)),
-                _text_of(choice.curves),
-            )
-            self.home.read("REPLACE INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", *values)
+        values = (
+            *key,
+            choice.initializer,
+            json.dumps(choice.options),
+            choice.why,
+            choice.trained_with,
+            json.dumps(list(choice.warnings)),
+            _text_of(choice.curves),
+        )
+        if self.home.is_read_only:
+            return choice
+        with self.home.transaction():
+            if self.home.last_training() == self.home.read_training:  # else it is of another home
+                self.home.read("REPLACE INTO choice VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", *values)
         return choice
 
     def _hold_out(self, number: int, words: bool) -> HoldOut:

@@ -13,7 +13,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -146,6 +146,9 @@ FACT = ("head", "relation", "tail")
 #: embedding lacks, since they were told while it was trained, and those that were retracted then;
 #: their entities, and inserted ones without facts. What was removed meanwhile is retracted.
 CARRIED_OVER = (
+    "UPDATE entity SET (definition, initializer, options, seed) = "
+    "(old.definition, old.initializer, old.options, old.seed) "
+    "FROM old_entity AS old WHERE entity.name = old.name",
     "UPDATE fact SET (count, confidence, first_seen, last_seen, source) = "
     "(old.count, old.confidence, old.first_seen, old.last_seen, old.source), "
     "status = CASE old.status WHEN 'retracted' THEN 'retracted' ELSE 'trained' END "
@@ -153,14 +156,18 @@ CARRIED_OVER = (
     "WHERE (fact.head, fact.relation, fact.tail) = (old.head, old.relation, old.tail)",
     "UPDATE fact SET status = 'retracted' WHERE (head, relation, tail) NOT IN "
     "(SELECT head, relation, tail FROM old_fact)",
+    "INSERT OR IGNORE INTO relation (name, trained) SELECT DISTINCT relation, 0 FROM old_fact "
+    "WHERE status <> 'retracted'",
     "INSERT OR IGNORE INTO fact (head, relation, tail, status, count, confidence, first_seen, "
     "last_seen, source) SELECT head, relation, tail, 'added', count, confidence, first_seen, "
     "last_seen, source FROM old_fact "
-    "WHERE status <> 'retracted' AND relation IN (SELECT name FROM relation) ORDER BY id",
+    "WHERE status <> 'retracted' ORDER BY id",
     "INSERT OR IGNORE INTO entity (name, trained, kind, phrase, definition, initializer, options, "
     "seed) SELECT name, 0, kind, phrase, definition, initializer, options, seed FROM old_entity "
     "WHERE name IN (SELECT head FROM fact UNION SELECT tail FROM fact) OR NOT (trained OR name IN "
     "(SELECT head FROM old_fact UNION SELECT tail FROM old_fact)) ORDER BY id",
+    "DROP TABLE temp.old_entity",
+    "DROP TABLE temp.old_fact",
 )
 ADD_FACT = "INSERT INTO fact (head, relation, tail, status, count) VALUES (?, ?, ?, 'trained', ?)"
 
@@ -195,7 +202,8 @@ class Home:
 
     def __init__(self, folder: Path | None, connection: sqlite3.Connection) -> None:
         """Use ``create``, ``opened`` or ``of_bytes``."""
-        self.folder = folder
+        self.folder = folder  #: None in memory
+        self.vectors_folder = folder  #: where the trained vectors are
         self.durability: Durability = "memory"
         self.is_read_only = False
         self.read_training: int | None = None  #: The training whose vectors were read or written.
@@ -209,22 +217,15 @@ class Home:
 
         ``InputError`` if a home with changes is there, or what the folder has is no home.
         """
+        home = cls(None, _connected(":memory:"))
+        home._upgrade()
+        with home.training(bundle, time):
+            pass
         if folder is None:
-            home = cls(None, _connected(":memory:"))
-            home._upgrade()
-        else:
-            check_free(folder)
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise unwritable(folder, error) from error
-            home = cls._in_folder(folder, "full", is_new=True)
-        try:
-            home.train(bundle, time)
-        except BaseException:
-            home.close()
-            raise
-        return home
+            return home
+        with home:
+            home.write_to(folder, bundle)
+        return cls.opened(folder)
 
     @classmethod
     def opened(cls, folder: Path, durability: Durability = "full") -> "Home":
@@ -239,11 +240,11 @@ class Home:
         return cls._in_folder(folder, durability)
 
     @classmethod
-    def _in_folder(cls, folder: Path, durability: Durability, is_new: bool = False) -> "Home":
+    def _in_folder(cls, folder: Path, durability: Durability) -> "Home":
         home = cls(folder, _connected(str(folder / DATABASE)))
         home.durability = durability
         try:
-            if not is_new and not home._check_version():
+            if not home._check_version():
                 raise InputError(home.path, "", "expected the database of a home")
             home.read("PRAGMA journal_mode = WAL")
             home.read(f"PRAGMA synchronous = {durability.upper()}")
@@ -258,8 +259,8 @@ class Home:
         """A home whose folder stays as it is: it may be on a disk that is read-only."""
         path, parameters = folder / DATABASE, "mode=rw"  # which leaves no files for readers
         if not os.access(folder, os.W_OK):
-            is_quiet = not path.with_name(f"{DATABASE}-wal").exists()
-            parameters = "mode=ro" + "&immutable=1" * is_quiet
+            has_writer = path.with_name(f"{DATABASE}-wal").exists()
+            parameters = "mode=ro" + "&immutable=1" * (not has_writer)
         home = cls(folder, _connected(f"{path.absolute().as_uri()}?{parameters}"))
         home.durability, home.is_read_only = "full", True
         try:
@@ -273,7 +274,8 @@ class Home:
 
     def copied(self) -> "Home":
         """A copy in memory; it reads its trained vectors from the same folder."""
-        copy = Home(self.folder, _connected(":memory:"))
+        copy = Home(None, _connected(":memory:"))
+        copy.vectors_folder = self.vectors_folder
         with self._in_words():
             self.connection.backup(copy.connection)
         copy._upgrade()
@@ -295,8 +297,9 @@ class Home:
         return bytes(content)
 
     def write_to(self, folder: Path, bundle: Bundle, beside: bool = False) -> None:
-        """Write a copy of the home, whose trained embedding is ``bundle``, into another folder;
-        ``beside``: which may have other files.
+        """Write a copy of the home, whose trained embedding is ``bundle``, into another folder, as
+        a whole or not at all; ``beside``: which may have other files, and keeps a home that is
+        there by then.
         """
         if not beside:
             check_free(folder)
@@ -304,12 +307,30 @@ class Home:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(folder, error) from error
-        with Home._in_folder(folder, "full", is_new=True) as there, self.copied() as copy:
-            name, old = write_vectors(folder, bundle), there.vectors_file
-            copy.set("vectors", name)
-            with there._in_words():  # at once: whoever is killed leaves the old home or the new one
-                copy.connection.backup(there.connection)
-            _remove_vectors(folder, old, name)
+        with self.copied() as copy:
+            copy.set("vectors", write_vectors(folder, bundle))
+            if (folder / DATABASE).exists() and not beside:
+                with Home._in_folder(folder, "full") as there, there._in_words():
+                    copy.connection.backup(there.connection)
+            else:
+                copy._link(folder / DATABASE)
+        _remove_vectors(folder)
+
+    def _link(self, path: Path) -> None:
+        """Write the database into a file that comes into being with all its content, unless another
+        process has made it by then.
+        """
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            with closing(_connected(str(temporary))) as there, self._in_words():
+                self.connection.backup(there)
+            with suppress(FileExistsError):
+                os.link(temporary, path)
+        except OSError as error:
+            raise unwritable(path, error) from error
+        finally:
+            with suppress(OSError):
+                temporary.unlink()
 
     @property
     def connection(self) -> sqlite3.Connection:
@@ -317,6 +338,10 @@ class Home:
         if self._connection is None:
             raise InputError(self.folder or "this embedding", "", "is closed: open it again")
         return self._connection
+
+    @property
+    def is_closed(self) -> bool:
+        return self._connection is None
 
     def close(self) -> None:
         """Close the database; a second time, nothing."""
@@ -383,8 +408,23 @@ class Home:
                 self.connection.rollback()
             raise
 
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """All that is read inside is of one moment."""
+        if self.connection.in_transaction:
+            yield
+            return
+        with self._in_words():
+            self.connection.execute("BEGIN")
+            self.connection.execute("SELECT 1 FROM setting LIMIT 1").fetchall()
+        try:
+            yield
+        finally:
+            if self._connection is not None:
+                self._connection.rollback()
+
     def read(self, query: str, *values: Any) -> list[Any]:
-        """The rows of a query."""
+        """The rows of a statement."""
         with self._in_words():
             return self.connection.execute(query, values).fetchall()
 
@@ -394,21 +434,23 @@ class Home:
 
     # -- what it was trained on --------------------------------------------------------------------
 
-    def train(self, bundle: Bundle, time: str | None = None, keep: bool = False) -> None:
+    @contextmanager
+    def training(
+        self, bundle: Bundle, time: str | None = None, keep: bool = False
+    ) -> Iterator[int]:
         """Make this the home of a newly trained embedding: its entities, relations and facts are
-        those of ``bundle``.
+        those of ``bundle``. What is done inside, and given the number of the change, is a part of
+        it.
 
-        ``keep``: what is known of facts stays, and what was told while it was trained is told
-        again. Otherwise only the history of a home without changes is left.
+        ``keep``: what is known of facts and entities stays, and what was told while it was trained
+        is told again. Otherwise only the history of a home without changes is left.
         """
-        name, old = None, None
-        if self.folder:
-            name, old = write_vectors(self.folder, bundle), self.vectors_file
+        name = write_vectors(self.folder, bundle) if self.folder else None
         try:
             with self.transaction():
-                for table in ("entity", "fact"):
-                    self.read(f"DROP TABLE IF EXISTS temp.old_{table}")
-                    self.read(f"CREATE TEMP TABLE old_{table} AS SELECT * FROM {table}")
+                if keep:
+                    for table in ("entity", "fact"):
+                        self.read(f"CREATE TEMP TABLE old_{table} AS SELECT * FROM {table}")
                 for table in ("entity", "relation", "fact", "vector", "choice", "setting"):
                     self.read(f"DELETE FROM {table}")
                 self._fill(bundle)
@@ -416,12 +458,14 @@ class Home:
                 number = self.add_change("train", time or as_text(now()))
                 for statement in CARRIED_OVER if keep else ():
                     self.read(statement)
-            self.read_training = number
-        finally:  # a signal may come after it is committed
-            with suppress(InputError):
-                in_force = self.vectors_file
-                _remove_vectors(self.folder, name, in_force)
-                _remove_vectors(self.folder, old, in_force)
+                self.read_training = self.last_training()
+                yield number
+        except BaseException:
+            self.read_training = None  # what is in force is read again
+            raise
+        finally:
+            if self.folder:
+                _remove_vectors(self.folder)
 
     def _fill(self, bundle: Bundle) -> None:
         connection = self.connection
@@ -439,9 +483,14 @@ class Home:
         facts = ((*fact, count) for fact, count in zip(bundle.named_triples(), counts, strict=True))
         connection.executemany(ADD_FACT, facts)
 
-    def last_training(self) -> int | None:
-        """The number of the last training among the changes; None before the first."""
-        return self.read("SELECT max(id) FROM change WHERE verb = 'train'")[0][0]  # type: ignore[no-any-return]
+    def last_training(self) -> Any:
+        """What tells the last training from others; None before the first."""
+        query = (
+            "SELECT id, time, (SELECT value FROM setting WHERE name = 'vectors') FROM change"
+            " WHERE verb = 'train' ORDER BY id DESC LIMIT 1"
+        )
+        rows = self.read(query)
+        return rows[0] if rows else None
 
     @property
     def vectors_file(self) -> str | None:
@@ -454,7 +503,7 @@ class Home:
         training = self.last_training()
         settings = {name: json.loads(value) for name, value in self.read("SELECT * FROM setting")}
         name = settings.pop("vectors", None)
-        if self.folder is None or name is None:
+        if self.vectors_folder is None or name is None:
             raise InputError(self.path, "setting", "expected the name of a file of vectors")
         with at(self.path, "setting"):
             manifest = Manifest.model_validate(settings)
@@ -463,12 +512,7 @@ class Home:
         labels = [
             row[0] for row in self.read("SELECT name FROM relation WHERE trained ORDER BY id")
         ]
-        try:
-            tensors = read_vectors(self.folder / name, len(names), len(labels))
-        except InputError:
-            if self.vectors_file == name:
-                raise
-            return self.bundle()  # it was trained again in between
+        tensors = read_vectors(self.vectors_folder / name, len(names), len(labels))
         self.read_training = training
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
@@ -681,11 +725,21 @@ def _write_durably(path: Path, content: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def _remove_vectors(folder: Path | None, name: str | None, in_force: str | None) -> None:
-    """Remove a file of vectors that is not in force; it may have gone."""
-    if folder and name and name != in_force:
-        with suppress(OSError):
-            (folder / name).unlink()
+def _remove_vectors(folder: Path) -> None:
+    """Remove files of trained vectors but the two newest: a process may still read the one before
+    the last.
+    """
+    with suppress(OSError, InputError):
+        with Home._to_read(folder) as home:
+            in_force = home.vectors_file
+        files = [path for path in folder.glob("vectors-*.safetensors") if path.name != in_force]
+        files.sort(key=_age, reverse=True)
+        for path in files[1:]:
+            path.unlink()
+
+
+def _age(path: Path) -> float:
+    return path.stat().st_mtime
 
 
 def read_vectors(path: Path, entities: int, relations: int) -> dict[str, np.ndarray]:
@@ -733,4 +787,4 @@ def now() -> datetime:
 
 def as_text(time: datetime) -> str:
     """A time as the database holds it: in UTC, to the second, so that texts order as times do."""
-    return f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    return f"{time.astimezone(UTC).replace(microsecond=0, tzinfo=None).isoformat()}Z"

@@ -42,7 +42,7 @@ def as_age(text: Any) -> Any:
     if not isinstance(text, str):
         return text
     number, unit = text[:-1], text[-1:]
-    if not (number.isdecimal() and len(number) < 7 and unit in UNITS):
+    if not (number.isdecimal() and len(number) < 5 and unit in UNITS):
         raise ValueError(f"expected a number and one of {', '.join(UNITS)}, as in 30d")
     return timedelta(seconds=int(number) * UNITS[unit])
 
@@ -183,7 +183,7 @@ class Ask(Request):
 
 class Explain(Request):
     explain: Text
-    top: Count = 10
+    top: Count = 5
 
     def result(self, live: LiveEmbedding) -> Result:
         return {"explain": live.explain(self.explain, self.top)}
@@ -339,7 +339,7 @@ def prepared_beside(live: LiveEmbedding) -> Iterator[None]:
     which stores them.
     """
     process = None
-    if live.folder is not None and live.groups.preparation():
+    if live.folder is not None and not live.home.is_read_only and live.groups.preparation():
         spawn = multiprocessing.get_context("spawn")
         process = spawn.Process(target=_prepare, args=(live.folder, os.getpid()), daemon=True)
         process.start()

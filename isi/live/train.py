@@ -304,6 +304,9 @@ def train_again(
     ``train_bundle``.
     """
     bundle, summary = train_bundle(tables_of_home(live), **options)
+    words = live.base.manifest.words
+    if vectors is None and words is not None and Path(words.source).is_file():
+        vectors = Path(words.source)
     live.train_again(with_words(bundle, vectors))
     return summary
 
@@ -443,7 +446,7 @@ def train_bundle(
         graph.relations,
         triples,
         words,
-        graph.counts.numpy(),
+        whole.counts.numpy(),
     )
     return bundle, summary
 
