@@ -370,7 +370,10 @@ class LiveEmbedding:
             []
         """
         ((trained,),) = self.home.read("SELECT max(time) FROM change WHERE verb = 'train'")
-        before = as_text((since or now()) - age)
+        try:
+            before = as_text((since or now()) - age)
+        except OverflowError as error:
+            raise InputError("argument 'age'", "", f"expected fewer years, got {age}") from error
         last = "coalesce(last_seen, ?)"
         rows = self.home.facts(f"status <> 'retracted' AND {last} < ?", trained, before)
         return sorted(rows, key=lambda row: row.last_seen or trained)
