@@ -27,7 +27,7 @@ ENDS = (
 RELATIONS = ("relation", "rel", "r", "predicate", "relationship", "property", "prop")
 LABEL = "label"
 #: Last words that such a name may have beside its first ones: ``subjectLabel``, ``head_entity``.
-ENDINGS = frozenset({"label", "name", "id", "entity", "node", "type"})
+ENDINGS = frozenset({"label", "name", "id", "entity", "node"})
 #: All of these names.
 COLUMN_NAMES = frozenset((*(name for pair in ENDS for name in pair), *RELATIONS, LABEL))
 #: Message of an error.

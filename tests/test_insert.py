@@ -49,9 +49,7 @@ from tests.small_graphs import random_embedding
 
 RELATIONS, DIMENSION = len(BETWEEN), 8
 #: The triples in columns of other names and another order, and a column that is none of them.
-MIXED = pd.DataFrame(TRIPLES, columns=["from", "rel", "to"])[["to", "from", "rel"]].assign(
-    weight=1.0
-)
+MIXED = pd.DataFrame(TRIPLES, columns=["from", "rel", "to"])[["to", "from", "rel"]].assign(count=1)
 
 
 def by_hand() -> InitContext:
@@ -617,8 +615,6 @@ NUMBERED = [str(row) for row in (7, 3, 0, 1, 2, 4, 5, 6, 8, 9, 10, 11)]
     [
         {"triples": [("mug", "in", 7)]},
         {"triples": [("mug", "in", np.int64(7))]},
-        {"known_triples": np.array([(7, 0, 3)])},
-        {"known_triples": pd.DataFrame({"head": [7], "relation": [0], "tail": [3]})},
         {"words": {7: np.ones(2)}},
         {"kinds": {7: "room"}},
     ],
@@ -631,6 +627,14 @@ def test_a_number_that_is_another_rows_name_is_refused(changed: dict[str, Any]) 
     with pytest.raises(InputError, match="7 is an id, and the name of another row"):
         call(**(about | how | changed))
     assert call(**(about | how | {"triples": [("mug", "in", 8)]})).vectors.shape == (1, 8)
+
+
+@pytest.mark.parametrize("form", [np.array, torch.tensor, pd.DataFrame])
+def test_an_array_of_numbers_holds_ids_and_says_so_beside_names_that_are_numbers(form: Any) -> None:
+    about = {"triples": [("mug", "in", "7")], "new": ["mug"], "entity_names": NUMBERED}
+    with pytest.warns(UserWarning, match="known_triples.*ids"):
+        done = call(**about, known_triples=form([(7, 0, 3)]), initializer="neighbour_mean")
+    assert done.checked.novel.known_triples.tolist() == [[7, 0, 3]]
 
 
 @pytest.mark.parametrize("number", [np.int64, np.uint8, np.array, torch.tensor])

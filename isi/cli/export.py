@@ -95,7 +95,7 @@ def export(
     files = FORMATS[format](exported, out, labels)
     write_outputs(files, exported.files, replace)
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
-    written = ", ".join(str(path) for path, content in files.items() if content is not None)
+    written = ", ".join(map(str, files))
     print(
         f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}",
         file=sys.stderr if is_device(out) else sys.stdout,
@@ -174,7 +174,7 @@ def best_tails(graph: Graph, embedding: Embedding, most: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=PREDICTED)
 
 
-Files = dict[Path, str | None]  #: Contents by path; None removes an existing file.
+Files = dict[Path, str]  #: Contents by path.
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
@@ -245,16 +245,13 @@ def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
     """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``;
     predictions go into a second file.
     """
-    tables = {
-        path: export.triples[TRIPLE],
-        path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions,
-    }
-    return {
-        file: None
-        if table.empty
-        else table.to_csv(sep="\t", header=False, index=False, lineterminator="\n")
-        for file, table in tables.items()
-    }
+    tables = {path: export.triples[TRIPLE]}
+    if len(export.predictions):
+        if is_device(path):
+            raise InputError(path, "", "expected a file: predictions go into a second one")
+        tables[path.with_name(f"{path.stem}.predictions{path.suffix}")] = export.predictions
+    form: dict[str, Any] = {"sep": "\t", "header": False, "index": False, "lineterminator": "\n"}
+    return {file: table.to_csv(**form) for file, table in tables.items()}
 
 
 FORMATS: dict[str, Callable[[GraphExport, Path, bool], Files]] = {

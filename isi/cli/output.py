@@ -1,6 +1,7 @@
 """The files that a user names as outputs of a command: none destroys an input or another file."""
 
 import os
+import re
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -15,10 +16,8 @@ from isi.tables.io import atomically
 Replace = Annotated[bool, Parameter(help="replace existing files")]
 
 
-def write_outputs(
-    contents: Mapping[Path, str | None], inputs: Collection[Path], replace: bool
-) -> None:
-    """Write files, each completely or not at all; None: no such file is left.
+def write_outputs(contents: Mapping[Path, str], inputs: Collection[Path], replace: bool) -> None:
+    """Write files, each completely or not at all.
 
     An ``InputError`` refuses all of them if one exists (unless ``replace``) or is an input. What is
     no regular file (a device, a pipe) is written into, and a link is followed. A file that is
@@ -31,11 +30,9 @@ def write_outputs(
         if places[path].exists() and not replace:
             raise InputError(path, "", "exists: choose another name, or --replace replaces it")
     for path, content in contents.items():
-        if content is None and path in files:
-            places[path].unlink(missing_ok=True)
-        elif path in files:
-            _replace(places[path], str(content).encode())
-        elif content is not None:
+        if path in files:
+            _replace(places[path], content.encode())
+        else:
             _write_into(path, content.encode())
 
 
@@ -48,7 +45,9 @@ def refuse_inputs(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     for output in outputs:
         for file in sorted(output.iterdir()) if output.is_dir() else [output]:
             for given in read if file.is_file() else ():
-                if given.samefile(file.parent if given.is_dir() else file):
+                folders = [*file.absolute().parents, *file.resolve().parents]
+                places = folders if given.is_dir() else [file]
+                if any(map(given.samefile, places)):
                     raise InputError(file, "", "is read by this command: choose another output")
 
 
@@ -59,8 +58,8 @@ def paths_in(settings: Mapping[str, object]) -> list[Path]:
 
 def is_device(path: Path) -> bool:
     """Whether a path is no regular file and no folder, or an open file such as ``/dev/stdout``."""
-    is_open = str(path.absolute()).startswith(("/dev/std", "/dev/fd/", "/proc/"))
-    return is_open or (path.exists() and not path.is_file() and not path.is_dir())
+    is_open = re.match(r"/dev/(std|fd/)|/proc/[^/]+/fd/", str(path.absolute()))
+    return bool(is_open) or (path.exists() and not path.is_file() and not path.is_dir())
 
 
 def _write_into(path: Path, content: bytes) -> None:

@@ -22,7 +22,7 @@ from isi.continual.timeline import Timeline
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.initializers.api import INITIALIZERS
-from isi.insertion.arguments import checked_model, naming_argument
+from isi.insertion.arguments import checked_model, naming_argument, options_by_name
 from isi.insertion.inverses import InverseRelations
 from isi.models.bilinear import BlockModel
 from isi.models.distance import RotatE, Translation
@@ -145,9 +145,9 @@ class RunnableTimeline(Timeline):
         dimension = check(dimension, Count, "", "argument 'dimension'")
         most = check(most, Count | None, "", "argument 'most'")  # type: ignore[arg-type]
         seed = check(seed, Seed, "", "argument 'seed'")
-        settings = {**TRAINING, **(training or {})}
+        settings = {**TRAINING, **options_by_name(training, "training")}
         checked = check(settings, ChainTraining, "", "argument 'training'")
-        chosen = dict(strategy_options or {})
+        chosen = options_by_name(strategy_options, "strategy_options")
         check_name(strategy, STRATEGIES, "argument 'strategy'")
         keywords(STRATEGIES[strategy], chosen, "argument 'strategy_options'")
         with naming_argument("initializer"):

@@ -225,6 +225,8 @@ def all_names(known: Names, new: Any, name: str) -> Names:
             raise InputError(
                 "", "", f"expected names where {known.argument!r} are given, else a whole number"
             )
+        if is_whole(new) and new < 0:
+            raise InputError("", "", f"expected a number from 0 on, got {new}")
         added = [None] * new if is_whole(new) else as_list(new, str, "a list of names")
         for label, number in Counter(added).items() if known.names is not None else ():
             if label in known.ids or number > 1:
@@ -396,7 +398,10 @@ def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.nda
             limits = [rows.number for rows in columns]
             wrong = (ids < 0) | (ids >= limits)
             for slot, rows in enumerate(columns):
-                wrong[:, slot] |= np.isin(ids[:, slot], list(rows.ambiguous))
+                if np.isin(ids[:, slot], list(rows.ambiguous)).any():
+                    # an array of numbers holds ids, and what is no array is refused
+                    note = f"argument {name!r}: its numbers count as ids, though names are numbers"
+                    warnings.warn(f"{note}, too; write names to be sure", stacklevel=2)
             for row, slot in np.argwhere(wrong)[:1].tolist():
                 columns[slot].id(triples[row, slot], f"triple {row}: {TRIPLE[slot]}")
         else:

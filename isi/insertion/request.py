@@ -213,7 +213,7 @@ def _confidence(values: Sequence[float] | np.ndarray | None, triples: int) -> np
     """The argument ``confidence`` as an array, (T,), float64; an ``InputError`` if it is none."""
     if values is None:
         return None
-    listed = np.asarray(values, np.float64)
+    listed: np.ndarray = table([values], "confidence", dtype=np.float64)[0]
     if listed.shape != (triples,) or not ((listed > 0) & (listed <= 1)).all():
         expected = f"expected a number above 0, at most 1, for each of {triples} different triples"
         raise InputError("argument 'confidence'", "", expected)

@@ -225,7 +225,9 @@ class Home:
             return home
         with home:
             home.write_to(folder, bundle)
-        return cls.opened(folder)
+        written = cls.opened(folder)
+        written.read_training = written.last_training()
+        return written
 
     @classmethod
     def opened(cls, folder: Path, durability: Durability = "full") -> "Home":

@@ -7,6 +7,7 @@ runs pickled code.
 
 import hashlib
 import pickle
+import re
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -48,6 +49,10 @@ FORMS = (".npy", ".npz", ".safetensors", ".pt", ".pth", ".ckpt")
 #: numbers alternate.
 OF_PYKEEN = "_representations.0._embeddings.weight"
 SLOTS = ("entities", "relations")  #: The two tables; a tensor of such a name is that table.
+#: PyKEEN's name of the table of each slot.
+PYKEEN_NAMES = {"entities": f"entity{OF_PYKEEN}", "relations": f"relation{OF_PYKEEN}"}
+#: Keys of an optimizer's state, in lower case.
+OPTIMIZER = re.compile(r"opt(im(izers?)?)?(_|$)")
 LISTED = 8  #: Maximum number of tensors that a message names.
 OTHERS = "for other models, use isi.pykeen.insert"
 
@@ -204,7 +209,7 @@ def _nested(state: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, t
         name = f"{prefix}{key}"
         if isinstance(value, torch.Tensor):
             yield name, value
-        elif isinstance(value, Mapping | list | tuple) and not str(key).startswith("optim"):
+        elif isinstance(value, Mapping | list | tuple) and not OPTIMIZER.match(str(key).lower()):
             inner = value if isinstance(value, Mapping) else dict(enumerate(value))
             yield from _nested(inner, f"{name}.")
 
@@ -252,7 +257,8 @@ def read_tables(
 
 def _chosen(tensors: Sequence[FileTensor], slot: str, rows: int, name: str | None) -> FileTensor:
     """The tensor of a slot (``read_tables``)."""
-    fitting = [tensor for tensor in tensors if tensor.name == (name or slot)]
+    of_slot = (name,) if name else (slot, PYKEEN_NAMES[slot])
+    fitting = [tensor for tensor in tensors if tensor.name in of_slot]
     if not name:
         # a model with inverse triples has twice as many relations, which is refused later
         for number in (rows, 2 * rows) if slot == "relations" else (rows,):

@@ -50,6 +50,7 @@ from isi.insertion.arguments import (
     listed_triples,
     naming_argument,
     of_arrow,
+    options_by_name,
 )
 from isi.live.bundle import Bundle, Manifest
 from isi.live.embedding import LiveEmbedding, open_live
@@ -260,7 +261,8 @@ def train(
         "budget": budget,
         "seed": seed,
     }
-    file = None if vectors is None else Path(vectors)
+    path = check(vectors, str | Path | None, "", "argument 'vectors'")  # type: ignore[arg-type]
+    file = None if path is None else Path(path)
     if isinstance(triples, str | Path) and is_home(Path(triples)):
         triples = open_live(triples)
     if isinstance(triples, LiveEmbedding):
@@ -278,7 +280,8 @@ def train(
         tables = tables_of(triples)
     if kinds:
         with naming_argument("kinds"):
-            tables, note = with_kinds(tables, check(dict(kinds), dict[str, KindName], "", ""))
+            named = check(options_by_name(kinds, "kinds"), dict[str, KindName], "", "")
+            tables, note = with_kinds(tables, named)
         if note:
             warnings.warn(f"kinds: {note}", stacklevel=2)
     bundle, summary = train_bundle(tables, **options)  # type: ignore[arg-type]

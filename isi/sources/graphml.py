@@ -12,6 +12,7 @@ from xml.etree.ElementTree import ParseError
 from isi import config
 from isi.config import Count
 from isi.errors import InputError, at, cut
+from isi.names import clean
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import Name, Naming
 from isi.sources.readers import read_text
@@ -71,7 +72,10 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
             }
             for key, value in triple.items():
                 config.check(value, Name, key, "")
-            count = config.check(attributes.get("count", 1), Count, "count", "")
+            count = attributes.get("count", 1)
+            if isinstance(count, float) and count.is_integer():  # as igraph and Gephi write it
+                count = int(count)
+            count = config.check(count, Count, "count", "")
         yield None, None, None, *triple.values(), count
 
 
@@ -86,13 +90,20 @@ def _labels(nodes: dict[str, dict[str, Any]], names: str | None) -> dict[str, st
 def _unique(labels: dict[str, str]) -> dict[str, str]:
     """The labels of nodes, with the id behind where several nodes share one."""
     number = Counter(labels.values())
-    return {
+    names = {
         node: f"{label} ({node})" if number[label] > 1 and label != node else label
         for node, label in labels.items()
     }
+    shared = Counter(names.values())
+    for node, name in names.items():  # one that was made up may be the label of another node
+        if shared[name] > 1:
+            expected = "expected another label: it is the name of two nodes (names=id)"
+            raise InputError("", f"node {node!r:.80}", f"{expected}, got {name!r:.80}")
+    return names
 
 
 def _label(attributes: dict[str, Any], names: Sequence[str]) -> str:
     """The first attribute that is there, in one line; yEd's labels may have several."""
-    texts = (" ".join(str(attributes[name]).split()) for name in names if name in attributes)
+    sought = (str(attributes[name]) for name in names if name in attributes)
+    texts = (clean(" ".join(text.split())) for text in sought)
     return next(filter(None, texts), "")

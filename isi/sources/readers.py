@@ -48,7 +48,9 @@ SEPARATORS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
 #: Words in headers of triples, in this and other projects: a line with one of them in each column
 #: is a header.
 HEADER_WORDS = COLUMN_NAMES | {
-    *("entity", "node", "start", "end", "edge", "type", "id", "name"),
+    *("entity", "node", "start", "end", "edge", "type", "id", "name", "verb"),
+    *("src", "dst", "subj", "pred", "obj", "arg1", "arg2"),
+    *("weight", "score", "split", "confidence", "probability"),
     *"spo012",
 }
 #: Descriptions of counts.
@@ -336,7 +338,7 @@ class FirstLine:
         """Why the line may have been taken wrongly, as a description of a count; else empty."""
         line = short(" ".join(self.words))
         if self.is_header and not set(TRIPLE) <= set(self.words):
-            return PERHAPS_TRIPLE.format(line) * self.alone.isdisjoint(self.ends)
+            return PERHAPS_TRIPLE.format(line) * (not self.ends <= self.alone)
         is_alone = self.others > 0 and self.alone == set(self.words)
         return PERHAPS_HEADER.format(line) * (is_alone and not self.is_header)
 
