@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from isi.errors import InputError
 from isi.live import groups
 from isi.live.bundle import Bundle
 from isi.live.embedding import LiveEmbedding
+from isi.live.groups import EntityGroups
 from isi.live.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
 from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, quick_choices, seen
@@ -248,6 +250,48 @@ def test_a_home_that_is_trained_again_keeps_what_is_known_and_what_came_meanwhil
     assert_same(seen(live), seen(other))
     live.tell([("tray", "on", "mug")])
     assert ("tray", "on", "mug") in facts_of(other)
+
+
+@pytest.mark.parametrize("in_memory", [True, False])
+def test_a_training_that_is_stopped_leaves_a_home_as_it_was(
+    tmp_path: Path, in_memory: bool
+) -> None:
+    live = LiveEmbedding(KNOWN) if in_memory else isi.open(home_of(tmp_path / "home", KNOWN))
+    live.tell([MUG])
+    before = seen(live)
+    larger = replace(KNOWN, entities=2 * KNOWN.entities)
+    stopped = patch.object(EntityGroups, "insert", side_effect=KeyboardInterrupt)
+    with stopped, pytest.raises(KeyboardInterrupt):
+        live.train_again(larger)
+    assert_same(seen(live), before)
+    live.tell([("tray", "in", "e3")])
+    live.undo()
+    assert_same(seen(live), before)
+
+
+def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Path) -> None:
+    folder = home_of(tmp_path / "home", KNOWN)
+    live, other = isi.open(folder), isi.open(folder)
+    live.tell([MUG])
+    seen(other)
+    larger = replace(KNOWN, entities=2 * KNOWN.entities)
+    live.train_again(larger)
+    stopped = patch.object(EntityGroups, "__init__", side_effect=KeyboardInterrupt)
+    with stopped, pytest.raises(KeyboardInterrupt):
+        other.ask("e1", "in")
+    told = LiveEmbedding(larger)
+    for each in (other, told):
+        each.tell([MUG, ("tray", "in", "e3")])
+    assert_same(seen(other), seen(told))
+    assert_same(seen(live), seen(told))
+
+
+def test_a_refused_question_leaves_what_was_derived() -> None:
+    live = LiveEmbedding(KNOWN)
+    derived = live.now
+    with pytest.raises(InputError):
+        live.ask("nothing of that name", "in")
+    assert live.now is derived
 
 
 @pytest.mark.filterwarnings("ignore")  # it has learned nothing

@@ -81,7 +81,7 @@ class Pending:
 
 
 def _one_at_a_time(
-    begin: Callable[[Home], AbstractContextManager[Any]],
+    begin: Callable[[Any], AbstractContextManager[Any]],
 ) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[Any, P], R]]:
     """Decorates methods of which one thread runs one at a time, under PyTorch's usual settings,
     after what other processes have changed is taken over; ``begin``: what it sees or writes is of
@@ -94,15 +94,11 @@ def _one_at_a_time(
             with self._lock:
                 if self._is_inside:
                     return method(self, *args, **kwargs)
-                self._is_inside, before = True, (dict(self._rows), self._last)
+                self._is_inside = True
                 try:
-                    with usual_torch(), begin(self.home):
+                    with usual_torch(), begin(self):
                         self._take_over()
                         return method(self, *args, **kwargs)
-                except BaseException:
-                    self._rows, self._last = before
-                    self._start_again()
-                    raise
                 finally:
                     self._is_inside = False
 
@@ -111,8 +107,18 @@ def _one_at_a_time(
     return decorate
 
 
-reads = _one_at_a_time(Home.snapshot)
-changes = _one_at_a_time(Home.transaction)
+def _question(live: LiveEmbedding) -> AbstractContextManager[None]:
+    return live.home.snapshot()
+
+
+@contextmanager
+def _change(live: LiveEmbedding) -> Iterator[None]:
+    with live._or_as_before(), live.home.transaction():
+        yield
+
+
+reads = _one_at_a_time(_question)
+changes = _one_at_a_time(_change)
 
 
 class LiveEmbedding:
@@ -665,18 +671,14 @@ class LiveEmbedding:
     def train_again(self, bundle: Bundle) -> None:
         """Make a newly trained embedding that of this home; ``isi.train(home)`` calls it."""
         loaded = with_words(LoadedEmbedding(**vars(bundle)))
-        with self._lock, usual_torch():
-            try:
-                with self.home.training(loaded, keep=True) as number:
-                    self._load(loaded)
-                    if names := self.home.inserted():  # they came while this was trained
-                        computed = self.groups.insert(self._inputs_of(names), self.known_triples)
-                        added = [row.fact for row in self.home.facts("status = 'added'")]
-                        self._rows = {name: computed[name].entity for name in names}
-                        self._write(number, computed, added)
-            except BaseException:
-                self._start_again()
-                raise
+        training = self.home.training(loaded, keep=True)
+        with self._lock, usual_torch(), self._or_as_before(), training as number:
+            self._load(loaded)
+            if names := self.home.inserted():  # they came while this was trained
+                computed = self.groups.insert(self._inputs_of(names), self.known_triples)
+                added = [row.fact for row in self.home.facts("status = 'added'")]
+                self._rows = {name: computed[name].entity for name in names}
+                self._write(number, computed, added)
 
     @changes
     def _repeat(self, line: convert.Line) -> None:
@@ -853,26 +855,37 @@ class LiveEmbedding:
         version = self.home.version()
         if version == self._version:
             return
-        if self.home.last_training() != self.home.read_training:
-            self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
-            return
-        last = self._last_change()
-        if last != self._last:
-            self._read_rows(self._last)
-            self._last = last
-        self._version = version
+        with self._or_as_before():
+            if self.home.last_training() != self.home.read_training:
+                self._load(_with_own_words(LoadedEmbedding(**vars(self.home.bundle()))))
+                return
+            last = self._last_change()
+            if last != self._last:
+                self._read_rows(self._last)
+                self._last = last
+            self._version = version
 
-    def _start_again(self) -> None:
-        """After a failure: what was done may be written or not, and is read when it is needed."""
-        self.groups.forget()
-        self._forget()
-        self._version = -1
+    @contextmanager
+    def _or_as_before(self) -> Iterator[None]:
+        """After a failure inside, everything is as it was. What others changed, and what was done
+        if it is written nevertheless, is taken over when it is needed.
+        """
+        before, training = vars(self).copy(), self.home.read_training
+        try:
+            yield
+        except BaseException:
+            vars(self).update(before)
+            self.home.read_training = training
+            self.groups.forget()
+            self._forget()
+            self._version = -1
+            raise
 
     def _read_rows(self, after: int) -> None:
         """Read the vectors of changes after one."""
-        self._rows |= stored(self.home, after, self.base.entities.dtype)
+        rows = self._rows | stored(self.home, after, self.base.entities.dtype)
         present = self.home.inserted()
-        self._rows = {name: self._rows[name] for name in present if name in self._rows}
+        self._rows = {name: rows[name] for name in present if name in rows}
         self._forget()
 
     def _last_change(self) -> int:

@@ -206,7 +206,7 @@ class Home:
         self.vectors_folder = folder  #: where the trained vectors are
         self.durability: Durability = "memory"
         self.is_read_only = False
-        self.read_training: int | None = None  #: The training whose vectors were read or written.
+        self.read_training: Any = None  #: ``last_training`` when vectors were read or written.
         self._connection: sqlite3.Connection | None = connection
 
     # -- open and close ----------------------------------------------------------------------------
@@ -462,9 +462,6 @@ class Home:
                     self.read(statement)
                 self.read_training = self.last_training()
                 yield number
-        except BaseException:
-            self.read_training = None  # what is in force is read again
-            raise
         finally:
             if self.folder:
                 _remove_vectors(self.folder)
@@ -519,9 +516,9 @@ class Home:
         facts = self.read(
             "SELECT head, relation, tail, count FROM fact WHERE status <> 'added' ORDER BY id"
         )
-        for name in self.read(UNKNOWN):
+        for (unknown,) in self.read(UNKNOWN):
             expected = "expected names of the tables entity and relation"
-            raise InputError(self.path, "fact", f"{expected}, got {short(*name)}")
+            raise InputError(self.path, "fact", f"{expected}, got {short(unknown)}")
         ids = {name: row for row, name in enumerate(names)}
         label_ids = {name: row for row, name in enumerate(labels)}
         triples = [(ids[head], label_ids[label], ids[tail]) for head, label, tail, _ in facts]
