@@ -36,10 +36,8 @@ def makers(path: Path) -> Iterator[str]:
     under the current params.
     """
     for pipeline in filter(Path.exists, PIPELINES):
-        values, before = (
-            read(PIPELINES[pipeline]),
-            "" if pipeline == paths.PIPELINE else f"{pipeline}:",
-        )
+        values = read(PIPELINES[pipeline])
+        before = "" if pipeline == paths.PIPELINE else f"{pipeline}:"
         for name, entry in _stages(pipeline).items():
             for out in [*entry.get("outs", []), *entry.get("metrics", [])]:
                 template = re.escape(next(iter(out)) if isinstance(out, dict) else str(out))

@@ -15,10 +15,8 @@ from isi.stage import StageContext, stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     config, model = params.insert_config(initializer), params.model_of()
-    grid, rate = (
-        store.grid(stack_height(params.compute), params.rate_sweep.size),
-        config.optimizer.learning_rate,
-    )
+    grid = store.grid(stack_height(params.compute), params.rate_sweep.size)
+    rate = config.optimizer.learning_rate
     factors = [factor for factor in params.rate_sweep.factors for _ in grid]
     tasks = [
         task

@@ -13,11 +13,9 @@ from isi.stage import StageContext, stage
 
 @stage
 def train_joint(context: StageContext, experiment: str) -> None:
-    store, config, compute = (
-        Store(experiment),
-        context.params.train_config(),
-        context.params.compute,
-    )
+    store = Store(experiment)
+    config = context.params.train_config()
+    compute = context.params.compute
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     tasks = joint_tasks(grid, config)

@@ -11,11 +11,9 @@ from isi.tables import io
 
 @stage
 def train_theta0(context: StageContext, experiment: str) -> None:
-    store, config, compute = (
-        Store(experiment),
-        context.params.train_config(),
-        context.params.compute,
-    )
+    store = Store(experiment)
+    config = context.params.train_config()
+    compute = context.params.compute
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     trained = run(

@@ -10,10 +10,8 @@ from isi.stage import StageContext, stage
 @stage
 def vary(context: StageContext, variant: str) -> None:
     settings = context.beyond.variants[variant]
-    params, stores = (
-        changed(context.params, settings.changes),
-        [Store(name) for name in settings.experiments],
-    )
+    params = changed(context.params, settings.changes)
+    stores = [Store(name) for name in settings.experiments]
     runs, answers = results(settings, params.variant_config(settings), stores, variant)
     VARIANT_RUNS.write(runs, context.stage, variant=variant)
     VARIANT_QUERIES.write(answers, context.stage, variant=variant)

@@ -137,18 +137,14 @@ def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
     """Train joint models; rows of ``MODEL_COMPARISON``:
     test measures, epochs trained, best validation MRR*.
     """
-    trained, no_novel = (
-        train_stack(points, config),
-        torch.empty(len(points.seeds), 0, dtype=torch.int64),
-    )
+    trained = train_stack(points, config)
+    no_novel = torch.empty(len(points.seeds), 0, dtype=torch.int64)
     results = evaluate(
         trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]}
     )
     by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
-    epochs, valid = (
-        by_seed["epoch"].max().rename("epochs"),
-        best["mrr_star"].last().rename("valid_mrr_star"),
-    )
+    epochs = by_seed["epoch"].max().rename("epochs")
+    valid = best["mrr_star"].last().rename("valid_mrr_star")
     return (
         run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
     )

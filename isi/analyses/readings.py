@@ -210,10 +210,8 @@ def measure_stack(
             queries, target, config.optimizer.max_epochs, readings.places_of(converging), curves
         )
         finetune(points, theta, config, watch)
-        epochs, seen = (
-            watch.epochs,
-            torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None,
-        )
+        epochs = watch.epochs
+        seen = torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None
     seeds = np.array(points.seeds)
     columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
     return (

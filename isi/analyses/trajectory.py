@@ -50,11 +50,9 @@ def trace_trajectory(
     """Vectors of the novel entity at ``place`` at epochs 0, 1, ..., (epochs + 1, d),
     and its indicators, (E,) bool.
     """
-    novel, initial, path = (
-        points.novel_in(1),
-        initialize(points, theta, words, config),
-        list[Tensor](),
-    )
+    novel = points.novel_in(1)
+    initial = initialize(points, theta, words, config)
+    path = list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         path.append(

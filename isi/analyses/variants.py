@@ -183,11 +183,9 @@ def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
-    targets, runs, inserted = (
-        joint_targets(measured, points),
-        [measured.assign(model=JOINT_MODEL)],
-        {},
-    )
+    targets = joint_targets(measured, points)
+    runs = [measured.assign(model=JOINT_MODEL)]
+    inserted = {}
     for name, config in configs.items():
         seen = replace(points, insert_triples=limit_insert_triples(points, most, config.root))
         result = insert_stack(seen, theta0, words, targets, config)

@@ -76,10 +76,8 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
     if "sessions" in values:
         from isi.graph.sessions import TRAIN, Shares, split  # here, since it loads torch
 
-        shares, root = (
-            check(values["sessions"], Shares, "sessions"),
-            check(values.get("seed"), Seed, "seed"),
-        )
+        shares = check(values["sessions"], Shares, "sessions")
+        root = check(values.get("seed"), Seed, "seed")
         built, held_out = build_graph(entities, triples), (shares.valid, shares.test)
         leaving = [
             int((split(built, root, seed, *held_out) != TRAIN).sum()) for seed in range(SPLITS)

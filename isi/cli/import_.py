@@ -139,10 +139,8 @@ def import_(
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     bundle = with_words(bundle, vectors)
     Home.create(bundle, out).close()
-    options, size = (
-        ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()),
-        bundle.sizes(),
-    )
+    options = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items())
+    size = bundle.sizes()
     print(
         f"{size['entities']:,} entities, {size['relations']:,} relations, {size['triples']:,}"
         f" triples; {bundle.manifest.model_name}{f' ({options})' * bool(options)} of"

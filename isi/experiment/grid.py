@@ -91,9 +91,7 @@ class GridPoints:
 
     def insert_mask(self, session: int) -> Tensor:
         """The insert triples of a session as a mask; shape: (M, T)."""
-        mask, rows = (
-            torch.zeros(self.splits.shape, dtype=torch.bool),
-            self.insert_triples_in(session),
-        )
+        mask = torch.zeros(self.splits.shape, dtype=torch.bool)
+        rows = self.insert_triples_in(session)
         mask[rows[:, 0], rows[:, 2]] = True
         return mask

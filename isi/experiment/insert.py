@@ -143,11 +143,9 @@ def insert_sessions(
     """
     theta = theta0
     for number in range(1, points.sessions + 1):
-        session, novel, mask = (
-            points.session(number),
-            points.novel_in(number),
-            points.insert_mask(number),
-        )
+        session = points.session(number)
+        novel = points.novel_in(number)
+        mask = points.insert_mask(number)
         initial, entities = initialize(points, theta, words, config, number), []
         theta = with_vectors(theta, novel, initial.vectors)
         immediate = evaluate(theta, novel_query_set(session, novel, mask))
@@ -186,10 +184,8 @@ def init_context(
     points: GridPoints, theta: Embedding, words: np.ndarray, root: int, session: int = 1
 ) -> InitContext:
     """The input of an initializer in a session that inserts into Θ."""
-    rows, keys = (
-        torch.as_tensor(points.insert_triples_in(session)),
-        points.keys(*later_key(session)),
-    )
+    rows = torch.as_tensor(points.insert_triples_in(session))
+    keys = points.keys(*later_key(session))
     before, novel = points.session(session - 1), points.novel_in(session)
     words_of = torch.as_tensor(words)
     return context_in_session(theta, before, novel, rows, words_of, root, keys)

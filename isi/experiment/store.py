@@ -206,12 +206,10 @@ class Store:
         """Grid points of ``size`` and the first ``seeds`` (None: all),
         in stacks of at most ``stack`` seeds each.
         """
-        graph, splits, novel, path = (
-            self.graph(),
-            self.splits(),
-            self.table(NOVEL),
-            self._path(NOVEL),
-        )
+        graph = self.graph()
+        splits = self.splits()
+        novel = self.table(NOVEL)
+        path = self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "the graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))
         agreement.splits_are_whole(self._path(SPLITS), splits)
@@ -234,10 +232,8 @@ class Store:
                 rows = rows.assign(model=rows["seed"].map(part.index), place=place)
                 joined = given.merge(rows, on=["size", "seed", "session", "entity"])
                 triples = joined[["session", "model", "place", "triple"]].to_numpy(np.int64)
-                triples, codes = (
-                    triples[np.lexsort(triples.T[::-1])],
-                    np.stack([splits[seed] for seed in part]),
-                )
+                triples = triples[np.lexsort(triples.T[::-1])]
+                codes = np.stack([splits[seed] for seed in part])
                 grid.append(GridPoints(self.experiment, graph, number, part, codes, drawn, triples))
         return grid
 

@@ -65,10 +65,8 @@ class Graph:
         import torch
 
         key, order, ordered = self._by_other_slots[slot]
-        first, last = (
-            torch.searchsorted(ordered, key[triples]),
-            torch.searchsorted(ordered, key[triples], right=True),
-        )
+        first = torch.searchsorted(ordered, key[triples])
+        last = torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
         return torch.where(place < last[..., None], order[place.clamp(max=len(order) - 1)], -1)
 

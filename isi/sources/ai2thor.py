@@ -174,10 +174,8 @@ def _fields(event: Any) -> Mapping[str, Any]:
 
 
 def _scene(path: Path, fields: Mapping[str, Any], room: str | None) -> Scene:
-    name, reported = (
-        fields.get("scene") or fields.get("sceneName") or "scene",
-        fields.get("objects"),
-    )
+    name = fields.get("scene") or fields.get("sceneName") or "scene"
+    reported = fields.get("objects")
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
     if not isinstance(reported, list) or not reported:

@@ -141,10 +141,8 @@ class Naming:
         kind_and_place: dict[str, tuple[str, str]] = {}
         for relation, slot, name in sorted(slots):
             is_room = self.household and (relation, slot) == (AT_LOCATION, "tail") and name in rooms
-            kind, place = (
-                "room" if is_room else getattr(ends[relation], slot),
-                f"{slot} of {relation}",
-            )
+            kind = "room" if is_room else getattr(ends[relation], slot)
+            place = f"{slot} of {relation}"
             other, other_place = kind_and_place.setdefault(name, (kind, place))
             if other != kind:
                 expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"

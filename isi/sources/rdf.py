@@ -58,10 +58,8 @@ def rdf(
         from rdflib import OWL, RDF, RDFS, BNode, Literal
 
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
-    no_facts, no_kinds = (
-        (str(RDF), str(RDFS), str(OWL), SHACL),
-        {OWL.NamedIndividual, OWL.Thing, RDFS.Resource},
-    )
+    no_facts = (str(RDF), str(RDFS), str(OWL), SHACL)
+    no_kinds = {OWL.NamedIndividual, OWL.Thing, RDFS.Resource}
     mining.name_entities = named = naming(entities, kinds, household, mining.counts)
     iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
     types: dict[str, dict[Node, str]] = {}  # places of types by IRI

@@ -174,10 +174,8 @@ def composition(gains: Gains, method: str) -> dict[str, Any] | None:
     """A gain over Xavier with its parts; ``share``: per cent of the last part if none is negative;
     None without one.
     """
-    whole, models = (
-        gains.get((WHOLE, method, BASELINE)),
-        sorted({name for pair in gains for name in pair[1:]}),
-    )
+    whole = gains.get((WHOLE, method, BASELINE))
+    models = sorted({name for pair in gains for name in pair[1:]})
     made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
     if not whole or len(made) < 2:
         return None

@@ -257,10 +257,8 @@ def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:
     kinds, bowls = entities["kind"].value_counts(), triples
     for end, names in words["bowls_in_cabinets"].items():
         bowls = bowls[bowls[end].isin(names)]
-    observations, counts = (
-        results.observed[experiment.settings.graph.source].observations,
-        pd.DataFrame(),
-    )
+    observations = results.observed[experiment.settings.graph.source].observations
+    counts = pd.DataFrame()
     if observations["scene"].notna().any():
         counts = run.table1(
             observations, results.paper["graph"]["median_per_environment"], words["relations"]
@@ -283,10 +281,8 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
     """Best settings in cross-validation, each with a note, the rule,
     and the sizes that it picks.
     """
-    choice, models = (
-        results.params.settings[0].model_dump(),
-        list(results.params.sweep.initializers),
-    )
+    choice = results.params.settings[0].model_dump()
+    models = list(results.params.sweep.initializers)
     picked = dict[str, dict[str, Any]](training={}, indicators={}, best_indicators={})
     for _, folds in results.analysis("cross_validation", experiment, moved):
         picked["training"] = {name: choices.best(folds, choice, name) for name in choice}

@@ -209,10 +209,8 @@ class AffordanceAnswers:
         entity. An entity that the paper lacks stands beside one of the paper's that is not among
         ``entities``.
         """
-        rows, named = (
-            [],
-            list(dict.fromkeys(entity for words in paper.values() for entity in words)),
-        )
+        rows = []
+        named = list(dict.fromkeys(entity for words in paper.values() for entity in words))
         replaced = iter([entity for entity in named if entity not in entities])
         for entity in entities:
             other = entity if entity in named else next(replaced, entity)

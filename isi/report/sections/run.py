@@ -168,10 +168,8 @@ def leaks(
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
         for end, other in (("head", "tail"), ("tail", "head")):
-            definition, named = (
-                triples[end].map(phrase).map(definitions),
-                triples[other].map(phrase),
-            )
+            definition = triples[end].map(phrase).map(definitions)
+            named = triples[other].map(phrase)
             parts.append(triples[_TRIPLE].assign(defined=end, definition=definition, named=named))
     every = pd.concat(parts).drop_duplicates([*_TRIPLE[:-1], "defined"])
     defined = every.dropna(subset=["definition"])
