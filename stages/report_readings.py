@@ -2,8 +2,10 @@
 tables, figures and the HTML page.
 """
 
-from isi.report import data
+from isi.report import paper_values
+from isi.report.data import Results
 from isi.report.page import Page
+from isi.report.readings import read
 from isi.report.sections.run import what_was_run
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -11,7 +13,9 @@ from isi.tables import paths
 
 @stage
 def report_readings(context: StageContext) -> None:
-    results = data.read_readings(context.params, what_was_run(context.params))
+    params, cases = context.params, read(context.beyond.readings)
+    run, paper = what_was_run(params), paper_values.read(paths.PAPER)
+    results = Results(params, run, paper, readings=cases)
     Page.of("readings").write(paths.REPORTS / "readings", results)
     print(f"report: {paths.REPORTS / 'readings' / 'index.html'}")
 

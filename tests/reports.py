@@ -340,8 +340,8 @@ def _analyses(params: Params, experiment: Experiment) -> dict[str, Any]:
         for setting in params.settings
         for fold in (0, 1)
     ]
-    families = [
-        {"family": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
+    compared = [
+        {"model": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
         for name in params.compare_models.models
         for seed in (0, 1)
     ]
@@ -357,7 +357,7 @@ def _analyses(params: Params, experiment: Experiment) -> dict[str, Any]:
         "sweep": _numbers(swept, "sweep"),
         "rate_sweep": _numbers(rates, "rates"),
         "cross_validation": _numbers(folds, "folds"),
-        "compare_models": _numbers(families, "families"),
+        "compare_models": _numbers(compared, "compared"),
         "trajectory": traces,
         "explorer": explored(experiment),
     }

@@ -281,7 +281,7 @@ def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
 
 def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> None:
     columns = [
-        "family",
+        "model",
         "seed",
         "mrr_star",
         "mrr_star_entity",

@@ -14,7 +14,6 @@ import pandas as pd
 from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.readings import READINGS
 from isi.analyses.trajectory import TRAJECTORY, traced
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.evaluation.query_sets import epochs_to_convergence
@@ -25,7 +24,6 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import explorer, paper_values, stats
-from isi.report.readings import CaseRuns
 from isi.report.stats import DIRECTIONS, ByScope, Estimates, Values, where
 from isi.report.words import BASELINE, JOINT
 from isi.sources import KINDS, MINED, OBSERVATIONS
@@ -33,8 +31,9 @@ from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
 
-if TYPE_CHECKING:  # no other page depends on it
+if TYPE_CHECKING:  # no other page depends on them
     from isi.report.continual import ContinualRuns
+    from isi.report.readings import CaseRuns
 
 #: Analyses shown for every experiment that params list for them; the others are shown for the first
 #: one alone.
@@ -328,7 +327,7 @@ class Results:
     variants: Sequence[VariantRuns] = ()
     other_graphs: Sequence[VariantRuns] = ()
     #: cases measured under every reading of the paper's metric that were run, by name
-    readings: Mapping[str, CaseRuns] = field(default_factory=dict)
+    readings: Mapping[str, "CaseRuns"] = field(default_factory=dict)
     #: experiments of the third pipeline that were run
     continual: Sequence["ContinualRuns"] = ()
 
@@ -389,16 +388,6 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     )
 
 
-def read_readings(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
-    """The cases of ``readings`` that were run, without the experiments of the first pipeline."""
-    cases = {
-        name: CaseRuns.read(name, case)
-        for name, case in load_beyond(params, runs=False).readings.items()
-        if READINGS.path(case=name).exists()
-    }
-    return Results(params, run, paper_values.read(paths.PAPER), readings=cases)
-
-
 def with_beyond(results: Results) -> Results:
     """Results with the runs of the second pipeline, of which any may be missing."""
     tables, params = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES), results.params
@@ -446,9 +435,7 @@ def _experiment(params: Params, name: str) -> Experiment:
         "sweep": lambda: of_initializer(INDICATOR_SWEEP, params.sweep.initializers),
         "rate_sweep": lambda: of_initializer(RATE_SWEEP, params.rate_sweep.initializers),
         "cross_validation": lambda: table(CROSS_VALIDATION),
-        "compare_models": lambda: table(
-            MODEL_COMPARISON, params.compare_models.models, column="family"
-        ),
+        "compare_models": lambda: table(MODEL_COMPARISON, params.compare_models.models),
         "trajectory": lambda: {
             part: tensor.numpy() for part, tensor in TRAJECTORY.read(parts, experiment=name).items()
         },
@@ -483,14 +470,12 @@ def _table(
     table: Table,
     names: Iterable[str] = (),
     slot: str = "model",
-    column: str = "model",
 ) -> pd.DataFrame:
     """One file of a table, or those of ``names`` (in ``slot`` of the path) concatenated;
-    ``column`` has the name.
+    the column ``model`` has the name.
     """
     parts = [
-        table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name})
-        for name in names
+        table.read_text(experiment=experiment, **{slot: name}).assign(model=name) for name in names
     ]
     return pd.concat(parts) if parts else table.read_text(experiment=experiment)
 

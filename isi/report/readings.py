@@ -77,6 +77,15 @@ class CaseRuns:
         return [*self.case.initializers, JOINT]
 
 
+def read(cases: Mapping[str, ReadingCase]) -> dict[str, CaseRuns]:
+    """The cases that were run."""
+    return {
+        name: CaseRuns.read(name, case)
+        for name, case in cases.items()
+        if READINGS.path(case=name).exists()
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Weighted:
     """The runs of a case under N readings, with B weightings of its S seeds."""

@@ -277,7 +277,7 @@ def embedding_models(results: Results) -> Contents:
             name: model.model_dump() | results.params.models[name]
             for name, model in settings.models.items()
         }
-        means = 100 * rows.groupby("family")["mrr_star"].mean()
+        means = 100 * rows.groupby("model")["mrr_star"].mean()
         numbers = {
             "title": experiment.title,
             "main": class_name(results.params.embedding.model),
@@ -297,7 +297,7 @@ def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
     and the options that were chosen for it.
     """
     columns = {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
-    means, epochs = over_seeds(rows, ["family"], columns), rows.groupby("family")["epochs"].mean()
+    means, epochs = over_seeds(rows, ["model"], columns), rows.groupby("model")["epochs"].mean()
     return [
         {"embedding": class_name(name), **means.loc[name], "epochs": epochs[name]}
         | {option.replace("_", " "): _written(value) for option, value in values.items()}
