@@ -313,8 +313,8 @@ def test_scores_of_biggraph_that_no_model_has_are_refused(
 def test_files_of_biggraph_that_do_not_fit_are_named() -> None:
     write_biggraph(configured(), ONES)
     folder = Path("pbg")
-    with pytest.raises(SystemExit, match="expected no --family"):
-        imported("pbg", "--family", "distmult")
+    with pytest.raises(SystemExit, match="expected no --model"):
+        imported("pbg", "--model", "distmult")
     save(folder / "model.v3.h5", {})
     with pytest.raises(SystemExit, match=r"model\.v3\.h5: .*/0/operator/rhs/diagonal.*got none"):
         imported("pbg")

@@ -67,7 +67,7 @@ def test_tables_come_from_any_form(
 ) -> None:
     folder = source()
     FORMS[form](folder)
-    bundle = imported(str(folder), "--family", "distmult")
+    bundle = imported(str(folder), "--model", "distmult")
     assert bundle.entities.tobytes() == ENTITIES.tobytes()
     assert bundle.relations.tobytes() == LABELS.tobytes()
     assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
@@ -82,14 +82,14 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
     folder = write_lists(entities=ENTITIES, relations=LABELS)
     (folder / "entities.txt").write_text("\n".join(NAMES), encoding="utf-8-sig")
     (folder / "triples.tsv").write_bytes(b"")
-    bundle = imported("mine", "--family", "distmult")
+    bundle = imported("mine", "--model", "distmult")
     assert bundle.entity_names == NAMES
     assert bundle.triples.shape == (0, 3)
 
 
 def test_complex_numbers_are_parted() -> None:
     whole = {"entities": ENTITIES + 1j * (ENTITIES + 1), "relations": LABELS + 1j * (LABELS + 1)}
-    parted = imported(str(write_lists(**whole)), "--family", "complex")
+    parted = imported(str(write_lists(**whole)), "--family", "complex")  # the older name
     assert parted.entities.tolist() == np.concatenate([ENTITIES, ENTITIES + 1], 1).tolist()
     assert parted.relations.tolist() == np.concatenate([LABELS, LABELS + 1], 1).tolist()
 
@@ -99,7 +99,7 @@ def test_rotations_become_angles() -> None:
     given = {"entities": ENTITIES + 1j * ENTITIES, "relations": np.exp(1j * angles)}
     bundle = imported(
         str(write_lists(**given)),
-        "--family",
+        "--model",
         "rotate",
         "--set",
         "margin=4",
@@ -121,7 +121,7 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
         entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]),
         relations=np.ones((2, 1)),
     )
-    model = imported(str(folder), "--family", "transe_l1").model
+    model = imported(str(folder), "--model", "transe_l1").model
     # distances are 0; 5 with the other head or tail
     assert model.margin == pytest.approx(2.5)  # type: ignore[attr-defined]
 
@@ -175,7 +175,7 @@ def test_tensors_that_do_not_fit_or_not_alone_are_listed(state: dict[str, Any], 
     folder = write_lists()
     torch.save(state, folder / "t.pt")
     with pytest.raises(SystemExit, match=f"expected one tensor .*{named}"):
-        imported(str(folder), "--family", "distmult")
+        imported(str(folder), "--model", "distmult")
 
 
 def test_tensors_are_named_by_options() -> None:
@@ -184,7 +184,7 @@ def test_tensors_are_named_by_options() -> None:
     (folder / "relations.txt").write_text("".join(f"r{name}\n" for name in NAMES), "utf-8")
     (folder / "triples.tsv").unlink()
     torch.save({"a.weight": STATE["entities"] * 2, "b": STATE["entities"]}, folder / "t.pt")
-    typed = [str(folder), "--family", "distmult"]
+    typed = [str(folder), "--model", "distmult"]
     with pytest.raises(SystemExit, match=r"--entities NAME.*a\.weight.*b"):
         imported(*typed)
     with pytest.raises(SystemExit, match="expected one tensor c"):
@@ -208,10 +208,10 @@ def test_a_table_in_two_files_is_refused_unless_one_is_chosen(pair: tuple[str, s
         save = save_tensors if name.endswith("safetensors") else torch.save
         save(state, folder / name)
     with pytest.raises(SystemExit) as error:
-        imported(str(folder), "--family", "distmult")
+        imported(str(folder), "--model", "distmult")
     assert all(part in str(error.value) for part in (*pair, "--tensors FILE"))
     assert not Path("out").exists()
-    bundle = imported(str(folder), "--family", "distmult", "--tensors", str(folder / pair[0]))
+    bundle = imported(str(folder), "--model", "distmult", "--tensors", str(folder / pair[0]))
     assert bundle.entities.tobytes() == ENTITIES.tobytes()
 
 
@@ -219,7 +219,7 @@ def test_tables_of_two_files_may_share_other_tensors() -> None:
     folder = write_lists()
     for name, values in STATE.items():
         torch.save({name: values, "pi": torch.ones(1)}, folder / f"{name[:3]}.pt")
-    assert imported(str(folder), "--family", "distmult").relations.tobytes() == LABELS.tobytes()
+    assert imported(str(folder), "--model", "distmult").relations.tobytes() == LABELS.tobytes()
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +270,7 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
 ) -> None:
     model, folder = saved(name)
     by_pickle = imported(str(folder), "--trust-pickle")
-    by_state = imported(str(folder), "--family", *MODELS[name])
+    by_state = imported(str(folder), "--model", *MODELS[name])
     assert by_state.entities.tobytes() == by_pickle.entities.tobytes()
     np.testing.assert_allclose(by_state.relations, by_pickle.relations, rtol=1e-6)
     options = [dict(vars(loaded.model)) for loaded in (by_state, by_pickle)]
@@ -306,7 +306,7 @@ def test_inverse_triples_are_named_for_a_state_dict_as_for_a_pickle(tmp_path: Pa
     factory.to_path_binary(tmp_path / "training_triples")
     torch.save(model.state_dict(), tmp_path / "state.pt")
     torch.save(model, tmp_path / "trained_model.pkl")
-    for options in (["--family", "distmult"], ["--trust-pickle"]):
+    for options in (["--model", "distmult"], ["--trust-pickle"]):
         with pytest.raises(SystemExit, match=r"inverse triples.*isi\.pykeen\.insert"):
             imported(str(tmp_path), *options)
 
@@ -322,7 +322,7 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
         torch.save(Bomb(), evil / name)
     for more in ([], ["--tensors", "evil/state.pt"], ["--tensors", "evil/trained_model.pkl"]):
         with pytest.raises(SystemExit):
-            imported("evil", "--family", "distmult", *more)
+            imported("evil", "--model", "distmult", *more)
     assert not Path("exploded").exists()
     with pytest.raises(
         SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with vectors"

@@ -243,7 +243,7 @@ def test_an_import_works_in_the_empty_environment(empty: Empty, tmp_path: Path) 
     (tmp_path / "train2id.txt").write_text("1\n0 1 0\n")
     tables = {"entities": np.array([[1.0, 2], [3, 4]]), "relations": np.array([[1.0, 1]])}
     np.savez(tmp_path / "model.npz", **tables)
-    options = ("--family", "distmult", "--out", str(tmp_path / "bundle"))
+    options = ("--model", "distmult", "--out", str(tmp_path / "bundle"))
     assert "2 entities, 1 relations, 1 triples" in empty.run(
         "isi", "import", str(tmp_path), *options
     )

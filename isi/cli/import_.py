@@ -36,7 +36,7 @@ def import_(
     model: Annotated[
         str | None,
         Parameter(
-            name=["--family", "--model"],
+            name=["--model", "--family"],
             help="scoring function, unless FOLDER or --trust-pickle determines it",
         ),
     ] = None,
@@ -101,7 +101,7 @@ def import_(
         raise InputError(
             "--trust-pickle",
             "",
-            "expected no --family, --set, --loss or names of tensors: the pickle determines them",
+            "expected no --model, --set, --loss or names of tensors: the pickle determines them",
         )
     bundle: Bundle
     if is_old(folder):
@@ -114,7 +114,7 @@ def import_(
     elif reader := checkpoint_reader(folder):
         if trust_pickle or model or chosen:
             expected = (
-                "expected no --family, --trust-pickle or names of tensors: it says which model it "
+                "expected no --model, --trust-pickle or names of tensors: it says which model it "
                 "holds"
             )
             raise InputError(folder, "", expected)
@@ -133,8 +133,8 @@ def import_(
         files = list(tensors) or tensors_in(folder, labels.form)
         if model not in MODELS.names():
             expected = f"expected a model among {', '.join(MODELS.names())}; got {model}"
-            raise InputError("--family", "", expected)
-        with flags(model="--family", model_options="--set"):
+            raise InputError("--model", "", expected)
+        with flags(model="--model", model_options="--set"):
             tables = read_tables(files, str(model), labels, names)
             bundle = of_tables(labels, str(model), settings(set), tables, files, loss)
     bundle = with_words(bundle, vectors)

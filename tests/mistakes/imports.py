@@ -11,8 +11,8 @@ from tests.mistakes.calls import Typed, packed
 from tests.mistakes.commands import changed
 from tests.small_bundle import ENTITIES, LABELS, write_lists, write_openke
 
-TYPED = "import mine --family distmult --out out"
-THEIRS = "import theirs --family distmult --out out"
+TYPED = "import mine --model distmult --out out"
+THEIRS = "import theirs --model distmult --out out"
 NAMED = [f"{place}\t{name}" for place, name in enumerate("abcdef")]
 OF_PYKEEN = [f"{slot}_representations.0._embeddings.weight" for slot in ("entity", "relation")]
 
@@ -105,7 +105,7 @@ def infinite() -> np.ndarray:
 
 COMMAND_CASES = [
     Typed("a setting that is none", "import mine --set margin --out out", "--set", status=2),
-    Typed("no model", "import mine --out out", "--family", before=with_tables()),
+    Typed("no model", "import mine --out out", "--model", before=with_tables()),
     Typed(
         "settings beside a pickle",
         "import mine --trust-pickle --set margin=2 --out out",
@@ -118,19 +118,19 @@ COMMAND_CASES = [
     Typed(
         "an option that the model does not have",
         f"{TYPED} --set margin=2",
-        "--family|margin",
+        "--model|margin",
         before=with_tables(),
     ),
     Typed(
         "no triples to estimate a margin from",
-        "import mine --family transe --out out",
+        "import mine --model transe --out out",
         "--set|margin",
         before=lambda: (write_lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink(),
     ),
     Typed(
         "a width that the model does not have",
-        "import mine --family complex --out out",
-        "--family|dimension",
+        "import mine --model complex --out out",
+        "--model|dimension",
         before=with_tables(entities=ENTITIES[:, :3], relations=LABELS[:, :3]),
     ),
     Typed(
@@ -167,7 +167,7 @@ TENSOR_CASES = [
     ),
     Typed(
         "half a complex number, of PyKEEN",
-        "import mine --family complex --out out",
+        "import mine --model complex --out out",
         "mine/tables.npz",
         before=lambda: write_lists(
             **dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True))

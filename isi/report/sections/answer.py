@@ -39,12 +39,12 @@ def answer(results: Results) -> Contents:
         scopes = ("all", "given" if experiment.queries is not None else "novel")
         methods = isi(experiment.initializers)
         means = {scope: _means(experiment, scope) for scope in scopes}
-        asked = means[scopes[1]]
-        measured = set(means["all"]) & set(asked)
+        about_new = means[scopes[1]]
+        measured = set(means["all"]) & set(about_new)
         if not {BASELINE, JOINT} <= measured or not {*methods} & measured:
             continue
-        best = max((name for name in methods if name in measured), key=lambda name: asked[name])
-        others = sorted(of_role(asked, "baseline", "own"), key=lambda name: -asked[name])
+        best = max((name for name in methods if name in measured), key=lambda name: about_new[name])
+        others = sorted(of_role(about_new, "baseline", "own"), key=lambda name: -about_new[name])
         gains = {scope: parts(experiment, scope) for scope in scopes}
         wholes = {name: gains["all"].get((WHOLE, name, BASELINE)) for name in methods}
         # the abstract's gain is that of ES
@@ -53,7 +53,7 @@ def answer(results: Results) -> Contents:
             "experiment": experiment,
             "best": best,
             "scopes": scopes,
-            "asked": asked,
+            "about_new": about_new,
             "methods": methods,
             "better": [name for name, gain in wholes.items() if gain and gain.low > 0],
             "first": first,

@@ -60,14 +60,14 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         means = stats.over_seeds(where(runs, scope=scopes), by, HALVES)
         return stats.ordered_rows(means, models, scope=scopes)
 
-    asked = experiment.mrr_star.get("novel", {})
+    about_new = experiment.mrr_star.get("novel", {})
     if experiment.queries is not None:
-        asked = stats.values(experiment.given_means)
+        about_new = stats.values(experiment.given_means)
     queries = where(runs, model=initializers[0]).groupby("scope")["queries"].sum()
     numbers = {
         "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}),
         "known": experiment.mrr_star.get("known", {}),
-        "strongest": strongest(asked),
+        "strongest": strongest(about_new),
         "gain": stats.values(gains["all"]),
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
     }
@@ -91,12 +91,12 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     )
 
 
-def strongest(asked: Values) -> str | None:
+def strongest(about_new: Values) -> str | None:
     """The initializer of the highest MRR* about novel entities, if it is neither the paper's nor a
     control; else None.
     """
-    others = of_role(asked, "baseline", "own")
-    best = max(contenders(asked), key=lambda name: asked[name], default=None)
+    others = of_role(about_new, "baseline", "own")
+    best = max(contenders(about_new), key=lambda name: about_new[name], default=None)
     return best if best in others else None
 
 
