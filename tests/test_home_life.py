@@ -4,7 +4,7 @@ import copy
 import dataclasses
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -132,6 +132,37 @@ def test_a_relation_is_new_with_two_facts_and_goes_by_undo(home: LiveEmbedding) 
 
 
 # Questions
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "call"),
+    [
+        ("top", 0, lambda home, number: home.ask("mug", "in", top=number)),
+        ("top", 0, lambda home, number: home.explain("mug", number)),
+        ("top", 0, lambda home, number: home.report("mug", number)),
+        ("number", 0, lambda home, number: home.nearest("mug", number)),
+        ("most", 0, lambda home, number: home.interference(most=number)),
+        ("show", -1, lambda home, number: home.interference(show=number)),
+    ],
+)
+def test_numbers_of_answers_are_refused_unless_they_are_counts(
+    home: LiveEmbedding, name: str, wrong: int, call: Callable[[LiveEmbedding, Any], object]
+) -> None:
+    home.tell([MUG])
+    for number in (wrong, -1, 2.5, True, "3", None):
+        with pytest.raises(InputError, match=f"argument '{name}'"):
+            call(home, number)
+    assert call(home, np.int64(1))
+
+
+def test_interference_is_of_entities_named_once_alone_or_in_a_list(home: LiveEmbedding) -> None:
+    home.tell([MUG, ("pan", "in", "e1")])
+    alone = home.interference("mug")
+    assert alone == home.interference(["mug", "mug"])
+    assert alone is not None
+    assert len(alone.above) == 1
+    with pytest.raises(InputError, match="argument 'entities'"):
+        home.interference([5])
 
 
 def test_answers_leave_out_what_is_known_or_all_but_some(home: LiveEmbedding) -> None:

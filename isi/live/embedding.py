@@ -25,7 +25,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from isi.config import Count, check, plain_number, plain_numbers
+from isi.config import Count, Seed, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import as_list, naming_argument, options_by_name
@@ -516,7 +516,7 @@ class LiveEmbedding:
 
     @reads
     def interference(
-        self, entities: Sequence[str] = (), most: int = 256, show: int = 5
+        self, entities: str | Sequence[str] = (), most: int = 256, show: int = 5
     ) -> Interference | None:
         """How far inserted entities push known answers down: all of them, or those named;
         None without known triples.
@@ -530,10 +530,13 @@ class LiveEmbedding:
             >>> measured.queries, measured.h_cur <= measured.h_old
             (12, True)
         """
+        most = check(most, Count, "", "argument 'most'")
+        show = check(show, Seed, "", "argument 'show'")
         now, known = self.now, len(self.base.entities)
         if not len(self.known_triples) or not self._rows:
             return None
-        chosen = [now.entity_ids[self._inserted(self._queried(name))] for name in entities]
+        names = dict.fromkeys(self._inserted(self._queried(name)) for name in _names(entities))
+        chosen = [now.entity_ids[name] for name in names]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
             part.embedding,
