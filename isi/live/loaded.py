@@ -48,6 +48,7 @@ class LoadedEmbedding(Bundle):
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
 
+    _of_relation: dict[int, np.ndarray] = field(init=False, default_factory=dict)
     #: of ``in_slot``, ``fitting_in_slot`` and ``kinds_in_slot``, by relation and slot
     _in_slot: dict[tuple[int, int], list[int]] = field(init=False, default_factory=dict)
     _fitting: dict[tuple[int, int], np.ndarray] = field(init=False, default_factory=dict)
@@ -91,7 +92,13 @@ class LoadedEmbedding(Bundle):
 
     def answers(self, query: Query) -> set[int]:
         """The known answers of a query."""
-        return answers_in(self.triples, query)
+        return answers_in(self.of_relation(query.relation), query)
+
+    def of_relation(self, relation: int) -> np.ndarray:
+        """The known triples of a relation, (T, 3)."""
+        if relation not in self._of_relation:
+            self._of_relation[relation] = self.triples[self.triples[:, RELATION] == relation]
+        return self._of_relation[relation]
 
     def ids_of(self, facts: Iterable[Fact]) -> np.ndarray:
         """Facts by name as ids, shape (F, 3), int64."""
@@ -124,8 +131,7 @@ class LoadedEmbedding(Bundle):
         """The ids of the entities in a slot of the known triples of a relation, sorted."""
         key = relation, slot
         if key not in self._in_slot:
-            triples = self.triples[self.triples[:, RELATION] == relation]
-            self._in_slot[key] = np.unique(triples[:, slot]).tolist()
+            self._in_slot[key] = np.unique(self.of_relation(relation)[:, slot]).tolist()
         return self._in_slot[key]
 
     @cached_property
@@ -144,7 +150,7 @@ class LoadedEmbedding(Bundle):
         Usual is a kind that at least two entities, or a tenth of those in the other slot, have in
         their triples.
         """
-        triples = self.triples[self.triples[:, RELATION] == relation]
+        triples = self.of_relation(relation)
         others, kinds = triples[:, HEAD + TAIL - slot], self.kind_ids[triples[:, slot]]
         pairs = np.unique(kinds[kinds >= 0] * len(self.entities) + others[kinds >= 0]) // len(
             self.entities
