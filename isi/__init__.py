@@ -14,19 +14,6 @@ import importlib
 import warnings
 from typing import Any
 
-#: Without ``open``: ``from isi import *`` leaves the builtin as it is.
-__all__ = [
-    "InputError",
-    "LiveEmbedding",
-    "Timeline",
-    "check_initializer",
-    "check_model",
-    "fit_new",
-    "from_pykeen",
-    "insert",
-    "train",
-]
-
 #: Module and name there of each name here.
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
@@ -40,6 +27,8 @@ _WHERE = {
     "open": ("isi.live.embedding", "open_live"),
     "train": ("isi.live.train", "train"),
 }
+#: Without ``open``: ``from isi import *`` leaves the builtin as it is.
+__all__ = [name for name in _WHERE if name != "open"]
 #: Packages of public names, which are imported on first use, too.
 _PACKAGES = ("benchmark", "continual", "pykeen")
 #: Names of version 0.2, and what they are called now.

@@ -6,6 +6,7 @@ import gc
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -532,6 +533,15 @@ def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
     )
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018
+
+
+def test_type_checkers_see_the_public_names() -> None:
+    """The stub file, which they read, defines each name as the package does."""
+    stub = dict[str, Any]()
+    exec(Path(isi.__file__).with_suffix(".pyi").read_text(encoding="utf-8"), stub)  # noqa: S102
+    assert stub["__all__"] == isi.__all__
+    for name in {*isi._WHERE, *isi._PACKAGES}:
+        assert stub[name] is getattr(isi, name)
 
 
 @pytest.mark.parametrize("flushed", [True, False])
