@@ -14,8 +14,9 @@ TIE = 1e-5
 #: Maximum number of scores in one table; more queries are ranked in parts.
 BUDGET = 2**24
 
-#: What is compared with the tolerance of a tie, and so rounded. ``bounds``: a score with the
-#: answer's ± the tolerance. ``gap``: their difference. Ranks differ only where rounding decides.
+#: How a score is compared with the answer's. ``bounds``: with the answer's ± the tolerance of a
+#: tie. ``gap``: their difference with ± the tolerance, as the experiments' numbers were computed.
+#: Ranks differ only where rounding at the edge of a tie decides.
 Ties = Literal["bounds", "gap"]
 
 
@@ -38,7 +39,7 @@ def compare_with(scores: Tensor, answer: Tensor, ties: Ties = "bounds") -> tuple
     Args:
         scores: of the candidates, one or more; shape (..., C).
         answer: score of each answer, which may be a candidate or not; shape (...).
-        ties: the rule for rounding. The tolerance is ``TIE`` times the largest magnitude among
+        ties: how they are compared. The tolerance is ``TIE`` times the largest magnitude among
             ``scores`` and ``answer``. NaN is tied with all: a diverged model is at chance.
     """
     tie = (TIE * torch.maximum(scores.abs().amax(-1), answer.abs()))[..., None]
