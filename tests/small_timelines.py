@@ -10,6 +10,7 @@ from isi.continual import Timeline
 from isi.continual.timeline import SPLITS
 from isi.models.model import make_model
 from isi.models.stack import Embedding
+from tests.plain_ranks import plain_rank
 
 Triple = tuple[str, str, str]
 #: Of each protocol: the last snapshot of its candidates and of its filter, and the filter's splits.
@@ -66,7 +67,7 @@ def ranks_by_loops(
                 if last < j:
                     yield None
                     continue
-                counts = 1.0
+                competitors = []
                 right = float((entity[triple[0]] * relation[triple[1]] * entity[triple[2]]).sum())
                 for candidate in range(int(timeline.entities[last])):
                     other = [*triple]
@@ -74,6 +75,5 @@ def ranks_by_loops(
                     if other == triple or tuple(other) in facts:
                         continue
                     head, name, tail = other
-                    score = float((entity[head] * relation[name] * entity[tail]).sum())
-                    counts += (score > right) + (score == right) / 2
-                yield counts
+                    competitors.append(float((entity[head] * relation[name] * entity[tail]).sum()))
+                yield plain_rank(competitors, right)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import isi
 from isi.errors import InputError
-from isi.insertion import interference
 from isi.insertion.interference import RankChange
 from isi.insertion.result import Inserted
 from tests.small_embedding import KNOWN_TRIPLES, LINE, call, on_a_line
@@ -86,7 +85,8 @@ def test_interference_queries_the_known_triples_or_a_sample(
     ):
         call(known_triples=None).interference()
     at_once = done.interference()
-    monkeypatch.setattr(interference, "BUDGET", 2 * len(done.entities))  # two queries at a time
+    two_queries = 2 * 2 * len(done.entities)
+    monkeypatch.setattr("isi.evaluation.ranks.BUDGET", two_queries)
     assert done.interference() == at_once
 
 

@@ -71,7 +71,7 @@ def test_a_cells_groups_are_the_same_whatever_stands_beside_it(
 ) -> None:
     together = break_down(*random_task([0, 1, 2]))
     alone = pd.concat([break_down(*random_task([seed])) for seed in (0, 1, 2)])
-    monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
+    monkeypatch.setattr("isi.evaluation.ranks.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
     pieces = break_down(*random_task([0, 1, 2]))
     for other, exact in ((alone, True), (pieces, False)):
         one, two = (

@@ -17,6 +17,7 @@ from isi.evaluation.ranking import Result, evaluate
 from isi.graph.sessions import TEST, TRAIN, VALID, session_at
 from isi.models.model import make_model
 from isi.models.stack import Embedding
+from tests.plain_ranks import won
 from tests.small_graphs import Triple, graph_of
 from tests.small_worlds import World, worlds
 
@@ -43,7 +44,7 @@ def brute_force(
             if competitor == answer or competitor in filtered:
                 continue
             count = world.counts.get(competitor, 0)
-            ahead = 1.0 if score(*competitor) > best else 0.5 if score(*competitor) == best else 0.0
+            ahead = won(score(*competitor), best)
             true += count > own
             plain += ahead
             if count != own:

@@ -29,6 +29,7 @@ from isi.models.stack import Embedding, select
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import READING_CASE, list_entries
+from tests.plain_ranks import won
 from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 from tests.small_worlds import World, worlds
 from tools.verify import Check, check_readings
@@ -155,7 +156,7 @@ def test_no_bit_depends_on_the_other_models_of_a_stack_or_on_pieces(
     embedding = random_embedding(len(SEEDS), 13, 3, 8)
     whole, chosen = of_points(points, embedding)[models], select(embedding, torch.tensor(models))
     part = of_points(part_of(points, models), chosen)
-    monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 13 * 7)  # few queries at a time
+    monkeypatch.setattr("isi.evaluation.ranks.BUDGET", 2 * 13 * 7)  # few queries at a time
     pieces = of_points(part_of(points, models), chosen)
     assert whole.isnan().any() < whole.isfinite().any()
     for other in (part, pieces):
@@ -197,11 +198,9 @@ def terms_of(world: World, model: int) -> Terms:
             competitor = ((candidate, r, t), (h, candidate, t), (h, r, candidate))[slot]
             if competitor == answer or splits.get(competitor) in FILTERED[filtering]:
                 continue
-            ahead = score(*competitor) - score(*answer)
             true += count(competitor) > count(answer)
-            predicted += (count(competitor) != count(answer)) * (
-                1 if ahead > 0 else 1 / 2 if ahead == 0 else 0
-            )
+            if count(competitor) != count(answer):
+                predicted += won(score(*competitor), score(*answer))
         terms[filtering, truth, answer, slot] = 1 / (abs(true - predicted) + 1)
     return terms
 

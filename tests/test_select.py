@@ -27,6 +27,7 @@ from isi.insertion.arguments import stack_of_one
 from isi.insertion.hidden import Candidate, HiddenDraws, HoldOut
 from isi.insertion.selection import Selection, compare, select_by_rule
 from isi.models.bilinear import DistMult
+from tests.plain_ranks import plain_rank
 
 ENTITIES, RELATIONS, DIMENSION = 40, 3, 16
 RNG = np.random.default_rng(0)
@@ -258,11 +259,9 @@ def test_hidden_entities_are_inserted_from_as_many_triples_and_queried_on_the_ot
         assert int(context.known[model].sum()) == ENTITIES - 4
 
 
-def plain_rank(scores: np.ndarray, answer: int, wrong: np.ndarray) -> float:
-    """1 + number of wrong candidates that score higher; a tie counts ½."""
-    tie = 1e-5 * abs(scores).max()
-    ahead, tied = scores > scores[answer] + tie, abs(scores - scores[answer]) <= tie
-    return float(1 + ahead[wrong].sum() + tied[wrong].sum() / 2)
+def rank_among(scores: np.ndarray, answer: int, wrong: np.ndarray) -> float:
+    """The rank of an answer among the wrong candidates."""
+    return plain_rank(scores[wrong], scores[answer], 1e-5 * abs(scores).max())
 
 
 def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
@@ -283,10 +282,10 @@ def by_loops(draws: HiddenDraws, vectors: np.ndarray) -> list[float]:
                     scores, answer = table @ given, triple[slot]
                     if name == "about":
                         kind = "hidden" if answer in hidden else "known"
-                        measures[kind].append(1 / plain_rank(scores, answer, wrong))
+                        measures[kind].append(1 / rank_among(scores, answer, wrong))
                         continue
-                    before = plain_rank(scores, answer, wrong & old)
-                    added = plain_rank(scores, answer, wrong & ~old) - 1
+                    before = rank_among(scores, answer, wrong & old)
+                    added = rank_among(scores, answer, wrong & ~old) - 1
                     measures["before"].append(1 / before)
                     measures["after"].append(1 / (before + draws.share * added))
     return [float(np.mean(values)) for values in measures.values()]

@@ -41,6 +41,7 @@ from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
 from isi.training.trainer import Training
 from tests.documented import DOCS
+from tests.plain_ranks import plain_rank
 from tests.small_graphs import points_of, random_graph
 
 EXAMPLES = DOCS.parent / "examples"
@@ -89,9 +90,7 @@ def test_measures_agree_with_brute_force() -> None:
             wrong = [other for other in others if tuple(other) not in known]
             own = numbers[slot, triple[1], triple[slot]]
             counts = [numbers[slot, triple[1], other[slot]] for other in wrong]
-            by_frequency.append(
-                1 / (1 + sum(count > own for count in counts) + counts.count(own) / 2)
-            )
+            by_frequency.append(1 / plain_rank(counts, own))
             at_random.append(np.mean(1 / (1 + rng.integers(0, len(wrong) + 1, 20_000))))
     ranks = reciprocal_ranks(queries, frequencies(graph, trained, queries))
     assert ranks.tolist() == pytest.approx(by_frequency)

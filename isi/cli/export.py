@@ -24,6 +24,7 @@ from isi.cli import FROM_ZERO
 from isi.cli.entity import open_home
 from isi.cli.output import Replace, is_device, write_outputs
 from isi.errors import InputError, extra, suggestion
+from isi.evaluation.ranks import parts
 from isi.graph.graph import (
     ENTITIES,
     GRAPH_ENTITIES,
@@ -46,7 +47,6 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Name of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
 #: Characters of valid names that XML cannot hold (control characters are in no name).
 NOT_XML = re.compile("[\ufffe\uffff]")
-BUDGET = 2**24  #: Maximum number of scores in one matrix.
 
 
 def _check_name(_: object, name: str | None) -> None:
@@ -161,7 +161,7 @@ def best_tails(graph: Graph, embedding: Embedding, most: int) -> pd.DataFrame:
     for relation, label in enumerate(graph.relations if most else ()):
         triples = graph.triples[graph.triples[:, RELATION] == relation]
         heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]))[:, 0]
-        for part in torch.split(heads, max(1, BUDGET // len(names))):
+        for part in parts(heads, len(names)):
             scores = embedding.score_tails(part[None], torch.full_like(part, relation)[None])[0]
             present = triples[torch.isin(triples[:, HEAD], part)]
             known = torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]

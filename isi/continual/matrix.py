@@ -7,7 +7,7 @@ one of candidates and filters alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -19,7 +19,7 @@ from isi.config import Count, check
 from isi.continual.answers import ENDS, TrueAnswers, true_answers
 from isi.continual.timeline import Timeline
 from isi.errors import InputError
-from isi.evaluation.filtered import BUDGET, compare_with
+from isi.evaluation.ranks import parts, scores_of, wins
 from isi.models.stack import Embedding, usual_torch
 from isi.random import stream
 
@@ -245,21 +245,14 @@ def _ranks(
     theta: Embedding, triples: np.ndarray, answers: Sequence[TrueAnswers], limits: list[_Limits]
 ) -> np.ndarray:
     """Ranks of the heads, then of the tails, of triples, (Q, 3), for L limits; shape (2, L, Q)."""
-    ranks = np.full((len(answers), len(limits), len(triples)), np.nan)
-    for start, batch in _batches(triples, theta.entity.shape[1]):
-        scores = _scores(theta, torch.from_numpy(batch))
-        for known, of_slot, by_slot in zip(answers, scores, ranks, strict=True):
-            by_slot[:, start : start + len(batch)] = _slot_ranks(of_slot, batch, known, limits)
-    return ranks
-
-
-def _batches(triples: np.ndarray, entities: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Parts of triples whose scores of heads and of tails, (Q, E) each, fit into ``BUDGET``, and
-    where they start.
-    """
-    size = max(1, BUDGET // (2 * entities))
-    for start in range(0, len(triples), size):
-        yield start, triples[start : start + size]
+    ranks = []
+    for part in parts(torch.from_numpy(triples), 2 * theta.entity.shape[1]):
+        by_slot = [
+            _slot_ranks(of_slot, part, known, limits)
+            for known, of_slot in zip(answers, _scores(theta, part), strict=True)
+        ]
+        ranks.append(np.stack(by_slot))
+    return np.concatenate(ranks, axis=-1)
 
 
 @torch.no_grad()
@@ -271,34 +264,22 @@ def _scores(theta: Embedding, triples: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _slot_ranks(
-    scores: Tensor, triples: np.ndarray, known: TrueAnswers, limits: list[_Limits]
+    scores: Tensor, triples: Tensor, known: TrueAnswers, limits: list[_Limits]
 ) -> np.ndarray:
     """Ranks of one slot of triples, (Q, 3), among scores, (Q, E), for L limits; shape (L, Q)."""
-    answer = triples[:, known.slot]
-    of_answer = scores.gather(1, torch.from_numpy(answer)[:, None])[:, 0]
-    # NumPy counts 15 times faster than torch
-    above, not_below = (mask.numpy() for mask in compare_with(scores, of_answer))
-    ahead = {
-        number: _number_ahead(above[:, :number], not_below[:, :number])
-        for number in {limit.candidates for limit in limits}
-    }
-    row, place = known.of(triples)
-    other = known.answer[place]
-    ahead_by_answer = (above[row, other] + 0.0 + not_below[row, other]) / 2
+    won = wins(scores, scores_of(triples[:, known.slot], scores)).numpy()
+    row, place = known.of(triples.numpy())
+    won_by_right = won[row, known.answer[place]]
     ranks = np.full((len(limits), len(triples)), np.nan)
     for limit, of_limit in zip(limits, ranks, strict=True):
         if limit.candidates:
             # the queried triple, too, is in each filter: its answer is tied with itself
+            # NumPy counts 9 times faster than torch
+            ahead = won[:, : limit.candidates].sum(1, dtype=int)
             left_out = limit.filtered(known, place)
-            no_errors = np.bincount(row, ahead_by_answer * left_out, len(triples))
-            of_limit[:] = 1 + ahead[limit.candidates] - no_errors
+            no_errors = np.bincount(row, won_by_right * left_out, len(triples))
+            of_limit[:] = 1 + (ahead - no_errors) / 2
     return ranks
-
-
-def _number_ahead(above: np.ndarray, not_below: np.ndarray) -> np.ndarray:
-    """Number of candidates ahead of each answer, a tie counts ½; masks (Q, C), result (Q,)."""
-    number: np.ndarray = np.mean([np.count_nonzero(mask, axis=1) for mask in (above, not_below)], 0)
-    return number
 
 
 def _checked(

@@ -1,8 +1,6 @@
 """Filtered ranks of the heads and tails of triples, against any vectors as candidates.
 
-``ranking`` ranks the query sets of the experiments, with relations and MRR*; its ties are within
-``TIE`` of the largest score of all candidates. Here a tie is within ``TIE`` of the largest score
-among the candidates that are compared and the answer, so that candidates can come in parts.
+``ranking`` ranks the query sets of the experiments, with relations and MRR*.
 """
 
 from dataclasses import dataclass
@@ -11,11 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.evaluation.ranking import TIE
+from isi.evaluation.ranks import ahead, parts, scores_of
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.models.stack import Embedding, rows
-
-BUDGET = 2**24  #: Maximum number of scores in one table.
 
 
 @dataclass(frozen=True)
@@ -45,6 +41,13 @@ class EndQueries:
         """Score of each triple, for its head and its tail alike; shape (2, M, Q)."""
         return theta.score(*self.triples.unbind(-1)).expand(2, -1, -1)
 
+    def ranks(self, scores: Tensor) -> Tensor:
+        """Filtered ranks of the answers among the first C entities by their scores,
+        (2, M, Q, C); shape (2, M, Q).
+        """
+        wrong = ~self.right[..., : scores.shape[-1]]
+        return 1 + ahead(scores, scores_of(self.answers, scores), wrong)
+
 
 def end_queries(graph: Graph, ids: Tensor) -> EndQueries:
     """The queries of triples, ids (M, Q), padded with -1; every triple of the graph is right."""
@@ -57,34 +60,16 @@ def end_queries(graph: Graph, ids: Tensor) -> EndQueries:
     return EndQueries(graph.triples[padded], ids >= 0, right)
 
 
-def compare_with(scores: Tensor, answer: Tensor) -> tuple[Tensor, Tensor]:
-    """Masks of the candidates that score above the answer, and of those that score above it or
-    are tied; scores (2, M, Q, C), answers' scores (2, M, Q). NaN ties.
-    """
-    tie = TIE * torch.maximum(scores.abs().amax(-1), answer.abs())
-    return scores > (answer + tie)[..., None], ~(scores < (answer - tie)[..., None])
-
-
-def ahead(scores: Tensor, answer: Tensor, wrong: Tensor) -> Tensor:
-    """Number of ``wrong`` candidates whose scores, (2, M, Q, C), exceed the answer's, (2, M, Q);
-    a tie counts ½.
-    """
-    above, not_below = compare_with(scores, answer)
-    return ((above & wrong).count_nonzero(dim=-1) + (not_below & wrong).count_nonzero(dim=-1)) / 2
-
-
 def end_ranks(theta: Embedding, graph: Graph, ids: Tensor) -> Tensor:
     """Ranks of the heads, then of the tails, of a graph's triples ``ids``, (Q,), among all entities
     of one embedding; shape (2, Q), float64.
 
     Filtered by the graph's triples, and realistic: a tie counts ½.
     """
-    number, ranks = theta.entity.shape[1], [torch.zeros(2, 0, dtype=torch.float64)]
-    for part in torch.split(ids, max(1, BUDGET // (2 * number))) if len(ids) else ():
+    ranks = [torch.zeros(2, 0, dtype=torch.float64)]
+    for part in parts(ids, 2 * theta.entity.shape[1]) if len(ids) else ():
         queries = end_queries(graph, part[None])
-        scores = queries.scores(theta, theta.entity)
-        answer = scores.gather(-1, queries.answers[..., None])[..., 0]
-        ranks.append(1 + ahead(scores, answer, ~queries.right)[:, 0].double())
+        ranks.append(queries.ranks(queries.scores(theta, theta.entity))[:, 0].double())
     return torch.cat(ranks, 1)
 
 

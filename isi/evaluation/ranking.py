@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import RELATION, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.models.stack import Embedding
@@ -21,10 +22,6 @@ from isi.models.stack import Embedding
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Scores closer to the answer's than this times the largest magnitude in their row are tied.
-TIE = 1e-5
-#: Maximum number of scores of heads and of tails together; larger query sets are ranked in pieces.
-BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
 #: Which observations order the true answers of a query. ``all``: those of the graph. ``split``:
@@ -117,15 +114,15 @@ def measure_rows(
     """
     import pandas as pd
 
-    parts = []
+    frames = []
     for scope, result in results.items():
         columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
         counts = {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()}
         places = np.arange(len(result.queries)) if models is None else models.cpu().numpy()
-        parts.append(
+        frames.append(
             pd.DataFrame({**columns, **counts, "place": places, "epoch": epoch, "scope": scope})
         )
-    return pd.concat(parts)
+    return pd.concat(frames)
 
 
 def padded_ids(queried: Tensor) -> Tensor:
@@ -155,7 +152,7 @@ def _pieces(queries: Queries) -> tuple[Tensor, ...]:
     fit into ``BUDGET``.
     """
     models, entities = queries.candidates.shape
-    return torch.split(queries.triples, max(1, BUDGET // (2 * models * entities)), 1)
+    return parts(queries.triples, 2 * models * entities, 1)
 
 
 def _rows(queries: Queries, triples: Tensor) -> QueryRows:
@@ -213,17 +210,6 @@ def by_relation(graph: Graph, values: Tensor) -> Tensor:
     return totals.index_add_(1, graph.triples[:, RELATION], values.long())
 
 
-def compare(scores: Tensor, answer: Tensor) -> Tensor:
-    """For each candidate: 1 if it scores above the answer, ½ if tied, else 0; shape (M, Q, C).
-
-    ``answer`` is the index of each answer in its row of scores; shapes (M, Q), (M, Q, C).
-    """
-    ahead = scores - scores.gather(-1, answer[..., None])
-    tie = TIE * scores.abs().amax(-1, keepdim=True)
-    # NaN is tied with all: a diverged model is at chance
-    return ((ahead > tie).float() + ~(ahead < -tie)) / 2
-
-
 def evaluate(embedding: Embedding, query_sets: Mapping[str, Queries]) -> dict[str, Result]:
     """Measures over query sets with the same ``Queries.triples``."""
     sums = [
@@ -255,17 +241,20 @@ def rank_queries(
             embedding.score_relations(head, tail),
             embedding.score_tails(head, relation),
         )
-        ahead = list(map(compare, scores, ids))
+        won = [
+            wins(of_slot, scores_of(answer, of_slot), "gap") / 2
+            for of_slot, answer in zip(scores, ids, strict=True)
+        ]
         yield {
-            name: RankedQueries(queries, list(map(_ranks, ahead, queries.slots)))
+            name: RankedQueries(queries, list(map(_ranks, won, queries.slots)))
             for name, queries in rows.items()
         }
 
 
-def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
-    """Ranks of the answers from ``compare``; sums of halves are exact in floating point."""
-    known, everyone = ahead.gather(-1, competitors.known), competitors.candidates[..., None]
-    total, all_tied = (ahead @ everyone)[..., 0], ((ahead == 0.5).float() @ everyone)[..., 0]
+def _ranks(won: Tensor, competitors: Competitors) -> Ranks:
+    """Ranks of the answers from ``wins``."""
+    known, everyone = won.gather(-1, competitors.known), competitors.candidates[..., None]
+    total, all_tied = (won @ everyone)[..., 0], ((won == 0.5).float() @ everyone)[..., 0]
     predicted_rank = 1 + total - (known * competitors.excluded_or_equal).sum(-1)
     rank = 1 + total - (known * competitors.excluded).sum(-1)
     tied = all_tied - ((known == 0.5) * competitors.excluded_or_equal).sum(-1)

@@ -22,7 +22,8 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from isi.errors import InputError
-from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
+from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
+from isi.evaluation.ranks import ahead
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from isi.evaluation.filtered import ahead, compare_with, end_queries
+from isi.evaluation.filtered import end_queries
+from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.arguments import Names
 from isi.insertion.engine import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
-
-BUDGET = 2**24  #: Maximum number of scores in one table.
 
 
 @dataclass(frozen=True)
@@ -116,20 +116,18 @@ def ranks_of(
     """
     graph, ranks = trained_session(true, embedding).graph, list[tuple[Tensor, ...]]()
     above = torch.zeros(len(graph.entities) - old, dtype=torch.float64)
-    for part in torch.split(torch.arange(queried), max(1, BUDGET // (2 * len(graph.entities)))):
+    for part in parts(torch.arange(queried), 2 * len(graph.entities)):
         queries = end_queries(graph, part[None])
-        scores, wrong = queries.scores(embedding, embedding.entity), ~queries.right
-        answer = scores.gather(-1, queries.answers[..., None])[..., 0]
+        scores = queries.scores(embedding, embedding.entity)
+        answer = scores_of(queries.answers, scores)
         # apart, so that the tolerance of a tie among old candidates does not depend on the new ones
-        before = 1 + ahead(scores[..., :old], answer, wrong[..., :old]).double()
-        # the answer comes first, so that there is a candidate if no entity is new
+        before = queries.ranks(scores[..., :old]).double()
+        # the answer comes first and does not compete: a candidate, even if no entity is new
         new = torch.cat([answer[..., None], scores[..., old:]], -1)
-        higher, not_lower = (mask[..., 1:] & wrong[..., old:] for mask in compare_with(new, answer))
-        added = (higher.double() + not_lower) / 2
-        new[..., 0] = -torch.inf
-        new[..., 1:].masked_fill_(added == 0, -torch.inf)
-        highest = new.argmax(-1) - 1 + old
+        competes = pad(~queries.right[..., old:], (1, 0))
+        added = wins(new, answer) * competes / 2
+        highest = new.masked_fill(added == 0, -torch.inf).argmax(-1) - 1 + old
         ranks.append((before, before + added.sum(-1), highest))
-        above += added.sum((0, 1, 2))
+        above += added[..., 1:].sum((0, 1, 2))
     before, after, highest = (torch.cat(each, -1).flatten() for each in zip(*ranks, strict=True))
     return before, after, highest, above

@@ -26,7 +26,7 @@ from tqdm import tqdm
 from isi.columns import TRIPLE
 from isi.config import Count, Positive, Seed, check
 from isi.errors import InputError, at
-from isi.evaluation.filtered import EndQueries, ahead, end_queries, random_ranks
+from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
 from isi.evaluation.ranking import padded_ids
 from isi.experiment.final_model import train_final
 from isi.experiment.grid import GridPoints
@@ -607,8 +607,7 @@ def reciprocal_ranks(queries: EndQueries, scores: Tensor) -> Tensor:
     """Filtered reciprocal ranks of the answers by scores of all entities, (2, M, Q, E);
     one number for each query.
     """
-    answers = scores.gather(-1, queries.answers[..., None])[..., 0]
-    return (1 / (1 + ahead(scores, answers, ~queries.right)))[:, queries.counted].double().flatten()
+    return (1 / queries.ranks(scores))[:, queries.counted].double().flatten()
 
 
 def frequencies(graph: Graph, trained: Tensor, queries: EndQueries) -> Tensor:

@@ -13,7 +13,7 @@ PyTorch process each model by itself, and a list is padded (``padded``).
 That does not hold for ``Model.score_tails`` and ``score_heads``, which rank. Their matrix products
 may differ in the last bits with the number of models or queries, above all with a single entity, or
 with rows whose length is no multiple of 4. Ranks stay the same unless a difference of scores lies
-at the edge of the tolerance ``isi.evaluation.ranking.TIE``, within which they are tied.
+at the edge of the tolerance ``isi.evaluation.ranks.TIE``, within which they are tied.
 """
 
 from __future__ import annotations

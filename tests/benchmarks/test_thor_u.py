@@ -15,7 +15,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.evaluation.ranking import compare
+from isi.evaluation.ranks import ahead, scores_of
 from isi.graph.graph import Graph
 from isi.graph.sessions import SPLIT_NAMES, TEST, VALID, Session, session_of
 from isi.models.model import make_model
@@ -111,8 +111,7 @@ def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tens
         (embedding.score_tails(head, relation), tail, tails),
         (embedding.score_heads(relation, tail), head, heads),
     ):
-        ahead = compare(scores, answer).masked_fill(barred, 0.0)
-        parts.append(1 + ahead.sum(-1))
+        parts.append(1 + ahead(scores, scores_of(answer, scores), ~barred))
     return torch.cat(parts, 1)
 
 
