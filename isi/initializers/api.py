@@ -72,6 +72,12 @@ class InitContext:
     start: Tensor | None = None
     #: how far each insert triple is believed, from 0 to 1; (M, n, I), float64; None: fully
     confidence: Tensor | None = None
+    #: whether queries ask for tails alone, as with inverse relations
+    tails_only: bool = False
+    #: number of the last relations whose rows are new, and may move with the vectors
+    new_relations: int = 0
+    #: triples of new relations between known entities; ids, (B, 3)
+    further: Tensor | None = field(default=None, metadata={"shared": True})
 
     @property
     def weight(self) -> Tensor:
@@ -133,6 +139,8 @@ class InitResult:
     weights: Tensor | None = None
     #: whether each vector is the centroid of its indicators: entities of weight > 0
     is_centroid: bool = False
+    #: rows of new relations, if they moved, too; shape: (M, q, w)
+    relations: Tensor | None = None
 
     @property
     def indicators(self) -> Tensor | None:
@@ -154,8 +162,8 @@ Role = Literal["paper", "isi", "control", "baseline", "own"]
 #: Required data or property of the model.
 Need = Literal["words", "insert_triples", "inverse", "linear_score"]
 #: Memory grows with the number of entities, or of their pairs; ``newton``: an optimum for each
-#: novel entity.
-Cost = Literal["entities", "pairs", "newton"]
+#: novel entity; ``trained``: by steps of training.
+Cost = Literal["entities", "pairs", "newton", "trained"]
 
 
 @checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -174,6 +182,9 @@ class Registered:
     defaults: Mapping[str, Any] = field(default_factory=dict)
     needs: tuple[Need, ...] = ()
     cost: Cost = "entities"
+    #: the option that names the initializer from whose vectors this one starts; it then trains all
+    #: new rows of a call together
+    starts_from: str | None = None
     #: options that ``tools/choose_initializers`` compares
     grid: Mapping[str, Sequence[Any]] | None = None
     #: settings that ``isi.insert`` compares on hidden entities beside ``defaults``, of which each

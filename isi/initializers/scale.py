@@ -21,7 +21,7 @@ from torch.nn.functional import softplus
 from isi.config import LARGEST
 from isi.evaluation.platt import fit_platt
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -38,16 +38,20 @@ class Scale:
     """Log odds of a triple = slope · score + offset; with ``softmax``, score - log Z of its query.
 
     Example:
-        >>> Scale("logistic").offset
+        >>> Scale(TrainingLoss("logistic")).offset
         0.0
     """
 
-    loss: Loss = "logistic"
+    training: TrainingLoss = field(default_factory=TrainingLoss)
     slope: float = 1.0
     offset: float = 0.0  #: with ``softmax``: - mean log Z of known queries, which serves as a guess
     #: mean log loss (nats) of known triples and their corruptions, which count alike; log 2 by
     #: chance; None: not fitted
     log_loss: float | None = None
+
+    @property
+    def loss(self) -> Loss:
+        return self.training.name
 
     @property
     def by_query(self) -> bool:
@@ -58,26 +62,27 @@ class Scale:
 LOGISTIC = Scale()  #: The scale of the pipeline's training, and of ``isi train``.
 
 
-def fit_scale(theta: Embedding, triples: Tensor, loss: Loss) -> Scale:
+def fit_scale(theta: Embedding, triples: Tensor, loss: Loss | TrainingLoss) -> Scale:
     """The scale of one embedding that was trained with a loss on ``triples``, (T, 3).
 
     Each triple is corrupted twice, by another head and by another tail. Known triples and
     corruptions weigh the same.
     """
-    if loss == "logistic" or len(triples) < 2:
-        return Scale(loss)  # nothing to fit, or nothing to fit it to
+    training = loss_named(loss)
+    if training == TrainingLoss("logistic") or len(triples) < 2:
+        return Scale(training)  # nothing to fit, or nothing to fit it to
     right, wrong = _known_and_corrupted(theta, triples)
-    if loss == "softmax":
+    if training.name == "softmax":
         head, relation, _ = triples[:: -(-len(triples) // FEW)].T[:, None]
         known = torch.ones(theta.entity.shape[:2], dtype=torch.bool)
         is_tail = torch.ones_like(head, dtype=torch.bool)
         offset = -log_partition(theta, known, is_tail, relation, head).mean().item()
-        return Scale(loss, 1.0, offset, _log_loss(right + offset, wrong + offset))
+        return Scale(training, 1.0, offset, _log_loss(right + offset, wrong + offset))
     scores = torch.cat([right.repeat(2), wrong])  # so that both sides weigh the same
     is_known = torch.arange(len(scores)) < 2 * len(right)
     curve = fit_platt(scores, is_known)
     odds = (curve.slope * part + curve.offset for part in (right, wrong))
-    return Scale(loss, curve.slope, curve.offset, _log_loss(*odds))
+    return Scale(training, curve.slope, curve.offset, _log_loss(*odds))
 
 
 class QueryList(NamedTuple):

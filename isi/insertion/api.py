@@ -20,7 +20,7 @@ from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
 from isi.insertion.result import Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, usual_torch
 
@@ -152,7 +152,7 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     return method, test, None
 
 
-def _hold_out(checked: Checked, with_words: bool, loss: Loss | None) -> HoldOut:
+def _hold_out(checked: Checked, with_words: bool, loss: Loss | TrainingLoss | None) -> HoldOut:
     """The hold-out test of the known entities, with as many insert triples as new ones have."""
     novel = checked.novel
     known, theta = novel.known, novel.theta

@@ -19,11 +19,12 @@ from torch import Tensor
 
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
-from isi.initializers.api import InitContext, InitResult, Registered
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, Registered
 from isi.initializers.scale import LOGISTIC, KnownQueries, Scale
-from isi.insertion.inverses import InverseRelations, both_ways, unpack
+from isi.insertion.inverses import InverseRelations, both_ways, unpack, unpack_first
 from isi.insertion.relations import fit_relations
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
+from isi.models.model import Model
 from isi.models.stack import Embedding
 
 BUDGET = 2**24  #: Maximum number of elements of one batch of novel entities.
@@ -86,7 +87,16 @@ class Method:
     initializer: Registered  #: in the form that fits the model (``isi.insertion.inverses``)
     options: Mapping[str, Any]
     why: str  #: the reason for this initializer
-    trained_with: Loss = "logistic"  #: the loss that the embedding was trained with
+    trained_with: Loss | TrainingLoss = "logistic"  #: the loss that the embedding was trained with
+
+    def start(self, model: Model) -> Method:
+        """What gives the vectors from which training starts; itself if it trains none."""
+        option = self.initializer.starts_from
+        if option is None:
+            return self
+        name = self.options[option] if model.invertible else "mean"
+        first = unpack_first(INITIALIZERS.get(name), model)
+        return replace(self, initializer=first, options=dict(first.defaults))
 
     def initialize(self, context: InitContext) -> InitResult:
         """Vectors of the novel entities of a context (equation 8)."""
@@ -105,17 +115,39 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     is_of_known_relation = triples[:, RELATION] < novel.known_relations
     joins_vectors = has_vector[triples[:, [HEAD, TAIL]]].all(1)
     fit_again = bool((~is_of_known_relation & ~joins_vectors).any())
-    result = None
+    result, first = None, method.start(novel.theta.model)
     for ids, seen in schedule(triples, novel.known, novel.number, fit_again):
         usable = _fit_new_relations(novel, has_vector)
         again = bool(has_vector[ids].all())
-        result = _in_batches(novel, method, torch.from_numpy(ids), seen & usable, again)
+        result = _in_batches(novel, first, torch.from_numpy(ids), seen & usable, again)
         if result is not None and novel.has_rows:
             novel.theta.entity[0, ids] = result.vectors[0]
         has_vector[ids] = True
     if fit_again:
         _fit_new_relations(novel, has_vector)
+    if result is not None and first is not method:
+        result = _trained_together(novel, method, result)
     return result
+
+
+def _trained_together(novel: NovelEntities, method: Method, start: InitResult) -> InitResult:
+    """Train all new rows together from their first vectors, and write them."""
+    proper = novel.triples[:, HEAD] != novel.triples[:, TAIL]
+    is_novel = (novel.triples[:, [HEAD, TAIL]] >= novel.known).any(1)
+    triples, ids = novel.triples[proper & is_novel], torch.from_numpy(novel.ids)
+    confidence = None if novel.confidence is None else novel.confidence[proper & is_novel]
+    context = replace(
+        context_for(novel, ids, triples, True, confidence),
+        start=start.vectors,
+        new_relations=novel.theta.relation.shape[1] - novel.known_relations,
+        further=torch.from_numpy(novel.triples[proper & ~is_novel]),
+    )
+    trained = method.initialize(context)
+    if novel.has_rows:
+        novel.theta.entity[0, novel.known :] = trained.vectors[0]
+    if trained.relations is not None:
+        novel.theta.relation[0, novel.known_relations :] = trained.relations[0]
+    return replace(start, vectors=trained.vectors, is_centroid=False)
 
 
 def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarray:
@@ -278,7 +310,7 @@ def context_for(
         by_kind=novel.kinds is not None,
         scale=novel.scale,
         queries=novel.queries,
-        start=novel.theta.entity[:, ids] if again else None,
+        start=novel.theta.entity[:, ids] if again and novel.has_rows else None,
     )
 
 

@@ -30,7 +30,7 @@ from isi.initializers.api import InitContext, NoRelationMap, Registered, options
 from isi.initializers.evidence import complete
 from isi.initializers.scale import Scale, fit_scale
 from isi.insertion.engine import context_in_session, queries_of, trained_session
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -197,14 +197,14 @@ class HoldOut:
     words: np.ndarray | None  #: of the known entities, shape: (E, v); None: not used
     kinds: np.ndarray | None  #: of the known entities, shape: (E,)
     seed: int
-    loss: Loss | None = "logistic"  #: of the embedding's training; None: unknown
+    loss: Loss | TrainingLoss | None = "logistic"  #: of the embedding's training; None: unknown
 
     @cached_property
     def scales(self) -> list[Scale]:
         """The scale of the loss; if that is unknown, those of all losses, the logistic one first:
         ``self-adversarial`` has that of ``margin``.
         """
-        losses: tuple[Loss, ...] = ("logistic", "softmax", "margin")
+        losses: tuple[Loss | TrainingLoss, ...] = ("logistic", "softmax", "margin")
         if self.loss is not None:
             losses = (self.loss,)
         triples = torch.from_numpy(self.triples)

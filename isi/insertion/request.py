@@ -15,7 +15,7 @@ from isi.graph.graph import HEAD, TAIL
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, TripleForms, table
 from isi.insertion.engine import NovelEntities
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 
 
@@ -24,7 +24,7 @@ class Settings(TypedDict, total=False):
 
     new_relations: int | Sequence[str]
     word_source: Source | None
-    loss: Loss | None
+    loss: Loss | TrainingLoss | None
     initializer: str | None
     options: Mapping[str, Any] | None
     seed: int
@@ -57,7 +57,7 @@ class InsertRequest:
     kinds: Any = None
     #: the loss that the embedding was trained with, which says what its scores mean
     #: (``isi.initializers.scale``)
-    loss: Loss | None = None
+    loss: Loss | TrainingLoss | None = None
     initializer: str | None = None  #: a name; None: the best by the hold-out test
     options: Mapping[str, Any] | None = None  #: replace default options of the initializer
     #: root seed of random initializers and of the hidden entities. Calls with the same seed draw
@@ -85,7 +85,7 @@ class InsertRequest:
     budget: float = 3
 
     def __post_init__(self) -> None:
-        check(self.loss, Loss | None, "", "argument 'loss'")  # type: ignore[arg-type]
+        check(self.loss, Loss | TrainingLoss | None, "", "argument 'loss'")  # type: ignore[arg-type]
         for name, kind in (("seed", Seed), ("tolerance", NotNegative), ("budget", NotNegative)):
             number = check(getattr(self, name), kind, "", f"argument {name!r}")
             object.__setattr__(self, name, number)  # of Python's, not of NumPy's

@@ -24,7 +24,7 @@ from torch.nn.functional import normalize
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.inverses import both_ways
-from isi.models.losses import Loss
+from isi.models.losses import TrainingLoss
 from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
@@ -260,21 +260,30 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
 
-def loss_of(model: PykeenModel, read: Model) -> Loss | None:
-    """The loss that a model was trained with, as ``read`` is to understand its scores; None for one
-    that is not known here.
-
-    Of a model that is not linear, slope and border are fitted with logistic loss, too: the score of
-    a distance, for one, has no border before a margin is added, which is estimated.
+def loss_of(model: PykeenModel, read: Model) -> TrainingLoss | None:
+    """The loss that a model was trained with, of the scores of ``read``; None for one that is not
+    known here.
     """
-    loss = unwrapped(model).loss
+    loss: Any = unwrapped(model).loss
+    added = -margin_in(read)  # what is added to PyKEEN's scores
     if isinstance(loss, LOGISTIC):
-        return "logistic" if read.linear else "margin"
+        return TrainingLoss("logistic", added)
     if isinstance(loss, losses.NSSALoss | losses.AdversarialBCEWithLogitsLoss):
-        return "self-adversarial"
+        margin = added + getattr(loss, "margin", 0.0)
+        return TrainingLoss("self-adversarial", margin, loss.inverse_softmax_temperature)
     if isinstance(loss, losses.CrossEntropyLoss) and not isinstance(loss, losses.InfoNCELoss):
-        return "softmax"
-    return "margin" if isinstance(loss, MARGIN) else None
+        return TrainingLoss("softmax")
+    if isinstance(loss, MARGIN):
+        return TrainingLoss("margin", getattr(loss, "margin", None) or 1.0)
+    return None
+
+
+def margin_in(read: Model) -> float:
+    """What a model that was read adds to PyKEEN's scores."""
+    if isinstance(read, InteractionModel):
+        return read.offset
+    margin: float = getattr(read, "margin", 0.0)
+    return margin
 
 
 def closed_form(scored: InteractionModel, dimension: int) -> Model | None:

@@ -1,0 +1,168 @@
+"""Fold-in: the rows of new entities are trained together, while all other rows stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from isi.config import Count, NotNegative, Positive
+from isi.graph.graph import HEAD, TAIL
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
+from isi.random import stream
+from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, Task, fit_tables
+
+BATCH = 1024  #: Number of facts in a step.
+#: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
+import os; NEGATIVES, SAMPLED = int(os.environ.get("NEG", 64)), 1024
+#: Largest number of facts times entities for which cross-entropy is over all entities.
+EXACT = 2**26
+
+#: The initializer from whose vectors training starts.
+Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
+
+
+@initializer(
+    "fold_in",
+    label="Fold-in",
+    role="baseline",
+    colour="#1b7837",
+    cost="trained",
+    needs=("insert_triples",),
+    defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 0.0},
+    calibration=[{"share": 1.0}, {"share": 0.1}],
+    starts_from="start",
+)
+def fold_in(
+    context: InitContext,
+    share: NotNegative,
+    epochs: Count,
+    rate: Positive,
+    pull: NotNegative,
+    start: Start = "soft_rs",
+) -> InitResult:
+    """Fold-in: the new rows, trained together on their facts by the embedding's own loss, with a
+    share of their part in earlier facts.
+
+    Args:
+        share: β: weight of the part in earlier facts, to which new entities are wrong answers.
+        epochs: of training; rate: step size of Adagrad, by the root mean square of the coordinates
+            of known vectors.
+        pull: weight of the squared distance from the start, in the same unit.
+        start: the initializer from whose vectors training starts; without an inverse of relations,
+            the mean.
+    """
+    first = start_of(context, start)
+    trained = [
+        _trained(context, model, vectors, share, epochs, rate, pull)
+        for model, vectors in enumerate(first.vectors)
+    ]
+    vectors, relations = (torch.stack(parts) for parts in zip(*trained, strict=True))
+    return replace(first, vectors=vectors, relations=relations, is_centroid=False)
+
+
+def start_of(context: InitContext, start: str) -> InitResult:
+    """The result from whose vectors training starts."""
+    if context.start is not None:
+        fallback = torch.zeros(context.novel.shape, dtype=torch.int64)
+        return InitResult(context.start, fallback)
+    chosen = INITIALIZERS.get(start if context.theta0.model.invertible else "mean")
+    return chosen.initialize(context, chosen.defaults)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The embedding of a context with the new rows last, and its triples."""
+
+    fixed: Tensor  #: vectors of known entities, (E, d)
+    facts: Facts
+    has_facts: Tensor  #: whether each new entity has any; shape: (n,), bool
+    earlier: Tensor  #: training triples of known entities, (K, 3)
+    unit: float  #: root mean square of the coordinates of known vectors
+
+
+def _trained(
+    context: InitContext,
+    model: int,
+    start: Tensor,
+    share: float,
+    epochs: int,
+    rate: float,
+    pull: float,
+) -> tuple[Tensor, Tensor]:
+    """Vectors, (n, d), of the new entities of a model, and the rows of its new relations, (q, w)."""
+    rows, relation = _rows(context, model, start), context.theta0.relation[model]
+    moving = Moving(len(rows.fixed), len(relation) - context.new_relations)
+    tables = Tables(
+        rows.fixed,
+        start.clone().requires_grad_(),
+        relation[: moving.relation],
+        relation[moving.relation :].clone().requires_grad_(),
+    )
+    if len(rows.facts.triples):
+        weight = pull / rows.unit**2 / rows.facts.weight.sum().item()
+        penalty = _pull(start, moving.entity, weight) if pull else None
+        earlier = Earlier(rows.earlier, share) if share else None
+        task = Task(rows.facts, moving, earlier, penalty, context.tails_only)
+        recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
+        rng = stream(context.root, "fold-in", *context.keys[model].tolist())
+        fit_tables(context.theta0.model, tables, task, recipe, epochs, rng)
+    vectors = torch.where(rows.has_facts[:, None], tables.entity, start)
+    return vectors.detach(), tables.relation.detach()
+
+
+def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
+    loss = context.scale.training
+    negatives: int | None = NEGATIVES
+    if loss.name == "softmax":
+        is_exact = facts * context.known.shape[1] <= EXACT
+        negatives = None if is_exact else SAMPLED
+    return Recipe(
+        loss=loss.name, n3=float(os.environ.get("N3", 0)),
+        margin=loss.margin,
+        temperature=loss.temperature,
+        batch_size=BATCH,
+        learning_rate=rate,
+        negatives=negatives,
+    )
+
+
+def _pull(start: Tensor, known: int, weight: float) -> Penalty:
+    """weight · Σ (distance from the start)² over new entities."""
+
+    def penalty(entity: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG001
+        return weight * (entity[known:] - start).square().sum()
+
+    return penalty
+
+
+def _rows(context: InitContext, model: int, start: Tensor) -> _Rows:
+    """What training sees of a model of the stack: known rows first, then the new ones."""
+    theta0, known = context.theta0, context.known[model].nonzero()[:, 0]
+    number, new = len(known), torch.arange(len(start))
+    is_prefix = number == 0 or int(known[-1]) == number - 1
+    entity = theta0.entity[model]
+    fixed = entity[:number] if is_prefix else entity[known]
+    place = torch.zeros(max(len(entity), context.known.shape[1]), dtype=torch.int64)
+    place[context.novel[model]] = number + new
+    place[known] = torch.arange(number)
+    is_tail, observed = context.novel_is_tail[model], context.observed[model]
+    other = place[context.other[model]]
+    # a triple of two new entities is listed with both
+    listed = observed & ~((other >= number) & is_tail)
+    novel = (number + new)[:, None].expand(other.shape)
+    ends = torch.where(is_tail, other, novel), torch.where(is_tail, novel, other)
+    triples = torch.stack([ends[0], context.relation[model], ends[1]], -1)[listed]
+    weight = context.weight[model][listed].float()
+    if context.further is not None:
+        triples = torch.cat([triples, context.further])
+        weight = torch.cat([weight, torch.ones(len(context.further))])
+    has_facts = torch.zeros(number + len(start), dtype=torch.bool)
+    has_facts[triples[:, [HEAD, TAIL]].flatten()] = True
+    trained = context.triples[context.trained[model]]
+    earlier = trained.clone()
+    earlier[:, [HEAD, TAIL]] = place[trained[:, [HEAD, TAIL]]]
+    unit = fixed[:: max(1, number // 1024)].square().mean().sqrt().item()
+    return _Rows(fixed, Facts(triples, weight), has_facts[number:], earlier, unit)

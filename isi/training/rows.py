@@ -1,0 +1,445 @@
+"""Training of rows of one embedding, with gradients of autograd: of all rows, or of new ones alone.
+
+The facts of a task are the answers to queries, (h, r, ?) and (?, r, t), or to the first alone.
+``isi.training.trainer`` trains stacks of small graphs; this trains one embedding of any size. The
+objective of new rows is in docs/initializers.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+from torch.nn.functional import cross_entropy, embedding, normalize, softplus
+from torch.optim import Adagrad
+
+from isi.config import Count, NotNegative, Positive, Section
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.models.bilinear import BlockModel
+from isi.models.losses import Loss, TrainingLoss
+from isi.models.model import Model
+from isi.models.stack import Embedding, check_finite, usual_torch
+from isi.random import stream
+
+#: Number of earlier facts in a step, to which new entities are wrong answers.
+EARLIER = 1024
+#: Number of earlier facts, at even distances, from which these are drawn.
+MOST_EARLIER = 2**12
+PURPOSE = "training by queries"  #: Of its random streams.
+TINY = 1e-12  #: Smallest modulus whose gradient is computed.
+BUDGET = 2**24  #: Maximum number of scores in a table without gradient.
+SMALL = 2**18  #: Maximum number of coordinates that stay in a processor's cache.
+
+#: A term of the loss of a step, from the tables of entities and relations.
+Penalty = Callable[[Tensor, Tensor], Tensor]
+
+
+class Recipe(Section):
+    """How an embedding is trained: loss, batches, learning rate and regularization."""
+
+    rules = (
+        (
+            lambda recipe: recipe.loss == "softmax" or recipe.negatives is not None,
+            "expected a number of negatives, except with the loss softmax",
+        ),
+    )
+    loss: Loss
+    batch_size: Count  #: facts
+    learning_rate: Positive  #: of Adagrad
+    #: weight of the sum of cubed moduli of the vectors of a query, per query (N3, Lacroix et al.
+    #: 2018)
+    n3: NotNegative = 0.0
+    #: of each fact; null, with ``softmax`` alone: all entities
+    negatives: Count | None = None
+    #: ``TrainingLoss.margin`` and ``.temperature``
+    margin: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    temperature: Positive = 1.0
+    unit_length: bool = False  #: whether all vectors are divided by their length (LKGE's TransE)
+
+    @property
+    def training_loss(self) -> TrainingLoss:
+        return TrainingLoss(self.loss, self.margin, self.temperature)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Triples to be trained on, each with a weight."""
+
+    triples: Tensor  #: ids, (T, 3)
+    weight: Tensor  #: shape: (T,)
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Which rows are trained: those from these ids on. By default all."""
+
+    entity: int = 0
+    relation: int = 0
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """The part of new entities in earlier facts: to each of them they are wrong answers."""
+
+    triples: Tensor  #: ids, (K, 3)
+    share: float = 1.0  #: β: weight of this part
+
+
+@dataclass(frozen=True)
+class Task:
+    """One training: on which facts, of which rows, with which other terms of the loss."""
+
+    facts: Facts
+    moving: Moving = field(default_factory=Moving)
+    earlier: Earlier | None = None
+    penalty: Penalty | None = None
+    #: whether facts ask for tails alone, as with inverse relations
+    tails_only: bool = True
+
+
+#: Called after each epoch, with its number.
+OnEpoch = Callable[[int], None]
+
+
+def silent(epoch: int) -> None:
+    """Report nothing."""
+
+
+@usual_torch()
+def fit(
+    theta: Embedding,
+    task: Task,
+    recipe: Recipe,
+    epochs: int,
+    root: int,
+    key: tuple[int, ...] = (),
+    on_epoch: OnEpoch = silent,
+) -> Embedding:
+    """Train one embedding, (1, E, d), for some epochs of a task.
+
+    Args:
+        root, key: of the random streams of the order of facts and of negatives.
+
+    Returns:
+        the trained embedding; rows that do not move are the same numbers; without
+        facts none moves.
+
+    Raises:
+        NotFinite: training diverged.
+    """
+    tables = Tables.of(theta, task.moving, recipe.negatives is not None)
+    if not tables.trained or not len(task.facts.triples):
+        return theta
+    fit_tables(theta.model, tables, task, recipe, epochs, stream(root, PURPOSE, *key), on_epoch)
+    return tables.embedding(theta, recipe)
+
+
+def fit_tables(
+    model: Model,
+    tables: Tables,
+    task: Task,
+    recipe: Recipe,
+    epochs: int,
+    rng: np.random.Generator,
+    on_epoch: OnEpoch = silent,
+) -> None:
+    """``fit``, in place, of rows that are apart from those that stay."""
+    optimizer = Adagrad(tables.trained, lr=recipe.learning_rate)
+    loss = Objective(model, tables, task, recipe)
+    for epoch in range(1, epochs + 1):
+        for place in loss.batches(rng):
+            optimizer.zero_grad()
+            loss.of(place, rng).backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            tables.constrain(model)
+        check_finite(tuple(table[None] for table in tables.trained), f"vectors after epoch {epoch}")
+        on_epoch(epoch)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The rows of entities and relations: fixed ones, then those that are trained."""
+
+    fixed_entity: Tensor
+    entity: Tensor
+    fixed_relation: Tensor
+    relation: Tensor
+    #: whether gradients of entities have the rows that a step reads alone
+    sparse: bool = False
+
+    @classmethod
+    def of(cls, theta: Embedding, moving: Moving, sparse: bool = False) -> Tables:
+        entity, relation = theta.entity[0], theta.relation[0]
+        return cls(
+            entity[: moving.entity],
+            entity[moving.entity :].clone().requires_grad_(),
+            relation[: moving.relation],
+            relation[moving.relation :].clone().requires_grad_(),
+            sparse and not moving.entity,
+        )
+
+    @property
+    def trained(self) -> list[Tensor]:
+        return [table for table in (self.entity, self.relation) if len(table)]
+
+    @property
+    def entities(self) -> int:
+        """Number of entities, fixed or not."""
+        return len(self.fixed_entity) + len(self.entity)
+
+    def entity_rows(self, ids: Tensor) -> Tensor:
+        """Vectors of entities, (..., d)."""
+        if self.sparse:
+            return embedding(ids, self.entity, sparse=True)
+        return _rows(self.fixed_entity, self.entity, ids)
+
+    def relation_rows(self, ids: Tensor) -> Tensor:
+        return _rows(self.fixed_relation, self.relation, ids)
+
+    @torch.no_grad()
+    def constrain(self, model: Model) -> None:
+        """Put the trained entities under the constraint of the model."""
+        if not model.is_free:
+            self.entity.copy_(model.constrain(self.entity))
+
+    def all_entities(self, recipe: Recipe) -> Tensor:
+        """The vectors of all entities, (E, d)."""
+        return _scaled(torch.cat([self.fixed_entity, self.entity]), recipe)
+
+    def all_relations(self, recipe: Recipe) -> Tensor:
+        """The vectors of all relations, (R, w)."""
+        return _scaled(torch.cat([self.fixed_relation, self.relation]), recipe)
+
+    @torch.no_grad()
+    def embedding(self, theta: Embedding, recipe: Recipe) -> Embedding:
+        entity, relation = self.all_entities(recipe), self.all_relations(recipe)
+        return replace(theta, entity=entity[None], relation=relation[None])
+
+
+def _rows(fixed: Tensor, moving: Tensor, ids: Tensor) -> Tensor:
+    """Rows of two tables, one below the other."""
+    if not len(fixed):
+        return moving[ids]
+    if not len(moving):
+        return fixed[ids]
+    moves = ids >= len(fixed)
+    still = fixed[ids.masked_fill(moves, 0)]
+    return torch.where(moves[..., None], moving[(ids - len(fixed)).clamp(min=0)], still)
+
+
+class Objective:
+    """The loss of a task, as a function of the rows of ``tables``."""
+
+    def __init__(self, model: Model, tables: Tables, task: Task, recipe: Recipe) -> None:
+        self.model, self.tables, self.task, self.recipe = model, tables, task, recipe
+        self.loss = recipe.training_loss
+        ways = (TAIL,) if task.tails_only else (TAIL, HEAD)
+        is_exact = recipe.loss == "softmax" and recipe.negatives is None
+        has_fixed = bool(len(tables.fixed_entity))
+        #: by slot of the answers, log Σ exp(score) of the fixed answers to each fact's query, (T,)
+        self.fixed = {slot: self._of_fixed(slot) if is_exact and has_fixed else None for slot in ways}
+        earlier = task.earlier
+        self.known: dict[int, KnownQueries] = {}
+        if earlier is not None and earlier.share and len(earlier.triples) and len(tables.entity):
+            by_query = recipe.loss == "softmax"
+            for slot in ways:
+                self.known[slot] = known_queries(model, tables, earlier.triples, slot, by_query)
+
+    def batches(self, rng: np.random.Generator) -> Iterator[Tensor]:
+        """Places of facts in batches, in random order."""
+        order = torch.from_numpy(rng.permutation(len(self.task.facts.triples)))
+        yield from torch.split(order, self.recipe.batch_size)
+
+    def of(self, place: Tensor, rng: np.random.Generator) -> Tensor:
+        """The mean loss of some facts, at places (B,), with all other terms."""
+        task, recipe, tables = self.task, self.recipe, self.tables
+        triples, weight = task.facts.triples[place], task.facts.weight[place]
+        relation = _scaled(tables.relation_rows(triples[:, RELATION]), recipe)
+        ends = {
+            slot: _scaled(tables.entity_rows(triples[:, slot]), recipe) for slot in (HEAD, TAIL)
+        }
+        right = self.model.score(ends[HEAD], relation, ends[TAIL])
+        losses = torch.zeros_like(right)
+        for slot in self.fixed:
+            given, answer = ends[HEAD + TAIL - slot], triples[:, slot]
+            if recipe.loss == "softmax" and recipe.negatives is None:
+                log_z = self._log_z(slot, place, triples)
+                losses = losses + log_z - right
+            else:
+                losses = losses + self._sampled(slot, given, relation, answer, right, rng)
+        total = weight.sum()
+        loss = (weight * losses).sum() / total
+        if recipe.n3:
+            cubes = sum(cubed(self.model, rows) for rows in (*ends.values(), relation))
+            loss = loss + recipe.n3 * cubes / len(place)
+        for slot, known in self.known.items():
+            share = task.earlier.share * known.number / task.facts.weight.sum()
+            loss = loss + share * self._of_known(slot, known, rng)
+        if task.penalty is not None:
+            loss = loss + task.penalty(tables.all_entities(recipe), tables.all_relations(recipe))
+        return loss
+
+    def _scores(self, slot: int, given: Tensor, relation: Tensor, entities: Tensor) -> Tensor:
+        """Scores of entities, (C, d), as answers in a slot, by rows of the given ends, (B, d), and
+        relations, (B, w); shape (B, C).
+        """
+        score = self.model.score_tails if slot == TAIL else self.model.score_heads
+        return score(given[None], relation[None], entities[None])[0]
+
+    def _queries(self, slot: int, triples: Tensor) -> Tensor:
+        """A number for each query of some triples, (B,)."""
+        return triples[:, RELATION] * self.tables.entities + triples[:, HEAD + TAIL - slot]
+
+    @torch.no_grad()
+    def _of_fixed(self, slot: int) -> Tensor:
+        """For each fact whose query has no moving row, log Σ exp(score) over the fixed answers;
+        NaN for others; shape (T,).
+        """
+        tables, triples = self.tables, self.task.facts.triples
+        given, relation = triples[:, HEAD + TAIL - slot], triples[:, RELATION]
+        is_fixed = (given < len(tables.fixed_entity)) & (relation < len(tables.fixed_relation))
+        result = torch.full((len(triples),), torch.nan)
+        chosen = triples[is_fixed]
+        queries, inverse = torch.unique(self._queries(slot, chosen), return_inverse=True)
+        given, relation = queries % tables.entities, queries // tables.entities
+        log_z = [torch.zeros(0)]
+        size = max(1, BUDGET // len(tables.fixed_entity))
+        for part in torch.split(torch.arange(len(queries)), size) if len(queries) else ():
+            rows = tables.fixed_entity[given[part]], tables.fixed_relation[relation[part]]
+            scaled = [_scaled(row, self.recipe) for row in (*rows, tables.fixed_entity)]
+            log_z.append(self._scores(slot, *scaled).logsumexp(1))
+        result[is_fixed] = torch.cat(log_z)[inverse]
+        return result
+
+    def _log_z(self, slot: int, place: Tensor, triples: Tensor) -> Tensor:
+        """log Z of the queries of some facts, each query computed once; shape (B,)."""
+        tables, recipe = self.tables, self.recipe
+        queries, inverse = torch.unique(self._queries(slot, triples), return_inverse=True)
+        given = _scaled(tables.entity_rows(queries % tables.entities), recipe)
+        relation = _scaled(tables.relation_rows(queries // tables.entities), recipe)
+        parts = []
+        if len(tables.entity):
+            moving = _scaled(tables.entity, recipe)
+            parts.append(self._scores(slot, given, relation, moving).logsumexp(1))
+        fixed = self.fixed[slot]
+        if fixed is not None:
+            of_query = torch.zeros(len(queries)).index_copy(0, inverse, fixed[place])
+            moves = of_query.isnan()
+            candidates = _scaled(tables.fixed_entity, recipe)
+            again = self._scores(slot, given[moves], relation[moves], candidates).logsumexp(1)
+            parts.append(of_query.masked_scatter(moves, again))
+        return torch.stack(parts).logsumexp(0)[inverse]
+
+    def _sampled(
+        self,
+        slot: int,
+        given: Tensor,
+        relation: Tensor,
+        answer: Tensor,
+        right: Tensor,
+        rng: np.random.Generator,
+    ) -> Tensor:
+        """Losses of queries, (B,), by drawn wrong answers, which stand for all entities."""
+        tables, number = self.tables, self.recipe.negatives
+        drawn = torch.from_numpy(rng.integers(tables.entities, size=number))
+        wrong = _scaled(tables.entity_rows(drawn), self.recipe)
+        scores = self._scores(slot, given, relation, wrong)
+        scores = scores.masked_fill(drawn == answer[:, None], -torch.inf)
+        if self.recipe.loss == "softmax":
+            each = scores + float(np.log(tables.entities / len(drawn)))
+            return softplus(each.logsumexp(1) - right)
+        return self.loss.of_right(right) + self.loss.of_wrong(right, scores).sum(1)
+
+    def _of_known(self, slot: int, known: KnownQueries, rng: np.random.Generator) -> Tensor:
+        """The mean loss of new entities as wrong answers to earlier facts, some of which are
+        drawn.
+        """
+        tables, recipe = self.tables, self.recipe
+        drawn = known.draw(rng)
+        given = _scaled(tables.entity_rows(known.given[drawn]), recipe)
+        relation = _scaled(tables.relation_rows(known.relation[drawn]), recipe)
+        new = self._scores(slot, given, relation, _scaled(tables.entity, recipe))
+        right = known.right[drawn]
+        if recipe.loss == "softmax":
+            return softplus(new.logsumexp(1) - right).mean()
+        others = torch.from_numpy(rng.integers(tables.entities, size=recipe.negatives - 1))
+        with torch.no_grad():
+            rows = _scaled(tables.entity_rows(others), recipe)
+            beside = self._scores(slot, given, relation, rows)
+        losses = self.loss.of_wrong(right, new, beside).sum(1)
+        return losses.mean() * recipe.negatives / tables.entities
+
+
+@dataclass(frozen=True)
+class KnownQueries:
+    """Queries of earlier facts, which new entities should not answer."""
+
+    given: Tensor  #: ids of the given ends; shape: (K,)
+    relation: Tensor  #: ids; shape: (K,)
+    #: with cross-entropy, log Σ exp(score) over the known answers, which have nearly all of Z after
+    #: training; else the score of the fact; shape: (K,)
+    right: Tensor
+    total: Tensor  #: sums of the numbers of facts, up to each query; shape: (K,), float64
+    number: int  #: of earlier facts
+
+    def draw(self, rng: np.random.Generator) -> Tensor:
+        """Places of ``EARLIER`` queries, as often as they have facts; all if they are fewer."""
+        size = min(EARLIER, len(self.given))
+        at = torch.from_numpy(rng.random(size)) * self.total[-1]
+        return torch.searchsorted(self.total, at, right=True).clamp(max=len(self.given) - 1)
+
+
+@torch.no_grad()
+def known_queries(
+    model: Model, tables: Tables, triples: Tensor, slot: int, by_query: bool
+) -> KnownQueries:
+    """The queries that hide a slot of triples, (K, 3), of fixed rows; of more than
+    ``MOST_EARLIER``, a sample.
+    """
+    step = -(-len(triples) // MOST_EARLIER)
+    chosen, given = triples[::step], HEAD + TAIL - slot
+    if not by_query:
+        total = torch.arange(1, len(chosen) + 1, dtype=torch.float64)
+        scores = _scores_of(model, tables, chosen)
+        return KnownQueries(chosen[:, given], chosen[:, RELATION], scores, total, len(triples))
+    entities = tables.entities
+    queries, count = torch.unique(
+        chosen[:, RELATION] * entities + chosen[:, given], return_counts=True
+    )
+    key = triples[:, RELATION] * entities + triples[:, given]
+    place = torch.searchsorted(queries, key).clamp(max=len(queries) - 1)
+    is_answer = queries[place] == key
+    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer])
+    highest = torch.full((len(queries),), -torch.inf).scatter_reduce(0, place, scores, "amax")
+    rest = torch.zeros(len(queries)).index_add(0, place, (scores - highest[place]).exp())
+    total, log_z = count.double().cumsum(0), highest + rest.log()
+    return KnownQueries(queries % entities, queries // entities, log_z, total, len(triples))
+
+
+def _scores_of(model: Model, tables: Tables, triples: Tensor) -> Tensor:
+    """Scores of triples, (N, 3), of fixed rows; shape (N,)."""
+    scores = [torch.zeros(0)]
+    for part in torch.split(triples, max(1, SMALL // tables.entity.shape[1])):
+        head, relation, tail = part.T
+        entity, relations = tables.fixed_entity, tables.fixed_relation
+        scores.append(model.score(entity[head], relations[relation], entity[tail]))
+    return torch.cat(scores)
+
+
+def cubed(model: Model, vectors: Tensor) -> Tensor:
+    """Σ |x|³ over coordinates of vectors, (..., d), with the modulus of a complex coordinate."""
+    if not isinstance(model, BlockModel):
+        return vectors.abs().pow(3).sum()
+    scalars, first, second = model.parts(vectors)
+    square = (first.square() + second.square()).clamp(min=TINY)
+    return scalars.abs().pow(3).sum() + square.pow(1.5).sum()
+
+
+def _scaled(vectors: Tensor, recipe: Recipe) -> Tensor:
+    return normalize(vectors, dim=-1) if recipe.unit_length else vectors
