@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
+from isi.graph.vocabulary import Vocabulary, plurals, singulars
 from isi.live.embedding import LiveEmbedding
-from isi.live.names import KnownNames, plurals, singulars
 from isi.names import plain
 from tests.small_bundle import NAMES, opened, worded
 
@@ -25,13 +25,13 @@ IN_KITCHEN = {"atLocation": "kitchen"}
 def test_a_question_finds_a_name_without_regard_to_case_and_gaps_and_says_so(
     known: str, text: str
 ) -> None:
-    names, notes = KnownNames(["turn off", known]), list[str]()
-    assert names.queried(text, "ENTITY", "an entity", notes.append) == known
+    names, notes = Vocabulary("entity", ["turn off", known]), list[str]()
+    assert names.queried(text, notes.append) == known
     (note,) = notes
     assert repr(known) in note
     assert repr(text) in note
     with pytest.raises(InputError, match=f"did you mean {known!r}"):
-        names.find(text, "ENTITY", "an entity")
+        names.find(text, "PLACE")
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,9 @@ def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
     known: str, text: str
 ) -> None:
     for one, other in ((known, text), (text, known)):
-        names = KnownNames([one])
+        names = Vocabulary("entity", [one])
         with pytest.raises(InputError, match="did you mean"):
-            names.queried(other, "", "a name", pytest.fail)
+            names.queried(other, pytest.fail)
         live = LiveEmbedding(opened(entity_names=[*NAMES[:-1], one]))
         with pytest.raises(InputError, match="did you mean"):
             live.observe([(other, "atLocation", "kitchen")])
@@ -64,12 +64,12 @@ def test_names_that_differ_in_signs_or_between_digits_are_two_entities(
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
-    names = KnownNames(["Apple", "apple"])
-    assert names.queried("apple", "", "", pytest.fail) == "apple"
+    names = Vocabulary("entity", ["Apple", "apple"])
+    assert names.queried("apple", pytest.fail) == "apple"
     both = "'Apple' or 'apple'"
     for text, hint in (("APPLE", both), ("aple", "'apple'"), ("zz", both)):
-        with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
-            names.queried(text, "ENTITY", "an entity", pytest.fail)
+        with pytest.raises(InputError, match=f"^entity: .* got '{text}'.*{hint}"):
+            names.queried(text, pytest.fail)
 
 
 @pytest.mark.parametrize(
@@ -131,3 +131,24 @@ def test_a_plural_has_the_singular_of_its_word(one: str, several: str) -> None:
 def test_words_that_differ_otherwise_are_no_plurals_of_each_other(one: str, other: str) -> None:
     assert plain(other) not in singulars(one) | plurals(one)
     assert plain(one) not in singulars(other) | plurals(other)
+
+
+@pytest.mark.parametrize(
+    ("new", "known", "expected"),
+    [
+        ("disease_or_syndrom", "disease_or_syndrome", True),
+        ("Kitchen", "kitchen", True),
+        ("forks", "fork", True),
+        ("living-room", "living room", True),
+        ("kithcen", "kitchen", True),
+        ("kitchan", "kitchen", True),
+        ("kitten", "kitchen", False),
+        ("entity 12", "entity 13", False),
+        ("entity 1", "entity 12", False),
+        ("mug", "mud", False),
+        ("cafe\u0301 bar table", "caf\u00e9 bar table", True),
+    ],
+)
+def test_a_slip_of_the_pen_is_told_from_another_label(new: str, known: str, expected: bool) -> None:
+    names = Vocabulary("entity", ["bed", known, "counter"])
+    assert names.misspelt([new, "espresso"]) == ({new: known} if expected else {})

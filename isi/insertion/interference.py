@@ -9,7 +9,7 @@ from torch import Tensor
 
 from isi.evaluation.filtered import ahead, compare_with, end_queries
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion.engine import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -54,8 +54,8 @@ class Interference:
 
 def measure(
     embedding: Embedding,
-    names: Names,
-    labels: Names,
+    names: Vocabulary,
+    labels: Vocabulary,
     queried: np.ndarray,
     true: Sequence[np.ndarray],
     old: int,
