@@ -5,7 +5,7 @@ its two steps.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Unpack
 
 import numpy as np
@@ -223,9 +223,7 @@ def enlarge(
     larger = add_rows(model, done.vectors, done.relations[done.new_relations], done.model)
     new = np.concatenate([done.insert_triples, done.between])
     triples = np.concatenate([factory.mapped_triples.numpy(), new])
-    labels = [str(done.names.of(row)) for row in done.new]
-    of_relations = [str(done.labels.of(row)) for row in done.new_relations]
-    return larger, larger_factory(factory, triples, labels, of_relations)
+    return larger, larger_factory(factory, triples, done.names, done.labels)
 
 
 def add_rows(
@@ -253,34 +251,29 @@ def add_rows(
 def larger_factory(
     factory: CoreTriplesFactory,
     triples: np.ndarray,
-    entities: Sequence[str],
-    relations: Sequence[str] = (),
+    entities: Vocabulary,
+    relations: Vocabulary,
 ) -> CoreTriplesFactory:
-    """A copy of a factory with other triples, ids of shape (T, 3), and labels of new entities and
-    relations, which have the next ids.
+    """A copy of a factory with other triples, ids of shape (T, 3), and with more entities and
+    relations.
     """
     options: dict[str, Any] = {"metadata": dict(factory.metadata)}
     options["create_inverse_triples"] = factory.create_inverse_triples
-    number, of_relations = factory.num_entities, factory.real_num_relations
     mapped = torch.from_numpy(triples)
     if not isinstance(factory, TriplesFactory):
-        numbers = number + len(entities), of_relations + len(relations)
-        return CoreTriplesFactory(mapped, *numbers, **options)
+        return CoreTriplesFactory(mapped, entities.number, relations.number, **options)
     options |= {
         "mapped_triples": mapped,
-        "relation_to_id": _with_labels(factory.relation_to_id, relations, of_relations),
-        "entity_to_id": _with_labels(factory.entity_to_id, entities, number),
+        "relation_to_id": dict(relations.ids),
+        "entity_to_id": dict(entities.ids),
     }
     if not isinstance(factory, TriplesNumericLiteralsFactory):
         return TriplesFactory(**options)
     old = factory.numeric_literals
-    options["numeric_literals"] = np.pad(old, ((0, len(entities)), *[(0, 0)] * (old.ndim - 1)))
+    options["numeric_literals"] = np.pad(
+        old, ((0, entities.number - len(old)), *[(0, 0)] * (old.ndim - 1))
+    )
     return TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
-
-
-def _with_labels(ids: Mapping[str, int], labels: Sequence[str], first: int) -> dict[str, int]:
-    """Ids by label, and those of further labels from ``first``."""
-    return {**ids, **{label: row for row, label in enumerate(labels, first)}}
 
 
 def of_result(

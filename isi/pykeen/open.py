@@ -79,7 +79,7 @@ class PykeenEmbedding(LiveEmbedding):
             triples = np.concatenate([trained[~is_retracted], added])
             no_relations = now.relations[:0]
             larger = add_rows(model, now.entities[known:], no_relations, now.model)
-            self._current = larger, larger_factory(factory, triples, now.entity_names[known:])
+            self._current = larger, larger_factory(factory, triples, now.names, self.base.labels)
             self._made_from = now
         return self._current
 
