@@ -78,10 +78,10 @@ class Vocabulary:
                 raise InputError("", "", f"expected {number} names, got {len(self._own)}")
             for row, name in enumerate(self._own, len(self.ids)):
                 if self.ids.setdefault(name, row) != row:
-                    is_known = earlier is not None and name in earlier.ids
-                    known = "a new name: it is known already"
-                    expected = known if is_known else "names that do not repeat"
-                    raise InputError("", repr(name)[:80], f"expected {expected}")
+                    expected = "expected names that do not repeat"
+                    if earlier is not None and name in earlier.ids:
+                        expected = "expected a new name: it is known already"
+                    raise InputError("", repr(name)[:80], expected)
         self.number = number  #: of things
         self.names = None if names is None else list(self.ids)  #: by id
         self._groups = dict[Callable[[str], str], dict[str, list[str]]]()
@@ -99,8 +99,7 @@ class Vocabulary:
                 f"argument {argument!r}", "", f"expected a number from 0 on, got {new}"
             )
         if not has_names:
-            number = self.number + int(new)
-            return Vocabulary(self.kind, None, number, numbers_are_ids=self.numbers_are_ids)
+            return Vocabulary(self.kind, None, self.number + int(new))
         return Vocabulary(
             self.kind,
             [] if is_whole(new) else new,

@@ -1,4 +1,4 @@
-"""Known names as people type them: which name a text is, which it may mean, suggestions."""
+"""Names of new entities, and lists of kinds, beside the known names."""
 
 from __future__ import annotations
 

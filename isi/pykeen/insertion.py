@@ -147,14 +147,14 @@ def compute_rows(
     tables_of(model)
     known_entities, known_relations = vocabularies_of(model, factory)
     relations = known_relations.with_new(settings.get("new_relations", 0), "new_relations")
-    if relations.number > known_relations.number:
+    has_new_relations = relations.number > known_relations.number
+    if has_new_relations:
         reading.relation_tables_of(model)
     with naming_argument("triples"):
         rows = labelled(triples)
     near = {}
     if new is None:
-        has_new = relations.number > known_relations.number
-        new = _new_labels(rows, known_entities, relations, has_new)
+        new = _new_labels(rows, known_entities, relations, has_new_relations)
         near = known_entities.misspelt(new)
     names = known_entities.with_new(new, "new")
     ids = triples_of(rows, "triples", names, relations)
