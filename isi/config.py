@@ -10,8 +10,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -152,6 +154,28 @@ def plain_numbers(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain_number(each) for key, each in value.items()}
     return plain_number(value)
+
+
+def as_list(values: Any, item: type | UnionType = object, expected: str = "a list") -> list[Any]:
+    """An argument as a list of ``item``. An ``InputError`` refuses a text,
+    and items of other types.
+    """
+    try:
+        items = list(values)
+    except TypeError as error:
+        raise InputError("", "", f"expected {expected}, got {short(values)}") from error
+    wrong = (
+        [values]
+        if isinstance(values, str | bytes)
+        else [value for value in items if not isinstance(value, item)]
+    )
+    if wrong:
+        raise InputError("", "", f"expected {expected}, got {short(wrong[0])}")
+    return items
+
+
+def is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 @cache

@@ -17,10 +17,6 @@ CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 #: Joiners (U+200C, U+200D) are not among them: they change letters of Persian and Hindi, and make
 #: one emoji of several.
 INVISIBLE = re.compile(r"[\u00ad\u061c\u180e\u200b\u200e\u200f\u202a-\u202e\u2060-\u206f\ufeff]")
-#: Neither digit nor underscore; Python's digits lack those of ², ½ and ₃.
-LETTER = r"[^\W\d_\u00b2\u00b3\u00b9\u00bc-\u00be\u2070-\u2189]"
-#: Separators between two letters.
-BETWEEN_LETTERS = re.compile(rf"(?<={LETTER})[ _-]+(?={LETTER})")
 #: Spaces of other widths, and those at which no line breaks.
 SPACE = re.compile(r"[\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000]")
 
@@ -48,21 +44,6 @@ def clean(name: str) -> str:
 def plain(name: str) -> str:
     """A name as lower-case words: ``hasAffordance`` and ``has_affordance`` → ``has affordance``."""
     return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", clean(name)).split()).casefold()
-
-
-def loose(name: str) -> str:
-    """What is left of a name as people type it from memory: without case, and without spaces,
-    hyphens and underscores between two letters.
-
-    ``coffeeMachine`` and ``Coffee-machine`` → ``coffeemachine``; ``chair_1_12`` → ``chair 1 12``;
-    ``a-1`` → ``a-1``. It suggests names and is never a key of data: mW is not MW.
-    """
-    return re.sub("[ _]+", " ", BETWEEN_LETTERS.sub("", clean(name))).casefold()
-
-
-def numbers(name: str) -> list[str]:
-    """The numbers of a name with their signs, and signs alone: ``chair_11_-2`` → 11 and -2."""
-    return re.findall(r"[+-]?\d+|(?<!\w)[+-]", name)
 
 
 def name_fault(name: object) -> str | None:

@@ -338,7 +338,7 @@ def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
         known = facts_of(live)
         assert isi.train(live, model="distmult", dimension=4, budget=1) is live
         assert facts_of(live) == known
-        assert (live.base.kinds[live.base.entity_ids["mug"]], live.inserted) == ("thing", {})
+        assert (live.base.kinds[live.base.names.ids["mug"]], live.inserted) == ("thing", {})
         assert live.base.relation_names == ["at", "by"]
         assert ("thing 1", "at", "room 1") not in live.base.named_triples()
 

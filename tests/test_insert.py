@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
+from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import (
     INITIALIZERS,
     InitContext,
@@ -27,7 +28,7 @@ from isi.initializers.api import (
     initializer,
     without_weights,
 )
-from isi.insertion.arguments import Names, triples_of
+from isi.insertion.arguments import triples_of
 from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
 from isi.models.bilinear import DistMult
 from isi.models.distance import RotatE
@@ -211,7 +212,7 @@ def test_triples_keep_the_order_of_their_first_occurrence(
     triples: list[tuple[int, int, int]],
 ) -> None:
     # R · E² > 2⁶³
-    entities, relations = Names("entity_names", 2**31, None), Names("relation_names", 3, None)
+    entities, relations = Vocabulary("entity", None, 2**31), Vocabulary("relation", None, 3)
     array = np.array(triples, np.int32).reshape(-1, 3)
     for given_as in (triples, array):
         ids = triples_of(given_as, "triples", entities, relations)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
+from isi.graph.vocabulary import Vocabulary
 from isi.live.bundle import read
-from isi.live.names import KnownNames
 from isi.names import clean, name_fault, plain
 from isi.sources import CHANGED
 from tests.observing import TRIPLE, observe, refused, written
@@ -79,12 +79,12 @@ def test_triples_in_python_are_read_as_those_of_a_file() -> None:
     "asked", [NFC, NFD, f"{NFC}\u200b", "caf\u00e9\u00a0mug", " cafe\u0301 mug "]
 )
 def test_an_entity_is_found_in_any_form_of_its_name(known: str, asked: str) -> None:
-    assert KnownNames([known, "mug"]).find(asked, "", "") == known
+    assert Vocabulary("entity", [known, "mug"]).find(asked) == known
 
 
 def test_joiners_are_part_of_a_name() -> None:
-    assert KnownNames(["👩🍳", "میز"]).same("👩\u200d🍳") is None
-    assert KnownNames(["👩🍳", "میز"]).same("می\u200cز") is None
+    assert Vocabulary("entity", ["👩🍳", "میز"]).same("👩\u200d🍳") is None
+    assert Vocabulary("entity", ["👩🍳", "میز"]).same("می\u200cز") is None
 
 
 @pytest.mark.parametrize("name", VALID)

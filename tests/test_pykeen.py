@@ -34,7 +34,6 @@ from isi.insertion.probability import fit_curves
 from isi.models.model import MODELS as OURS
 from isi.models.model import Model, register_model
 from isi.pykeen import InteractionModel, read_model
-from isi.pykeen.insertion import nearly_known
 
 #: Models that are read in different ways, with their options.
 CLOSED: list[tuple[str, dict[str, Any]]] = [
@@ -637,28 +636,6 @@ def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> N
     by_name = dict(zip(map(done.names.of, done.new), done.entities[ENTITIES:], strict=True))
     for name, row in zip(("cup", "mug"), expected.entities[ENTITIES:], strict=True):
         np.testing.assert_allclose(by_name[name], row, rtol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("new", "known", "expected"),
-    [
-        ("disease_or_syndrom", "disease_or_syndrome", True),
-        ("Kitchen", "kitchen", True),
-        ("forks", "fork", True),
-        ("living-room", "living room", True),
-        ("kithcen", "kitchen", True),
-        ("kitchan", "kitchen", True),
-        ("kitten", "kitchen", False),
-        ("entity 12", "entity 13", False),
-        ("entity 1", "entity 12", False),
-        ("mug", "mud", False),
-        ("cafe\u0301 bar table", "caf\u00e9 bar table", True),
-    ],
-)
-def test_a_slip_of_the_pen_is_told_from_another_label(new: str, known: str, expected: bool) -> None:
-    assert nearly_known([new, "espresso"], ["bed", known, "counter"]) == (
-        {new: known} if expected else {}
-    )
 
 
 def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:

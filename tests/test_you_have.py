@@ -154,7 +154,7 @@ def test_a_page_runs_as_it_stands(
     else:
         larger = isi.open("imported").now
         assert larger.entity_names[-1] == "espresso machine"
-        rows = [larger.entity_ids[name] for name in NAMES]
+        rows = [larger.names.ids[name] for name in NAMES]
         assert larger.entities[rows].tobytes() == ENTITIES.tobytes()
 
 

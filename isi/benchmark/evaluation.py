@@ -62,11 +62,11 @@ def evaluation_of(ranks: pd.DataFrame) -> Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class NamedEmbedding:
-    """An embedding, and the names of its rows; None: they are those of a split."""
+    """An embedding, and its rows by name; without any, they are those of a split."""
 
     embedding: Embedding  #: a stack of one
-    entities: Sequence[str] | None
-    relations: Sequence[str] | None
+    entities: Mapping[str, int]
+    relations: Mapping[str, int]
 
     def in_order(self, entities: Sequence[str], known: int, relations: Sequence[str]) -> Embedding:
         """The embedding with a row for each of ``entities``, or for the first ``known`` of them
@@ -82,7 +82,7 @@ class NamedEmbedding:
 
 
 def _rows(
-    kind: str, wanted: Sequence[str], names: Sequence[str] | None, number: int, known: int
+    kind: str, wanted: Sequence[str], row_of: Mapping[str, int], number: int, known: int
 ) -> Tensor:
     """Rows of ``wanted`` names, or of the ``known`` first ones, among the ``number`` rows of a
     table; shape (n,).
@@ -90,9 +90,8 @@ def _rows(
     if number not in (known, len(wanted)):
         expected = f"expected {len(wanted)} {kind}" + f", or {known}" * (known < len(wanted))
         raise InputError("argument 'model'", "", f"{expected}, got {number}")
-    if names is None:
+    if not row_of:
         return torch.arange(number)
-    row_of = {name: row for row, name in enumerate(names)}
     missing = [name for name in wanted[:number] if name not in row_of]
     if missing:
         raise InputError(
@@ -108,12 +107,12 @@ def read(
 ) -> NamedEmbedding:
     """The embedding in any form that ``HiddenSplit.evaluate`` accepts."""
     if isinstance(model, Inserted):
-        return NamedEmbedding(model.embedding, model.entity_names, model.relation_names)
+        return NamedEmbedding(model.embedding, model.names.ids, model.labels.ids)
     if isinstance(model, str | Model):
         rows = table(entities, "entities")
         checked = checked_model(model, options, rows.shape[1])
         of_relations = table(relations, "relations", checked.width(rows.shape[1]))
-        return NamedEmbedding(stack_of_one(rows, of_relations, checked), None, None)
+        return NamedEmbedding(stack_of_one(rows, of_relations, checked), {}, {})
     return _of_pykeen(model, factory)
 
 
@@ -121,7 +120,7 @@ def _of_pykeen(model: Any, factory: Any) -> NamedEmbedding:
     from pykeen.models import ERModel
 
     from isi.insertion.inverses import pack
-    from isi.pykeen.insertion import checked_labels, of_result
+    from isi.pykeen.insertion import of_result, vocabularies_of
     from isi.pykeen.reading import read_model
 
     model, factory, _ = of_result(model, factory, ())
@@ -131,8 +130,10 @@ def _of_pykeen(model: Any, factory: Any) -> NamedEmbedding:
     # a margin changes no rank
     embedding = read_model(model, torch.empty(0, 3, dtype=torch.int64), margin=0.0)
     embedding = pack(embedding) if model.use_inverse_triples else embedding
-    names = (None, None) if factory is None else checked_labels(model, factory)
-    return NamedEmbedding(embedding, *names)
+    if factory is None:
+        return NamedEmbedding(embedding, {}, {})
+    entities, relations = vocabularies_of(model, factory)
+    return NamedEmbedding(embedding, entities.ids, relations.ids)
 
 
 def ranks_frame(

@@ -11,7 +11,8 @@ import torch
 
 from isi.columns import TRIPLE
 from isi.errors import InputError, extra, suggestion
-from isi.graph.graph import HEAD, RELATION, TAIL, Graph
+from isi.graph.graph import Graph
+from isi.graph.vocabulary import names_by_id, numbered
 from isi.insertion.arguments import listed_triples, named_triples, naming_argument
 from isi.tables import paths
 
@@ -36,17 +37,12 @@ def graph_of(triples: Any) -> Graph:
             listed = named_triples(listed)
         if listed.ndim != 2 or listed.shape[1] != len(TRIPLE) or not len(listed):
             raise InputError("", "", "expected triples: head, relation and tail")
-    return numbered(listed)
+    return each_once(listed)
 
 
-def numbered(triples: np.ndarray) -> Graph:
+def each_once(triples: np.ndarray) -> Graph:
     """The graph of triples, (T, 3), of labels or numbers, each triple once, in the given order."""
-    import pandas as pd
-
-    ends, entities = pd.factorize(triples[:, [HEAD, TAIL]].flatten(), sort=True)
-    relation, relations = pd.factorize(triples[:, RELATION], sort=True)
-    head, tail = ends.reshape(-1, 2).T
-    ids = np.stack([head, relation, tail], 1).astype(np.int64)
+    ids, entities, relations = numbered(triples, in_order=True)
     _, first = np.unique(ids, axis=0, return_index=True)
     return unweighted(list(map(str, entities)), list(map(str, relations)), ids[np.sort(first)])
 
@@ -91,7 +87,7 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     dataset = get_dataset(dataset=name)
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)
-    entities, relations = _by_id(dataset.entity_to_id), _by_id(dataset.relation_to_id)
+    entities, relations = names_by_id(dataset.entity_to_id), names_by_id(dataset.relation_to_id)
     return unweighted(entities, relations, triples.numpy()), entities
 
 
@@ -99,7 +95,7 @@ def _of_csv(path: Path) -> tuple[Graph, list[str]]:
     import pandas as pd
 
     table = pd.read_csv(path, keep_default_na=False)
-    graph = numbered(table[list(TRIPLE)].to_numpy(object))
+    graph = each_once(table[list(TRIPLE)].to_numpy(object))
     return graph, graph.entities
 
 
@@ -118,7 +114,7 @@ def _of_parquet(path: Path) -> tuple[Graph, list[str]]:
 
 def _of_factory(factory: Any) -> Graph:
     ids = np.unique(factory.mapped_triples.numpy(), axis=0)
-    graph = numbered(ids)
+    graph = each_once(ids)
     if not hasattr(factory, "entity_to_id"):
         return graph
     entities, relations = factory.entity_id_to_label, factory.relation_id_to_label
@@ -127,7 +123,3 @@ def _of_factory(factory: Any) -> Graph:
         [relations[int(relation)] for relation in graph.relations],
         graph.triples.numpy(),
     )
-
-
-def _by_id(ids: dict[str, int]) -> list[str]:
-    return sorted(ids, key=ids.__getitem__)

@@ -17,7 +17,8 @@ from isi.config import Fraction, Seed, check
 from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
-from isi.insertion.arguments import Names, naming_argument, triples_of
+from isi.graph.vocabulary import Vocabulary
+from isi.insertion.arguments import naming_argument, triples_of
 from isi.models.stack import usual_torch
 from isi.random import stream
 
@@ -67,9 +68,15 @@ class HiddenSplit:
         with extra("pykeen"):
             from pykeen.triples import TriplesFactory
 
-        names = self.entities[: self.ids.known], self.relations
-        entities, relations = ({name: row for row, name in enumerate(part)} for part in names)
-        return TriplesFactory(torch.from_numpy(self.ids.triples), entities, relations)
+        entities, relations = self._known_names
+        triples = torch.from_numpy(self.ids.triples)
+        return TriplesFactory(triples, entities.ids, relations.ids)
+
+    @property
+    def _known_names(self) -> tuple[Vocabulary, Vocabulary]:
+        """Known entities, and relations."""
+        entities = Vocabulary("entity", self.entities[: self.ids.known])
+        return entities, Vocabulary("relation", self.relations)
 
     @property
     def known_triples(self) -> np.ndarray:
@@ -161,13 +168,7 @@ class HiddenSplit:
             from isi.pykeen.insertion import labelled
 
             earlier = labelled(earlier)
-        known = self.entities[: self.ids.known]
-        return triples_of(
-            earlier,
-            "earlier",
-            Names("entity_names", len(known), known),
-            Names("relation_names", len(self.relations), self.relations),
-        )
+        return triples_of(earlier, "earlier", *self._known_names)
 
     def _parts(
         self, queried: np.ndarray, queries: int, ranks: np.ndarray

@@ -481,7 +481,7 @@ def _from_files(
 
     tables, _ = read_graph(files)
     facts = tables.triples[["head", "relation", "tail"]].to_numpy().tolist()
-    known, kinds = live.now.known_entities, {*live.base.kinds}
+    known, kinds = live.now.names, {*live.base.kinds}
     entities = tables.entities[["entity", "kind"]].astype(str).itertuples(index=False)
     new = {name: kind for name, kind in entities if kind in kinds and known.same(name) is None}
     return facts, new

@@ -21,6 +21,7 @@ from isi.continual.strategies import STRATEGIES
 from isi.continual.timeline import Timeline
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import INITIALIZERS
 from isi.insertion.arguments import checked_model, naming_argument, options_by_name
 from isi.insertion.inverses import InverseRelations
@@ -165,7 +166,9 @@ class RunnableTimeline(Timeline):
         else:
             given = read(model, factory, entities, relations, model_options)
             if entity_names is not None or relation_names is not None:
-                given = replace(given, entities=entity_names, relations=relation_names)
+                ids = Vocabulary("entity", entity_names).ids
+                label_ids = Vocabulary("relation", relation_names).ids
+                given = replace(given, entities=ids, relations=label_ids)
             steps = [along.start_from(self._first_of(given))]
         for snapshot in range(1, len(self.snapshots)):
             steps.append(along.next(steps[-1].theta, growth, snapshot, seed))

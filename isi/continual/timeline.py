@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from isi.columns import TRIPLE
+from isi.config import as_list
 from isi.errors import InputError, at, cut, extra, suggestion
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import as_list, named_triples
+from isi.graph.vocabulary import numbered
+from isi.insertion.arguments import named_triples
 from isi.tables import paths
 
 if TYPE_CHECKING:
@@ -110,7 +112,7 @@ class Timeline:
         rows = table[list(TRIPLE)].to_numpy(np.int64)
         number = int(place[place != ABSENT].max()) // len(SPLITS) + 1
         parts = [rows[place == part] for part in range(number * len(SPLITS))]
-        snapshots, entity_rows, relation_rows = numbered(parts)
+        snapshots, entity_rows, relation_rows = snapshots_of(parts)
         named = entities.iloc[entity_rows]
         names, words = named["entity"].tolist(), named["label"].tolist()
         return cls(snapshots, names, relations.iloc[relation_rows].tolist(), words)
@@ -171,7 +173,7 @@ got ('cup', 'in')
 
     @classmethod
     def _of_names(cls, parts: Sequence[np.ndarray]) -> Timeline:
-        snapshots, entities, relations = numbered(parts)
+        snapshots, entities, relations = snapshots_of(parts)
         names = entities.tolist()
         return cls(snapshots, names, relations.tolist(), names)
 
@@ -229,24 +231,18 @@ def _triples_of(values: Any, place: str) -> list[Any]:
         return as_list(values, object, "a list")
 
 
-def numbered(
+def snapshots_of(
     parts: Sequence[np.ndarray],
 ) -> tuple[tuple[GraphSnapshot, ...], np.ndarray, np.ndarray]:
     """Snapshots from the triples of their splits, (N, 3) each, in the order of ``SPLITS``; and the
     entities, (E,), and relations, (R,), of the triples by id.
     """
-    import pandas as pd
-
-    triples = np.concatenate(parts)
-    ends, entities = pd.factorize(triples[:, [HEAD, TAIL]].ravel())
-    relation, relations = pd.factorize(triples[:, RELATION])
-    head, tail = ends.reshape(-1, 2).T
-    ids = np.stack([head, relation, tail], 1).astype(np.int64)
+    ids, entities, relations = numbered(np.concatenate(parts))
     borders = np.cumsum([len(part) for part in parts])[:-1]
     splits = np.split(ids, borders)
     firsts = range(0, len(splits), len(SPLITS))
     snapshots = tuple(GraphSnapshot(*splits[first : first + len(SPLITS)]) for first in firsts)
-    return snapshots, np.asarray(entities), np.asarray(relations)
+    return snapshots, entities, relations
 
 
 def _snapshot_folders(path: Path) -> list[Path]:

@@ -30,6 +30,7 @@ from isi.errors import InputError, at
 from isi.experiment.grid import GridPoints
 from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
 from isi.params import check_names
@@ -194,11 +195,11 @@ def factory_of(
     """PyKEEN's ``TriplesFactory`` of triples of ids (N, 3), which adds ``inverse`` ones on demand;
     labels are listed in the order of ids.
     """
-    entity_ids, relation_ids = (
-        {name: row for row, name in enumerate(names)} for names in (entities, relations)
-    )
     return TriplesFactory(
-        torch.from_numpy(triples), entity_ids, relation_ids, create_inverse_triples=inverse
+        torch.from_numpy(triples),
+        Vocabulary("entity", entities).ids,
+        Vocabulary("relation", relations).ids,
+        create_inverse_triples=inverse,
     )
 
 

@@ -6,22 +6,20 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from operator import itemgetter
+from dataclasses import dataclass
 from pathlib import Path
-from types import UnionType
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import torch
 
 from isi.columns import TRIPLE, triple_columns
-from isi.config import check, plain_number
-from isi.errors import InputError, extra, short, suggestion
+from isi.config import as_list, check, is_whole
+from isi.errors import InputError, extra, short
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
@@ -68,33 +66,6 @@ def naming_argument(name: str) -> Iterator[None]:
         raise InputError(
             f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message
         ) from error
-
-
-def as_list(values: Any, item: type | UnionType = object, expected: str = "a list") -> list[Any]:
-    """An argument as a list of ``item``. An ``InputError`` refuses a text,
-    and items of other types.
-    """
-    try:
-        items = list(values)
-    except TypeError as error:
-        raise InputError("", "", f"expected {expected}, got {short(values)}") from error
-    wrong = (
-        [values]
-        if isinstance(values, str | bytes)
-        else [value for value in items if not isinstance(value, item)]
-    )
-    if wrong:
-        raise InputError("", "", f"expected {expected}, got {short(wrong[0])}")
-    return items
-
-
-def _is_number(name: str) -> bool:
-    """Whether a name is a whole number, written as Python writes it."""
-    return name.isdecimal() and name.isascii() and len(name) < 19 and str(int(name)) == name
-
-
-def is_whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def options_by_name(values: Any, name: str) -> dict[str, Any]:
@@ -161,86 +132,6 @@ def table(
     return numbers
 
 
-@dataclass
-class Names:
-    """The names of a table's rows, known entities first.
-    If None, rows are identified by id only.
-    """
-
-    argument: str  #: ``entity_names`` or ``relation_names``
-    number: int
-    names: Sequence[str] | None
-    ids: dict[str, int] = field(default_factory=dict)
-    #: whether a number is an id, also if it is the name of another row; else it is refused
-    numbers_are_ids: bool = False
-    #: the refused numbers
-    ambiguous: set[int] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        if self.names is None:
-            return
-        with naming_argument(self.argument):
-            self.names = as_list(self.names, str, "a list of names")
-            if len(self.names) != self.number:
-                raise InputError("", "", f"expected {self.number} names, got {len(self.names)}")
-            for row, name in enumerate(self.names):
-                if self.ids.setdefault(name, row) != row:
-                    raise InputError("", repr(name)[:80], "expected names that do not repeat")
-        numbers = {name: row for name, row in self.ids.items() if _is_number(name)}
-        if not self.numbers_are_ids:
-            self.ambiguous = {int(name) for name, row in numbers.items() if int(name) != row}
-
-    def of(self, row: int) -> str | int:
-        """The name of a row, or its id."""
-        return row if self.names is None else self.names[row]
-
-    def id(self, value: Any, place: str) -> int:
-        """The id of a value that is a name or an id; an ``InputError`` names its ``place``."""
-        value = plain_number(value)
-        if isinstance(value, str) and value in self.ids:
-            return self.ids[value]
-        if is_whole(value) and 0 <= value < self.number:
-            if value in self.ambiguous:
-                expected = f"expected a name: {value} is an id, and the name of another row"
-                raise InputError("", place, expected)
-            return int(value)
-        expected = f"an id from 0 to {self.number - 1}"
-        if self.names is not None:
-            expected += ", or a known " + (
-                "or new entity" if self.argument == "entity_names" else "relation"
-            )
-        got = int(value) if is_whole(value) else value
-        raise InputError(
-            "", place, f"expected {expected}, got {got!r:.80}{suggestion(value, self.ids)}"
-        )
-
-
-def all_names(known: Names, new: Any, name: str) -> Names:
-    """Names of known and new rows; argument ``name``, new:
-    names if the known ones have names, else a number.
-    """
-    new = plain_number(new)
-    with naming_argument(name):
-        if is_whole(new) == (known.names is not None) and (new or known.names is None):
-            raise InputError(
-                "", "", f"expected names where {known.argument!r} are given, else a whole number"
-            )
-        if is_whole(new) and new < 0:
-            raise InputError("", "", f"expected a number from 0 on, got {new}")
-        added = [None] * new if is_whole(new) else as_list(new, str, "a list of names")
-        for label, number in Counter(added).items() if known.names is not None else ():
-            if label in known.ids or number > 1:
-                expected = (
-                    "a new name: it is known already"
-                    if label in known.ids
-                    else "names that do not repeat"
-                )
-                raise InputError("", repr(label)[:80], f"expected {expected}")
-    names = None if known.names is None else [*known.names, *added]
-    number = known.number + len(added)
-    return Names(known.argument, number, names, numbers_are_ids=known.numbers_are_ids)
-
-
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
     """A given ``Model`` (options ignored), or one made by name;
     InputError for a wrong name, option or dimension.
@@ -264,7 +155,7 @@ class Arguments:
 
     relations: np.ndarray
     model: Model
-    relation_names: Names
+    relation_names: Vocabulary
     triples: np.ndarray  #: with a new entity or relation; ids, shape: (T, 3)
     known_triples: np.ndarray  #: ids, shape: (K, 3)
 
@@ -274,7 +165,7 @@ def checked_arguments(
     relations: Any,
     model: Any,
     model_options: Any,
-    names: Names,
+    names: Vocabulary,
     relation_names: Any,
     known: int,
     triples: Any,
@@ -289,9 +180,9 @@ def checked_arguments(
     """
     checked = checked_model(model, model_options, entities.shape[-1])
     rows = table(relations, "relations", checked.width(entities.shape[-1]))
-    of_rows = Names("relation_names", len(rows), relation_names, numbers_are_ids=numbers_are_ids)
-    labels = all_names(of_rows, new_relations, "new_relations")
     old_relations = len(rows)
+    of_rows = Vocabulary("relation", relation_names, old_relations, numbers_are_ids=numbers_are_ids)
+    labels = of_rows.with_new(new_relations, "new_relations")
     rows = np.concatenate(
         [rows, np.zeros((labels.number - old_relations, rows.shape[1]), rows.dtype)]
     )
@@ -384,7 +275,7 @@ def column_names(triples: Any) -> list[str]:
     return [] if all(map(is_whole, names)) else names
 
 
-def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
+def ids_of(triples: Any, name: str, entities: Vocabulary, relations: Vocabulary) -> np.ndarray:
     """Triples as ids, in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
     with naming_argument(name):
@@ -411,7 +302,7 @@ def ids_of(triples: Any, name: str, entities: Names, relations: Names) -> np.nda
     return ids
 
 
-def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
+def triples_of(triples: Any, name: str, entities: Vocabulary, relations: Vocabulary) -> np.ndarray:
     """Triples as ids, without duplicates, in the given order; shape (T, 3), int64."""
     ids = ids_of(triples, name, entities, relations)
     head, relation, tail = ids.T
@@ -422,14 +313,12 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     return np.delete(ids, np.delete(repeated, np.unique(key[repeated], return_index=True)[1]), 0)
 
 
-def _listed_ids(triples: list[Any], columns: Sequence[Names]) -> np.ndarray:
+def _listed_ids(triples: list[Any], columns: Sequence[Vocabulary]) -> np.ndarray:
     """Triples of names or ids as ids, (T, 3), int64. Known names alone take a tenth of the time."""
     if {*map(type, triples)} <= {list, tuple} and {*map(len, triples)} == {3}:
         with suppress(KeyError, TypeError):  # an id, an unknown name, or what cannot be a name
-            by_name = enumerate(names.ids.__getitem__ for names in columns)
-            return np.array(
-                [list(map(id_of, map(itemgetter(slot), triples))) for slot, id_of in by_name]
-            ).T.copy()
+            entities, relations, _ = columns
+            return ids_by_name(triples, entities.ids, relations.ids)
     rows = []
     for row, triple in enumerate(triples):
         check_triple(triple, row)
@@ -446,7 +335,7 @@ def check_triple(triple: Any, row: int) -> None:
         raise InputError("", f"triple {row}", expected)
 
 
-def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
+def kinds_of(kinds: Any, entities: Vocabulary) -> np.ndarray | None:
     """The kind of each entity as a number, (E,), int64; -1 without a kind.
     None if ``kinds`` is None.
     """
@@ -471,7 +360,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
     return np.where(missing, -1, np.unique(labels, return_inverse=True)[1])
 
 
-def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
+def word_table(words: Any, source: Source | None, entities: Vocabulary) -> np.ndarray | None:
     """Word vectors, (E, v), float32: a table, or vectors or texts by entity (missing: zero);
     None without words.
     """

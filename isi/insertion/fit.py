@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.config import Seed, check, plain_number
+from isi.config import Seed, check, is_whole, plain_number
 from isi.errors import InputError, short
+from isi.graph.vocabulary import Vocabulary
 from isi.initializers.scale import fit_scale
 from isi.insertion import arguments
-from isi.insertion.arguments import Names, TripleForms, stack_of_one, table
+from isi.insertion.arguments import TripleForms, stack_of_one, table
 from isi.insertion.engine import queries_of, trained_session
 from isi.insertion.new_rows import NewRows, best_epochs
 from isi.models.losses import Loss
@@ -96,13 +97,13 @@ def fit_new(
     new = plain_number(new)
     check(loss, Loss, "", "argument 'loss'")  # type: ignore[arg-type]
     rows = table(entities, "entities")
-    if not arguments.is_whole(new) or not 0 < new < len(rows):
+    if not is_whole(new) or not 0 < new < len(rows):
         raise InputError(
             "argument 'new'",
             "",
             f"expected a whole number from 1 to {len(rows) - 1}, got {short(new)}",
         )
-    names, known = Names("entity_names", len(rows), entity_names), len(rows) - int(new)
+    names, known = Vocabulary("entity", entity_names, len(rows)), len(rows) - int(new)
     given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )

@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 from isi.evaluation.filtered import end_queries
 from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion.engine import trained_session
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -54,8 +54,8 @@ class Interference:
 
 def measure(
     embedding: Embedding,
-    names: Names,
-    labels: Names,
+    names: Vocabulary,
+    labels: Vocabulary,
     queried: np.ndarray,
     true: Sequence[np.ndarray],
     old: int,

@@ -12,8 +12,9 @@ import torch
 from isi.config import NotNegative, Seed, check
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion import arguments
-from isi.insertion.arguments import Names, Source, TripleForms, table
+from isi.insertion.arguments import Source, TripleForms, table
 from isi.insertion.engine import NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
@@ -114,8 +115,8 @@ class Checked:
     entities: np.ndarray  #: of known entities, the caller's table; shape: (E, d)
     #: in the given precision; new rows are zero until they are computed; shape: (R + q, w)
     relations: np.ndarray
-    names: Names  #: of all entities
-    relation_names: Names
+    names: Vocabulary  #: of all entities
+    relation_names: Vocabulary
     novel: NovelEntities
 
     @property
@@ -166,8 +167,8 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     rows = table(known.entities, "entities")
     number = len(rows)
     are_ids = known.numbers_are_ids
-    names = Names("entity_names", number, known.entity_names, numbers_are_ids=are_ids)
-    names = arguments.all_names(names, request.new, "new")
+    names = Vocabulary("entity", known.entity_names, number, numbers_are_ids=are_ids)
+    names = names.with_new(request.new, "new")
     added = names.number - number
     given = arguments.checked_arguments(
         rows,

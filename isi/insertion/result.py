@@ -16,12 +16,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.config import Count, Seed, check, plain_number
+from isi.config import Count, Seed, check, is_whole, plain_number
 from isi.errors import InputError, cut, short
 from isi.graph.graph import HEAD, TAIL
+from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale
-from isi.insertion.arguments import Names, TripleForms, ids_of, is_whole, stack_of_one, triples_of
+from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
 from isi.insertion.interference import Interference, measure
@@ -109,11 +110,11 @@ class Inserted:
         return list(range(self.checked.novel.known_relations, len(self.relations)))
 
     @property
-    def names(self) -> Names:
+    def names(self) -> Vocabulary:
         return self.checked.names
 
     @property
-    def labels(self) -> Names:
+    def labels(self) -> Vocabulary:
         return self.checked.relation_names
 
     @property

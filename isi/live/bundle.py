@@ -8,7 +8,7 @@ databases, such a folder was a home, too (``isi.live.convert``).
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -22,6 +22,7 @@ from safetensors.numpy import load, save
 
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short
+from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.models.losses import Loss
 from isi.names import check_text, name_fault
 from isi.tables.io import atomically
@@ -195,7 +196,9 @@ def read(folder: Path) -> tuple[Bundle, list[EntityRecord]]:
                 raise InputError("", "line 1", expected)
     names, kinds, phrases = ([row[place] for row in rows[ENTITIES]] for place in range(3))
     labels = [name for (name,) in rows[RELATIONS]]
-    triples = triple_ids([folder / name for name in COLUMNS], names, labels, rows[TRIPLES], first=2)
+    known = checked_names(folder / ENTITIES, "entity", names, first=2)
+    known_relations = checked_names(folder / RELATIONS, "relation", labels, first=2)
+    triples = triple_ids(folder / TRIPLES, rows[TRIPLES], known, known_relations, first=2)
     try:
         tensors: dict[str, np.ndarray] = load(files[VECTORS])
         vectors = tensors["entities"], tensors["relations"]
@@ -227,37 +230,38 @@ def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
     return rows
 
 
+def checked_names(path: Path, kind: str, names: Sequence[str], first: int) -> Vocabulary:
+    """The names in a file of entities or relations, ``kind``. An ``InputError`` names the line,
+    counted from ``first``, of a blank or repeated name.
+    """
+    seen = set[str]()
+    for line, name in enumerate(names, first):
+        fault = name_fault(name)
+        if name in seen:
+            fault = f"expected each name once, got {short(name)}"
+        if fault:
+            raise InputError(path, f"line {line}", fault)
+        seen.add(name)
+    return Vocabulary(kind, names)
+
+
 def triple_ids(
-    paths: Sequence[Path],
-    names: Sequence[str],
-    labels: Sequence[str],
-    rows: Sequence[Sequence[str]],
+    path: Path,
+    rows: Collection[Sequence[str]],
+    entities: Vocabulary,
+    relations: Vocabulary,
     first: int,
 ) -> np.ndarray:
-    """Convert triples of names to ids, shape (T, 3), int64.
-
-    ``paths``: the files of entities, relations and triples. An ``InputError`` names the line,
-    counted from ``first``, of a blank, repeated or unknown name.
+    """The triples of names in a file as ids, shape (T, 3), int64. An ``InputError`` names the line,
+    counted from ``first``, of an unknown name.
     """
-    entities, relations = dict[str, int](), dict[str, int]()
-    for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
-        for row, name in enumerate(listed):
-            fault = name_fault(name)
-            if not fault and ids.setdefault(name, row) != row:
-                fault = f"expected each name once, got {short(name)}"
-            if fault:
-                raise InputError(path, f"line {row + first}", fault)
-    triples = []
+    columns = entities, relations, entities
     for line, triple in enumerate(rows, first):
-        for slot, name, known in zip(
-            COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True
-        ):
-            if name not in known:
-                raise InputError(
-                    paths[2], f"line {line}", f"expected a known name as {slot}, got {short(name)}"
-                )
-            triples.append(known[name])
-    return np.array(triples, np.int64).reshape(-1, 3)
+        for slot, name, known in zip(COLUMNS[TRIPLES], triple, columns, strict=True):
+            if name not in known.ids:
+                expected = f"expected a known name as {slot}, got {short(name)}{known.hint(name)}"
+                raise InputError(path, f"line {line}", expected)
+    return ids_by_name(rows, entities.ids, relations.ids)
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:

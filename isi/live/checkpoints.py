@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field, PositiveInt
 from isi.config import Option, Positive
 from isi.errors import InputError, at, cut, extra, short
 from isi.insertion.inverses import both_ways
-from isi.live.bundle import COLUMNS, TEXTS, TRIPLES, Bundle, triple_ids
+from isi.live.bundle import COLUMNS, TEXTS, TRIPLES, Bundle, checked_names, triple_ids
 from isi.live.importer import (
     CONFIGURATION,
     VERSION,
@@ -252,8 +252,11 @@ def _operator_rows(
 def _named_triples(folder: Path, names: list[str], relation_names: list[str]) -> np.ndarray:
     path = folder / TRIPLES
     rows = rows_of(path, COLUMNS[TRIPLES]) if path.exists() else []
-    paths = [folder / "entity_names_*.json", folder / "dynamic_rel_names.json", path]
-    return triple_ids(paths, names, relation_names, rows, first=1)
+    entities = checked_names(folder / "entity_names_*.json", "entity", names, first=1)
+    relations = checked_names(
+        folder / "dynamic_rel_names.json", "relation", relation_names, first=1
+    )
+    return triple_ids(path, rows, entities, relations, first=1)
 
 
 def read_dicee(folder: Path, options: Options, loss: Loss | None) -> Bundle:
@@ -289,10 +292,9 @@ def read_dicee(folder: Path, options: Options, loss: Loss | None) -> Bundle:
 
 def _names_by_id(path: Path) -> list[str]:
     """The names in a table of id and name, in order, as pandas and polars write it."""
-    pickled = path.with_suffix(".p")
+    pickled, kind = path.with_suffix(".p"), path.stem.partition("_")[0]
     if pickled.exists() and not path.exists():
-        slot = path.stem.partition("_")[0]
-        write = f"pandas.DataFrame({{'{slot}': list(pickle.load(open('{pickled.name}', 'rb')))}})"
+        write = f"pandas.DataFrame({{'{kind}': list(pickle.load(open('{pickled.name}', 'rb')))}})"
         because = "a pickle can run any program; only where you trust it, write"
         raise InputError(pickled, "", f"{because} {write}.to_csv('{path.name}')")
     try:
@@ -305,7 +307,7 @@ def _names_by_id(path: Path) -> list[str]:
             expected = f"expected the id {number} and a name, got {short(row)}"
             raise InputError(path, f"line {number + 2}", expected)
     names = [name for _, name in rows]
-    triple_ids([path], names, [], [], first=2)  # checks the names
+    checked_names(path, kind, names, first=2)
     return names
 
 

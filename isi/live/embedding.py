@@ -25,10 +25,11 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from isi.config import Count, Seed, check, plain_number, plain_numbers
+from isi.config import Count, Seed, as_list, check, plain_number, plain_numbers
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import as_list, naming_argument, options_by_name
+from isi.graph.vocabulary import Vocabulary
+from isi.insertion.arguments import naming_argument, options_by_name
 from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
@@ -38,7 +39,7 @@ from isi.live.explain import Explanation, Report, Snapshot, explain, report
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
 from isi.live.loaded import LoadedEmbedding, Query
-from isi.live.names import KnownNames, NewName, check_new
+from isi.live.names import NewName, check_new
 from isi.live.phrases import SAME, phrase_vectors, with_words
 from isi.models.stack import usual_torch
 from isi.names import clean, plain
@@ -153,8 +154,8 @@ class LiveEmbedding:
         self.home = home or Home.create(loaded)
         self._now: LoadedEmbedding | None = None
         self._known_triples: np.ndarray | None = None
-        self._known_names: KnownNames | None = None
-        self._known_relations: KnownNames | None = None
+        self._known_names: Vocabulary | None = None
+        self._known_relations: Vocabulary | None = None
         with usual_torch(), self.home.snapshot():
             self._load(loaded)
 
@@ -333,7 +334,7 @@ class LiveEmbedding:
             for fact in listed:
                 self.home.take_fact(change.number, fact)
             for name in names:
-                known = self._known.find(name, "entity", "an entity")
+                known = self._known.find(name)
                 self.home.remove_entity(change.number, self._inserted(known))
         return change.result
 
@@ -441,7 +442,7 @@ class LiveEmbedding:
             )
         now, notes = self.now, list[str]()
         first, last = (
-            None if name is None else now.entity_ids[self._queried(name, notes)]
+            None if name is None else now.names.ids[self._queried(name, notes)]
             for name in (head, tail)
         )
         if relation is None:
@@ -451,12 +452,12 @@ class LiveEmbedding:
             # of an inserted entity if there is one
             curve_of = partial(self._curve, max(ends), slot=TAIL)
             return replace(answer_relation(now, *ends, top, curve_of, new), notes=notes)
-        known = now.known_relations.queried(relation, "relation", "a relation", notes.append)
-        label = now.relation_ids[known]
+        known = now.labels.queried(relation, notes.append)
+        label = now.labels.ids[known]
         query = Query(first, label, TAIL) if first is not None else Query(last, label, HEAD)  # type: ignore[arg-type]
         ids = None
         if among is not None:
-            ids = [now.entity_ids[self._queried(name, notes)] for name in among]
+            ids = [now.names.ids[self._queried(name, notes)] for name in among]
         best = answer(now, query, top, self._curve(*query), new=new, among=ids)
         return replace(best, notes=notes)
 
@@ -474,7 +475,7 @@ class LiveEmbedding:
         """
         check(number, Count, "", "argument 'number'")
         names = self.now.entity_names
-        row = self.now.entity_ids[self._queried(entity)]
+        row = self.now.names.ids[self._queried(entity)]
         return [(names[other], cosine) for other, cosine in self.now.nearest(row, number)]
 
     @reads
@@ -536,7 +537,7 @@ class LiveEmbedding:
         if not len(self.known_triples) or not self._rows:
             return None
         names = dict.fromkeys(self._inserted(self._queried(name)) for name in _names(entities))
-        chosen = [now.entity_ids[name] for name in names]
+        chosen = [now.names.ids[name] for name in names]
         part = now.part(np.array([*range(known), *chosen])) if chosen else now
         return measure(
             part.embedding,
@@ -625,7 +626,7 @@ class LiveEmbedding:
             inserted=len(rows),
             counts=None,
         )
-        labels = larger.relation_ids
+        labels = larger.labels.ids
         query = "SELECT head, relation, tail FROM fact WHERE status = ? ORDER BY id"
         usable = {
             status: [fact for fact in self.home.read(query, status) if fact[1] in labels]
@@ -636,16 +637,16 @@ class LiveEmbedding:
         return replace(larger, triples=triples, added=len(added), retracted=retracted)
 
     @property
-    def _known(self) -> KnownNames:
+    def _known(self) -> Vocabulary:
         if self._known_names is None:
-            self._known_names = KnownNames(dict(self._rows), self.base.known_entities)
+            self._known_names = self.base.names.with_new(self._rows, "entities")
         return self._known_names
 
     @property
-    def _relations(self) -> KnownNames:
+    def _relations(self) -> Vocabulary:
         if self._known_relations is None:
             names = [name for (name,) in self.home.read("SELECT name FROM relation")]
-            self._known_relations = KnownNames(dict.fromkeys(names))
+            self._known_relations = Vocabulary("relation", names)
         return self._known_relations
 
     @reads
@@ -777,8 +778,8 @@ class LiveEmbedding:
         self, change: Pending, names: Sequence[str], about: Callable[[str], NewEntity], new: bool
     ) -> None:
         """Insert entities that are not known."""
-        kinds = KnownNames(dict.fromkeys(filter(None, self.base.kinds)))
-        together = KnownNames(dict.fromkeys(names))
+        kinds = Vocabulary("kind", self.base.kind_numbers)
+        together = Vocabulary("entity", names)
         for name in names:
             if not new and together.meant(name) is None:
                 expected = "expected one spelling of a new name, or new=True for several"
@@ -786,7 +787,7 @@ class LiveEmbedding:
             check_new(name, self._known, None if new else self._same_words(name), new)
             each = about(name)
             if each.kind is not None:
-                each = each.model_copy(update={"kind": kinds.find(each.kind, "kind", "a kind")})
+                each = each.model_copy(update={"kind": kinds.find(each.kind)})
             self.home.add_entity(change.number, name, each)
 
     def _add_relations(self, change: Pending, facts: Iterable[Fact]) -> None:
@@ -822,7 +823,7 @@ class LiveEmbedding:
         """What is given about inserted entities, and about all that a chain of facts joins to
         them.
         """
-        trained, inserted = self.base.relation_ids, set(self.home.inserted())
+        trained, inserted = self.base.labels.ids, set(self.home.inserted())
         given, waiting = dict[str, EntityInput](), sorted(names)
         while waiting:
             name = waiting.pop()
@@ -913,13 +914,13 @@ class LiveEmbedding:
             place = " ".join(fact)[:80]
             for end in (fact[0], fact[2]):
                 if end not in new:
-                    self._known.find(end, place, "an entity")
-            self._relations.find(fact[1], place, "a relation")
+                    self._known.find(end, place)
+            self._relations.find(fact[1], place)
 
     def _queried(self, name: str, notes: list[str] | None = None) -> str:
         """The known entity that a question is about; without ``notes``, a warning says which."""
         note = partial(warnings.warn, stacklevel=4) if notes is None else notes.append
-        return self.now.known_entities.queried(name, "entity", "an entity", note)
+        return self.now.names.queried(name, note)
 
     def _same_words(self, name: str) -> str | None:
         """The known entity with the words of a new one, if there is one."""

@@ -133,7 +133,7 @@ def report(snapshot: Snapshot, top: int, ask: Ask) -> Report:
     query and nearest entities.
     """
     now, row = snapshot.now, snapshot.row
-    entity = now.entity_ids[row.entity]
+    entity = now.names.ids[row.entity]
     shown = indicators_of(snapshot)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
     ranked = [
@@ -141,7 +141,7 @@ def report(snapshot: Snapshot, top: int, ask: Ask) -> Report:
         for query in queries_of(now, entity, weights)
     ]
     unsupported = [
-        (completed(now, query, now.entity_ids[best.entity]), best.probability)
+        (completed(now, query, now.names.ids[best.entity]), best.probability)
         for query, answers in ranked
         for best in answers.answers
         if best.unsupported
@@ -172,7 +172,7 @@ def explain(snapshot: Snapshot, top: int) -> Explanation:
     now, groups, row = snapshot.now, snapshot.groups, snapshot.row
     shown = indicators_of(snapshot)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    queries = queries_of(now, now.entity_ids[row.entity], weights)
+    queries = queries_of(now, now.names.ids[row.entity], weights)
 
     def without(left_out: str, piece: str, changed: Snapshot) -> Ablation:
         return _ablation(snapshot, left_out, piece, changed, queries, top)
@@ -246,7 +246,7 @@ def _ablation(
     """Insert an entity again from less; compare its best answers."""
     now, row = snapshot.now, snapshot.row
     given = {
-        name: replace(each, about=_as_before(each.about, now.kinds[now.entity_ids[name]]))
+        name: replace(each, about=_as_before(each.about, now.kinds[now.names.ids[name]]))
         for name, each in changed.given.items()
     }
     about = given[row.entity].about
@@ -260,7 +260,7 @@ def _ablation(
         return Ablation(left_out, piece)
     vector = computed[row.entity].entity.vector
     entities = now.entities.copy()
-    entities[now.entity_ids[row.entity]] = vector
+    entities[now.names.ids[row.entity]] = vector
     other, changes = replace(now, entities=entities), list[Lost]()
     for query in queries:
         old, new = _best(now, query, top), _best(other, query, top)

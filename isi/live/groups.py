@@ -16,6 +16,7 @@ import torch
 
 from isi.errors import InputError
 from isi.evaluation.platt import PlattCurve
+from isi.graph.vocabulary import ids_by_name
 from isi.initializers.scale import fit_scale
 from isi.insertion.api import insert_request
 from isi.insertion.hidden import HoldOut
@@ -220,15 +221,14 @@ class EntityGroups:
         """Insert the entities of a group, sorted by name, into the bundle's embedding."""
         base = self.base
         new = {name: row for row, name in enumerate(members, len(base.entities))}
-        ids = ChainMap(new, base.entity_ids)
+        ids = ChainMap(new, base.names.ids)
         facts = dict[Fact, float]()
         for member in members.values():
             facts |= member.given.facts
         facts = {fact: facts[fact] for fact in sorted(facts)}
-        triples = [(ids[head], base.relation_ids[label], ids[tail]) for head, label, tail in facts]
         doubtful = any(believed < 1 for believed in facts.values())
         request = InsertRequest(
-            triples=np.array(triples, np.int64).reshape(-1, 3),
+            triples=ids_by_name(facts, ids, base.labels.ids),
             new=len(members),
             words=self._word_rows([member.words.vector for member in members.values()]),
             kinds=self._kind_ids([member.kind for member in members.values()]),
@@ -277,7 +277,7 @@ class EntityGroups:
         """The row of a relation that was not trained, from its facts between entities of ``now``;
         shape (w,).
         """
-        base, number, ids = self.base, len(self.base.relations), now.entity_ids
+        base, number, ids = self.base, len(self.base.relations), now.names.ids
         known_triples = torch.from_numpy(base.triples)
         triples = torch.tensor([(ids[head], number, ids[tail]) for head, _, tail in facts])
         known = base.embedding.relation

@@ -24,6 +24,7 @@ import numpy as np
 from safetensors.numpy import load, save
 
 from isi.errors import InputError, at, short, unwritable
+from isi.graph.vocabulary import Vocabulary, ids_by_name
 from isi.live.bundle import Bundle, Fact, Manifest, NewEntity, check_numbers
 from isi.names import plain
 from isi.tables.io import atomically
@@ -519,9 +520,7 @@ class Home:
         for (unknown,) in self.read(UNKNOWN):
             expected = "expected names of the tables entity and relation"
             raise InputError(self.path, "fact", f"{expected}, got {short(unknown)}")
-        ids = {name: row for row, name in enumerate(names)}
-        label_ids = {name: row for row, name in enumerate(labels)}
-        triples = [(ids[head], label_ids[label], ids[tail]) for head, label, tail, _ in facts]
+        entity_ids, label_ids = Vocabulary("entity", names).ids, Vocabulary("relation", labels).ids
         return Bundle(
             manifest,
             tensors["entities"],
@@ -530,7 +529,7 @@ class Home:
             [kind or "" for kind in kinds],
             list(phrases),
             labels,
-            np.array(triples, np.int64).reshape(-1, 3),
+            ids_by_name(facts, entity_ids, label_ids),
             tensors.get("words"),
             np.array([row[3] for row in facts], np.int64),
         )

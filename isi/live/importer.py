@@ -10,7 +10,7 @@ import pickle
 import re
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,11 @@ import pandas as pd
 import torch
 from safetensors.torch import load_file
 
+from isi.columns import TRIPLE
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.arguments import array_of, checked_model, naming_argument
-from isi.live.bundle import Bundle, Manifest, check_numbers, split_rows, triple_ids
+from isi.live.bundle import Bundle, Manifest, check_numbers, checked_names, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
 from isi.models.losses import Loss
 from isi.models.model import MODELS
@@ -40,6 +41,8 @@ PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = (
     "train2id.txt",
 )
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
+#: PyKEEN's tables of names and of triples.
+OF_TRIPLES = ("entity_to_id", "relation_to_id", "numeric_triples")
 #: The files that identify PyTorch-BigGraph's folder and dicee's (``isi.live.checkpoints``).
 VERSION, CONFIGURATION = "checkpoint_version.txt", "configuration.json"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
@@ -295,38 +298,31 @@ def read_labels(folder: Path) -> Labels:
     """Read names and known triples of a folder of PyKEEN, of OpenKE, or of plain files;
     no pickle is read.
     """
-    rows: Iterable[Any]
+    rows: np.ndarray | Collection[Sequence[str]]
     if (folder / PYKEEN).is_dir():
-        form, files = (
-            "PyKEEN",
-            [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")],
-        )
-        files, first = [*files, folder / PYKEEN / "numeric_triples.tsv.gz"], 2
-        entities, relations = (_pykeen_names(path) for path in files[:2])
-        rows = _pykeen_triples(files[2], entities, relations)
+        form, first = "PyKEEN", 2
+        files = [folder / PYKEEN / f"{name}.tsv.gz" for name in OF_TRIPLES]
+        names = [_pykeen_names(path) for path in files[:2]]
+        rows = _pykeen_triples(files[2], len(names[0]), len(names[1]))
     elif (folder / ENTITY2ID).exists():
-        form, files, first = (
-            "entity2id",
-            [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)],
-            1,
-        )
-        entities, relations = read_id_names(files[0]), read_id_names(files[1])
+        form, first = "entity2id", 1
+        files = [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)]
+        names = [read_id_names(path) for path in files[:2]]
         rows = read_ids(folder, [TRAIN2ID]) if files[2].exists() else []
     elif (folder / ENTITY_NAMES).exists():
-        form, files, first = (
-            "arrays",
-            [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)],
-            1,
-        )
-        entities, relations = ([name for (name,) in rows_of(path, ["name"])] for path in files[:2])
-        rows = rows_of(files[2], ["head", "relation", "tail"]) if files[2].exists() else []
+        form, first = "arrays", 1
+        files = [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)]
+        names = [[name for (name,) in rows_of(path, ["name"])] for path in files[:2]]
+        rows = rows_of(files[2], TRIPLE) if files[2].exists() else []
     else:
         forms = (PYKEEN, ENTITY2ID, VERSION, CONFIGURATION)
         expected = f"expected a folder with {', '.join(forms)} or {ENTITY_NAMES}"
         raise InputError(folder, "", expected)
-    return Labels(
-        form, entities, relations, triple_ids(files, entities, relations, list(rows), first)
-    )
+    entities = checked_names(files[0], "entity", names[0], first)
+    relations = checked_names(files[1], "relation", names[1], first)
+    if not isinstance(rows, np.ndarray):
+        rows = triple_ids(files[2], rows, entities, relations, first)
+    return Labels(form, names[0], names[1], rows)
 
 
 def rows_of(path: Path, columns: Sequence[str]) -> list[list[str]]:
@@ -343,19 +339,14 @@ def _pykeen_names(path: Path) -> list[str]:
     return list(table["label"])
 
 
-def _pykeen_triples(
-    path: Path, entities: Sequence[str], relations: Sequence[str]
-) -> Iterator[tuple[str, str, str]]:
-    triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
-    most = [len(entities), len(relations), len(entities)]
+def _pykeen_triples(path: Path, entities: int, relations: int) -> np.ndarray:
+    """Known triples of ids, shape (T, 3), int64."""
+    triples = _pykeen_table(path, dict.fromkeys(TRIPLE, np.int64)).to_numpy()
+    most = [entities, relations, entities]
     for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
-        raise InputError(
-            path, f"line {row + 2}", f"expected ids of {most[0]} entities and {most[1]} relations"
-        )
-    return (
-        (entities[head], relations[relation], entities[tail])
-        for head, relation, tail in triples.tolist()
-    )
+        expected = f"expected ids of {entities} entities and {relations} relations"
+        raise InputError(path, f"line {row + 2}", expected)
+    return triples
 
 
 def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:

@@ -13,9 +13,9 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import Names, checked_model, stack_of_one, table
+from isi.graph.vocabulary import Vocabulary, ids_by_name
+from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.live.bundle import Bundle, Fact
-from isi.live.names import KnownNames
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -67,28 +67,12 @@ class LoadedEmbedding(Bundle):
         return stack_of_one(self.entities, relations, self.model)
 
     @cached_property
-    def entity_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.entity_names)}
+    def names(self) -> Vocabulary:
+        return Vocabulary("entity", self.entity_names)
 
     @cached_property
-    def relation_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.relation_names)}
-
-    @cached_property
-    def known_entities(self) -> KnownNames:
-        return KnownNames(self.entity_ids)
-
-    @cached_property
-    def known_relations(self) -> KnownNames:
-        return KnownNames(self.relation_ids)
-
-    @cached_property
-    def names(self) -> Names:
-        return Names("entity_names", len(self.entities), self.entity_names)
-
-    @cached_property
-    def labels(self) -> Names:
-        return Names("relation_names", len(self.relations), self.relation_names)
+    def labels(self) -> Vocabulary:
+        return Vocabulary("relation", self.relation_names)
 
     def answers(self, query: Query) -> set[int]:
         """The known answers of a query."""
@@ -100,11 +84,9 @@ class LoadedEmbedding(Bundle):
             self._of_relation[relation] = self.triples[self.triples[:, RELATION] == relation]
         return self._of_relation[relation]
 
-    def ids_of(self, facts: Iterable[Fact]) -> np.ndarray:
+    def ids_of(self, facts: Collection[Fact]) -> np.ndarray:
         """Facts by name as ids, shape (F, 3), int64."""
-        ids, labels = self.entity_ids, self.relation_ids
-        rows = [(ids[head], labels[relation], ids[tail]) for head, relation, tail in facts]
-        return np.array(rows, np.int64).reshape(-1, 3)
+        return ids_by_name(facts, self.names.ids, self.labels.ids)
 
     def keys_of(self, triples: np.ndarray) -> np.ndarray:
         """A number for each triple of ids, (T, 3); equal triples have equal numbers."""
@@ -193,8 +175,8 @@ class LoadedEmbedding(Bundle):
         """Notes on facts of a new entity whose known end has a kind new to the relation's slot."""
         for head, relation, tail in facts:
             slot, end, role = (HEAD, head, "a head") if tail == new else (TAIL, tail, "a tail")
-            kind = self.kinds[self.entity_ids[end]] if end in self.entity_ids else ""
-            usual = self.kinds_in_slot(self.relation_ids[relation], slot)
+            kind = self.kinds[self.names.ids[end]] if end in self.names.ids else ""
+            usual = self.kinds_in_slot(self.labels.ids[relation], slot)
             if kind and usual and kind not in usual:
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
@@ -228,7 +210,7 @@ class LoadedEmbedding(Bundle):
         votes, roles = np.zeros(1 + len(self.kind_numbers)), dict[str, None]()
         for head, relation, _ in facts:
             slot, role = (HEAD, "heads") if head == new else (TAIL, "tails")
-            there = self.fitting_in_slot(self.relation_ids[relation], slot)
+            there = self.fitting_in_slot(self.labels.ids[relation], slot)
             if len(there):
                 listed = there if alike is None else there[[alike[there].argmax()]]
                 votes += self._of_kinds(listed, np.full(len(listed), 1 / len(listed)))

@@ -43,6 +43,7 @@ from isi.graph.graph import (
     build_tables,
 )
 from isi.graph.sessions import TEST, TRAIN, VALID, split
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion.arguments import (
     TripleForms,
     checked_model,
@@ -209,11 +210,12 @@ def with_kinds(
     """
     entities, listed = tables.entities, {**kinds, **(phrases or {})}
     names = entities["entity"].tolist()
-    new_kinds, _ = by_known_name(kinds, names)
-    new_phrases, _ = by_known_name(phrases or {}, names)
-    matched, missing = by_known_name(listed, names)
+    known = Vocabulary("entity", names)
+    new_kinds, _ = by_known_name(kinds, known)
+    new_phrases, _ = by_known_name(phrases or {}, known)
+    matched, missing = by_known_name(listed, known)
     if not matched:
-        got = note_of_kinds(missing, len(listed), [], names) or "none"
+        got = note_of_kinds(missing, len(listed), [], known) or "none"
         raise InputError(
             "", "", f"expected the kind or the phrase of an entity of the graph, got {got}"
         )
@@ -222,7 +224,7 @@ def with_kinds(
         new_phrases.get(name, old) for name, old in zip(names, entities["phrase"], strict=True)
     ]
     without = [name for name, given in zip(names, kind, strict=True) if given == ENTITY and kinds]
-    note = note_of_kinds(missing, len(listed), without, names)
+    note = note_of_kinds(missing, len(listed), without, known)
     return replace(tables, entities=entities.assign(kind=kind, phrase=phrase)), note
 
 

@@ -5,7 +5,7 @@ its two steps.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Unpack
 
 import numpy as np
@@ -14,14 +14,12 @@ from pydantic import Field
 from pykeen.pipeline import PipelineResult
 from pykeen.triples import CoreTriplesFactory, TriplesFactory, TriplesNumericLiteralsFactory
 
-from isi.config import check
+from isi.config import check, is_whole
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.vocabulary import Vocabulary, names_by_id
 from isi.insertion.api import insert_request
 from isi.insertion.arguments import (
-    Names,
-    all_names,
-    is_whole,
     listed_triples,
     naming_argument,
     triples_of,
@@ -31,7 +29,6 @@ from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
 from isi.insertion.result import Inserted
 from isi.models.model import Model
 from isi.models.stack import usual_torch
-from isi.names import loose, numbers
 from isi.pykeen import reading
 from isi.pykeen.reading import (
     PykeenModel,
@@ -47,7 +44,6 @@ FURTHER_FACTS = (
     "isi.pykeen.fit_new trains the row of a known entity on further facts (new=[its label]); "
     "isi.from_pykeen observes, removes and inserts again"
 )
-SHORTEST = 4  #: Minimum length of a new label that is compared with known ones.
 
 
 def insert(
@@ -149,20 +145,18 @@ def compute_rows(
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
-    entity_labels, relation_labels = checked_labels(model, factory)
-    known_relations = Names("relation_names", model.num_real_relations, relation_labels)
-    relations = all_names(known_relations, settings.get("new_relations", 0), "new_relations")
-    if relations.number > known_relations.number:
+    known_entities, known_relations = vocabularies_of(model, factory)
+    relations = known_relations.with_new(settings.get("new_relations", 0), "new_relations")
+    has_new_relations = relations.number > known_relations.number
+    if has_new_relations:
         reading.relation_tables_of(model)
     with naming_argument("triples"):
         rows = labelled(triples)
     near = {}
     if new is None:
-        new = _new_labels(
-            rows, factory, Names("entity_names", factory.num_entities, entity_labels), relations
-        )
-        near = nearly_known(new, factory.entity_to_id)
-    names = all_names(Names("entity_names", factory.num_entities, entity_labels), new, "new")
+        new = _new_labels(rows, known_entities, relations, has_new_relations)
+        near = known_entities.misspelt(new)
+    names = known_entities.with_new(new, "new")
     ids = triples_of(rows, "triples", names, relations)
     joined = ids[(ids[:, [HEAD, TAIL]] < factory.num_entities).any(1)][:, [HEAD, TAIL]]
     for label, other in near.items():
@@ -187,8 +181,8 @@ def compute_rows(
             embedding.entity[0].numpy(),
             embedding.relation[0].numpy(),
             embedding.model,
-            entity_names=entity_labels,
-            relation_names=relation_labels,
+            entity_names=known_entities.names,
+            relation_names=known_relations.names,
             triples=factory.mapped_triples.numpy(),
             numbers_are_ids=True,
         )
@@ -229,9 +223,7 @@ def enlarge(
     larger = add_rows(model, done.vectors, done.relations[done.new_relations], done.model)
     new = np.concatenate([done.insert_triples, done.between])
     triples = np.concatenate([factory.mapped_triples.numpy(), new])
-    labels = [str(done.names.of(row)) for row in done.new]
-    of_relations = [str(done.labels.of(row)) for row in done.new_relations]
-    return larger, larger_factory(factory, triples, labels, of_relations)
+    return larger, larger_factory(factory, triples, done.names, done.labels)
 
 
 def add_rows(
@@ -259,34 +251,29 @@ def add_rows(
 def larger_factory(
     factory: CoreTriplesFactory,
     triples: np.ndarray,
-    entities: Sequence[str],
-    relations: Sequence[str] = (),
+    entities: Vocabulary,
+    relations: Vocabulary,
 ) -> CoreTriplesFactory:
-    """A copy of a factory with other triples, ids of shape (T, 3), and labels of new entities and
-    relations, which have the next ids.
+    """A copy of a factory with other triples, ids of shape (T, 3), and with more entities and
+    relations.
     """
     options: dict[str, Any] = {"metadata": dict(factory.metadata)}
     options["create_inverse_triples"] = factory.create_inverse_triples
-    number, of_relations = factory.num_entities, factory.real_num_relations
     mapped = torch.from_numpy(triples)
     if not isinstance(factory, TriplesFactory):
-        numbers = number + len(entities), of_relations + len(relations)
-        return CoreTriplesFactory(mapped, *numbers, **options)
+        return CoreTriplesFactory(mapped, entities.number, relations.number, **options)
     options |= {
         "mapped_triples": mapped,
-        "relation_to_id": _with_labels(factory.relation_to_id, relations, of_relations),
-        "entity_to_id": _with_labels(factory.entity_to_id, entities, number),
+        "relation_to_id": dict(relations.ids),
+        "entity_to_id": dict(entities.ids),
     }
     if not isinstance(factory, TriplesNumericLiteralsFactory):
         return TriplesFactory(**options)
     old = factory.numeric_literals
-    options["numeric_literals"] = np.pad(old, ((0, len(entities)), *[(0, 0)] * (old.ndim - 1)))
+    options["numeric_literals"] = np.pad(
+        old, ((0, entities.number - len(old)), *[(0, 0)] * (old.ndim - 1))
+    )
     return TriplesNumericLiteralsFactory(literals_to_id=factory.literals_to_id, **options)
-
-
-def _with_labels(ids: Mapping[str, int], labels: Sequence[str], first: int) -> dict[str, int]:
-    """Ids by label, and those of further labels from ``first``."""
-    return {**ids, **{label: row for row, label in enumerate(labels, first)}}
 
 
 def of_result(
@@ -302,10 +289,10 @@ def of_result(
     return unwrapped(model.model), model.training if factory is None else factory, triples
 
 
-def checked_labels(
+def vocabularies_of(
     model: PykeenModel, factory: CoreTriplesFactory
-) -> tuple[list[str] | None, list[str] | None]:
-    """Labels of entities and relations by id, None without labels;
+) -> tuple[Vocabulary, Vocabulary]:
+    """Labels of entities and relations by id, if there are any;
     InputError if a factory does not fit its model.
     """
     with naming_argument("factory"):
@@ -319,15 +306,16 @@ def checked_labels(
         ) != expected:
             raise InputError("", "", f"expected {expected}, as the model has, got {got}")
         if not isinstance(factory, TriplesFactory):
-            return None, None
+            return (
+                Vocabulary("entity", None, factory.num_entities),
+                Vocabulary("relation", None, factory.real_num_relations),
+            )
         if (number := len(set(factory.entity_to_id.values()))) != factory.num_entities:
             raise InputError(
                 "", "", f"expected labels of all {factory.num_entities} entities, got {number}"
             )
-    entities, relations = (
-        sorted(ids, key=ids.__getitem__) for ids in (factory.entity_to_id, factory.relation_to_id)
-    )
-    return entities, relations
+    entities = Vocabulary("entity", names_by_id(factory.entity_to_id))
+    return entities, Vocabulary("relation", names_by_id(factory.relation_to_id))
 
 
 def labelled(triples: Any) -> np.ndarray | list[Any]:
@@ -340,12 +328,12 @@ def labelled(triples: Any) -> np.ndarray | list[Any]:
 
 
 def _new_labels(
-    rows: np.ndarray | list[Any], factory: CoreTriplesFactory, entities: Names, relations: Names
+    rows: np.ndarray | list[Any], entities: Vocabulary, relations: Vocabulary, may_lack: bool
 ) -> list[str]:
     """Labels of entities in triples that the factory lacks, in order;
-    InputError without any, and no new relation.
+    InputError without any, unless they ``may_lack``.
     """
-    if not isinstance(factory, TriplesFactory):
+    if entities.names is None:
         raise InputError(
             "argument 'new'", "", "expected the number of new entities: the factory has no labels"
         )
@@ -354,7 +342,7 @@ def _new_labels(
         str(end) for head, _, tail in whole for end in (head, tail) if isinstance(end, str)
     )
     new = [end for end in ends if end not in entities.ids]
-    if new or relations.number > factory.real_num_relations:
+    if new or may_lack:
         return new
     for row, (head, _, tail) in enumerate(whole):
         for end in (head, tail):
@@ -370,29 +358,3 @@ def _new_labels(
     if len(known):
         problem = f"all are known already: {names}; {FURTHER_FACTS}"
     raise InputError("argument 'triples'", "", f"expected a label of a new entity, but {problem}")
-
-
-def nearly_known(new: Collection[str], known: Iterable[str]) -> dict[str, str]:
-    """For new labels that a slip of the pen may have made of a known label, that label.
-
-    They differ in case, blanks, hyphens, underscores and Unicode's forms, or in one letter
-    (another, missing, added, or exchanged with its neighbour), but in no number.
-    """
-    spellings = {
-        form: label for label in new if len(label) >= SHORTEST for form in _spellings(label)
-    }
-    lengths = {length for form in spellings for length in (len(form) - 1, len(form), len(form) + 1)}
-    near = dict[str, str]()
-    for other in known:
-        if len(loose(other)) in lengths:
-            for form in _spellings(other) & spellings.keys():
-                label = spellings[form]
-                if numbers(label) == numbers(other):
-                    near.setdefault(label, other)
-    return near
-
-
-def _spellings(label: str) -> set[str]:
-    """A label without case and marks, and all texts that lack one of its characters."""
-    plain = loose(label)
-    return {plain, *(plain[:place] + plain[place + 1 :] for place in range(len(plain)))}

@@ -19,7 +19,7 @@ from isi.live.names import by_known_name, note_of_kinds
 from isi.models.model import name_of, stored_options
 from isi.models.stack import usual_torch
 from isi.names import plain
-from isi.pykeen.insertion import add_rows, checked_labels, larger_factory, of_result
+from isi.pykeen.insertion import add_rows, larger_factory, of_result, vocabularies_of
 from isi.pykeen.reading import PykeenModel, loss_of, read_model
 
 
@@ -79,7 +79,7 @@ class PykeenEmbedding(LiveEmbedding):
             triples = np.concatenate([trained[~is_retracted], added])
             no_relations = now.relations[:0]
             larger = add_rows(model, now.entities[known:], no_relations, now.model)
-            self._current = larger, larger_factory(factory, triples, now.entity_names[known:])
+            self._current = larger, larger_factory(factory, triples, now.names, self.base.labels)
             self._made_from = now
         return self._current
 
@@ -114,7 +114,8 @@ def from_pykeen(
         ['mug']
     """
     model, known, _ = of_result(model, factory, ())
-    entities, relations = checked_labels(model, known)
+    names, labels = vocabularies_of(model, known)
+    entities, relations = names.names, labels.names
     if entities is None or relations is None:
         raise InputError("argument 'factory'", "", "expected a triples factory with labels")
     read = read_model(model, known.mapped_triples, margin)
@@ -130,9 +131,9 @@ def from_pykeen(
         made={},
     )
     triples = np.unique(known.mapped_triples.numpy(), axis=0)
-    kind_of, missing = by_known_name(kinds or {}, entities)
+    kind_of, missing = by_known_name(kinds or {}, names)
     without = [label for label in entities if kinds and label not in kind_of]
-    if note := note_of_kinds(missing, len(kinds or {}), without, entities):
+    if note := note_of_kinds(missing, len(kinds or {}), without, names):
         warnings.warn(f"kinds: {note}", stacklevel=3)
     loaded = LoadedEmbedding(
         manifest,

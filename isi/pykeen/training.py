@@ -11,15 +11,16 @@ from pykeen.training import training_loop_resolver
 from pykeen.triples import CoreTriplesFactory
 from torch.optim import Optimizer
 
-from isi.config import Count, check, plain_number
+from isi.config import Count, as_list, check, is_whole, plain_number
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
+from isi.graph.vocabulary import Vocabulary
 from isi.insertion import fit
-from isi.insertion.arguments import Names, as_list, is_whole, naming_argument, triples_of
+from isi.insertion.arguments import naming_argument, triples_of
 from isi.insertion.inverses import pack
 from isi.models.losses import Loss
 from isi.models.stack import usual_torch
-from isi.pykeen.insertion import checked_labels, labelled, of_result
+from isi.pykeen.insertion import labelled, of_result, vocabularies_of
 from isi.pykeen.reading import PykeenModel, copied, loss_of, read_model, stored, tables_of
 
 
@@ -69,9 +70,7 @@ def fit_new(
     """
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
-    entity_labels, relation_labels = checked_labels(model, factory)
-    names = Names("entity_names", factory.num_entities, entity_labels)
-    relations = Names("relation_names", model.num_real_relations, relation_labels)
+    names, relations = vocabularies_of(model, factory)
     with naming_argument("triples"):
         added = triples_of(
             [] if triples is None else labelled(triples), "triples", names, relations
@@ -109,7 +108,7 @@ def fit_new(
 
 
 def _new_ids(
-    names: Names, new: int | Sequence[str | int] | None, triples: np.ndarray, known: np.ndarray
+    names: Vocabulary, new: int | Sequence[str | int] | None, triples: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Sorted ids of the entities to train; by default those that are in ``triples`` and
     in no other known triple.
@@ -164,7 +163,7 @@ def train_on(
     epochs = check(epochs, Count, "", "argument 'epochs'")
     batch_size = check(batch_size, Count, "", "argument 'batch_size'")
     model, factory, _ = of_result(model, factory, ())
-    checked_labels(model, factory)
+    vocabularies_of(model, factory)
     if not isinstance(optimizer, Optimizer):
         optimizer = optimizer_resolver.make(
             optimizer, {"lr": learning_rate}, params=model.get_grad_params()
