@@ -141,7 +141,7 @@ def extended(
         new=number,
         new_relations=new_relations,
         words=None if words is None else words[: known + number],
-        loss=growth.loss,
+        trained_with=growth.loss,
         initializer=growth.initializer,
         options=growth.options,
         seed=seed_of(seed, "insertion of a snapshot", snapshot),

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from isi.config import Name, Plugins, keywords
 from isi.errors import InputError, at
-from isi.initializers.scale import LOGISTIC, KnownQueries, Scale
+from isi.initializers.scale import LOGISTIC, Scale
 from isi.models.model import Model
 from isi.models.stack import Embedding, check_finite
 from isi.random import stream
@@ -63,8 +63,6 @@ class InitContext:
     by_kind: bool = False
     #: log odds of a triple, by its score
     scale: Scale = field(default=LOGISTIC, metadata={"shared": True})
-    #: with ``Scale.by_query``: queries that the novel entities should not answer
-    queries: KnownQueries | None = None
     #: a further key for each novel entity, which then draws from a stream of its own; None: all
     #: novel entities of a model draw from one; shape: (M, n)
     entity_keys: Tensor | None = None

@@ -7,8 +7,7 @@ is a list of weighted triples of the novel and a known entity. Of more than ``SA
 systematic sample is taken (its error: docs/speed.md).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -31,7 +30,6 @@ class Evidence:
     other: Tensor  #: ids of the known ends; shape: (M, n, C)
     positive: Tensor  #: number of true triples; shape: (M, n, C), float64
     negative: Tensor  #: expected number of corrupted triples; shape: (M, n, C), float64
-    offset: Tensor | float = 0.0  #: of log odds; shape: (M, n, C), float64
 
 
 def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evidence:
@@ -45,11 +43,6 @@ def evidence_of(context: InitContext, ratio: int, known_negatives: float) -> Evi
     parts += [corrupted_ends(context, ratio), corrupted_relations(context, ratio)]
     if known_negatives:
         parts.append(corrupted_known(context, known_negatives * ratio))
-    return replace(joined(parts), offset=context.scale.offset)
-
-
-def joined(parts: Sequence[Evidence]) -> Evidence:
-    """The triples of several parts, one after the other, without offsets."""
     names = ("is_tail", "relation", "other", "positive", "negative")
     columns = {name: [getattr(part, name) for part in parts] for name in names}
     return Evidence(**{name: torch.cat(column, -1) for name, column in columns.items()})
@@ -60,7 +53,7 @@ def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     perhaps by the true one.
     """
     relations, models = context.theta0.relation.shape[1], context.novel.shape
-    number, slot = slots_of(context, context.weight)
+    number, slot = slots_of(context)
     most = min(context.observed.shape[-1], 2 * relations)  # slots of an entity with triples
     number, slot = number[..., :most], slot[..., :most]
     ends, share = spread(context.known.double(), max(1, SAMPLE // most))
@@ -72,15 +65,15 @@ def corrupted_ends(context: InitContext, ratio: int) -> Evidence:
     return _negative(slot >= relations, slot % relations, other.flatten(2), weight.flatten(2))
 
 
-def slots_of(context: InitContext, counted: Tensor) -> tuple[Tensor, Tensor]:
+def slots_of(context: InitContext) -> tuple[Tensor, Tensor]:
     """Number of insert triples in each slot of a novel entity, and the slot, those with most first;
-    ``counted``: how often each insert triple counts, (M, n, I); shape (M, n, 2R) each.
+    shape (M, n, 2R) each.
 
     Slot r: the novel entity is the head of relation r; slot R + r: its tail.
     """
     relations = context.theta0.relation.shape[1]
     number = torch.zeros(*context.novel.shape, 2 * relations, dtype=torch.float64)
-    number.scatter_add_(-1, context.novel_is_tail * relations + context.relation, counted)
+    number.scatter_add_(-1, context.novel_is_tail * relations + context.relation, context.weight)
     number, slot = number.sort(dim=-1, descending=True, stable=True)
     return number, slot
 

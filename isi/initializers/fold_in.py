@@ -16,9 +16,9 @@ from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, T
 
 BATCH = 1024  #: Number of facts in a step.
 #: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
-import os; NEGATIVES, SAMPLED = int(os.environ.get("NEG", 64)), 1024
+import os; NEGATIVES, SAMPLED = int(os.environ.get("NEG", 64)), int(os.environ.get("SAMPLED", 1024))
 #: Largest number of facts times entities for which cross-entropy is over all entities.
-EXACT = 2**26
+EXACT = int(os.environ.get("EXACT", 2**26))
 
 #: The initializer from whose vectors training starts.
 Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
@@ -32,7 +32,7 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     cost="trained",
     needs=("insert_triples",),
     defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 0.0},
-    calibration=[{"share": 1.0}, {"share": 0.1}],
+    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}],
     starts_from="start",
 )
 def fold_in(

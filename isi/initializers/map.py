@@ -19,11 +19,10 @@ from isi.initializers.baselines import (
     soft_relational_similarity,
 )
 from isi.initializers.evidence import Evidence, evidence_of, spread
-from isi.initializers.newton import CURVED, Problem, gram, newton
+from isi.initializers.newton import Problem, gram, newton
 from isi.initializers.paper import hybrid_similarity, kind_mean, mean
-from isi.initializers.scale import LOGISTIC, KnownQueries
+from isi.initializers.scale import LOGISTIC
 from isi.initializers.scores import score_of
-from isi.initializers.softmax import crowd, evidence_by_query
 from isi.models.stack import NotFinite, rows
 
 #: Weight of an isotropic covariance of equal trace in Σ, since the known vectors' own may be
@@ -32,10 +31,6 @@ SHRINKAGE = 0.1
 VECTORS = 2**11  #: Maximum number of known vectors, evenly spaced by id, from which Σ is computed.
 #: Maximum number of elements in the vectors of the triples of all entities solved together.
 BUDGET = 2**20
-#: The same where entities share a crowd, whose products of matrices want many rows.
-LARGE_BUDGET = 2**23
-#: Tolerance where each query has a log Z (nats): the next step would gain about its square.
-NEAR = 1e-3
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -93,7 +88,6 @@ def problem_of(
         theta0.relation[model[:, None], of(weighted.relation)],
         theta0.entity[model[:, None], of(weighted.other)],
     )
-    offset = weighted.offset
     return Problem(
         of(weighted.positive),
         of(weighted.negative),
@@ -101,7 +95,7 @@ def problem_of(
         precision[model],
         score_of(theta0.model, *ends),
         slope=context.scale.slope,
-        offset=of(offset) if isinstance(offset, Tensor) else offset,
+        offset=context.scale.offset,
         start=None if context.start is None else of(context.start.double()),
         constrain=None if theta0.model.is_free else theta0.model.constrain,
     )
@@ -117,39 +111,10 @@ def most_probable(
     """The minimum of ``Problem.objective`` for each novel entity:
     its maximum a posteriori vector (MAP).
     """
-    if context.queries is not None:
-        weight = known_negatives * ratio
-        vectors = _by_query(context, context.queries, prior.vectors, strength, weight)
-    else:
-        weighted = evidence_of(context, ratio, known_negatives)
-        batches = problems(context, weighted, prior.vectors, strength)
-        vectors = torch.cat([newton(problem) for problem in batches]).view(prior.vectors.shape)
+    weighted = evidence_of(context, ratio, known_negatives)
+    batches = problems(context, weighted, prior.vectors, strength)
+    vectors = torch.cat([newton(problem) for problem in batches]).view(prior.vectors.shape)
     return replace(prior, vectors=vectors.to(prior.vectors.dtype), is_centroid=False)
-
-
-def _by_query(
-    context: InitContext, queries: KnownQueries, prior: Tensor, strength: float, weight: float
-) -> Tensor:
-    """MAP where each query has a log Z, (M, n, d). Of the answers to queries about the novel
-    entities, those are listed that are likely where Newton's method starts.
-    """
-    start = prior if context.start is None else context.start
-    near = evidence_by_query(context, queries, start.double(), weight)
-    precision = strength * precision_of(context)
-    places = torch.arange(prior[..., 0].numel()).view(prior.shape[:2])
-    triples = near.other.shape[-1] + CURVED
-    batch = max(1, LARGE_BUDGET // (triples * prior.shape[-1]))
-    solved = []
-    for model, of_model in enumerate(places):
-        shared = crowd(context, queries, model, weight)
-        for place in torch.split(of_model, batch):
-            novel = place - of_model[0]
-            problem = problem_of(context, near, prior, precision, place)
-            problem = replace(problem, about=near.about(model, novel), tolerance=NEAR)
-            if shared is not None:
-                problem = replace(problem, crowd=replace(shared, weight=shared.weight[novel]))
-            solved.append(newton(problem))
-    return torch.cat(solved).view(prior.shape)
 
 
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
@@ -325,7 +290,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     vectors = []
     for problem in problems(context, evidence_of(context, ratio, 0.0), prior.vectors, strength):
         alpha, weight = problem.slopes(problem.mean).double(), problem.positive + problem.negative
-        residual = problem.positive - weight * problem.log_odds(problem.mean).separate
+        residual = problem.positive - weight * problem.log_odds(problem.mean)
         step = solve(gram(alpha, weight) + problem.precision, (residual[:, None] @ alpha)[:, 0])
         vectors.append(problem.mean + step)
     shape, dtype = prior.vectors.shape, prior.vectors.dtype

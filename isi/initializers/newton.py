@@ -4,7 +4,6 @@ triples and have a normal prior.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,13 +11,14 @@ from torch.linalg import cholesky_ex, solve, vector_norm
 from torch.nn.functional import normalize, softplus
 
 from isi.initializers.scores import Score
-from isi.models.scoring import Interaction, Product, padded
+from isi.models.scoring import padded
 
 STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
 #: Maximum number of triples in the Hessian, those of most curvature. It counts the others as
 #: one multiple of the unit matrix with their trace.
 CURVED = 2**10
-TOLERANCE = 1e-6  #: Nats; see ``Problem.tolerance``.
+#: Nats: a step is the last if twice its predicted gain of log-probability is at most this.
+TOLERANCE = 1e-6
 ROUNDING = 1e-6  #: Relative rounding error of the objective, whose scores are in single precision.
 HALVINGS = 10  #: Of a step, at most.
 CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objective by less.
@@ -26,95 +26,6 @@ CLOSE = 3e-3  #: Nats. A halved step is the last, too, if it lowers the objectiv
 #: border of a ball, the slope depends on whether the objective leads in or out.
 NUDGE = 1e-6
 TINY = 1e-12  #: Minimum squared length of a vector by which a curvature is divided.
-
-
-@dataclass(frozen=True)
-class Crowd:
-    """K triples that B vectors v of one model share."""
-
-    interaction: Interaction
-    alpha: Tensor  #: known ends, mapped by the relation; shape: (K, d), float32
-    offset: Tensor  #: of log odds; shape: (K,), float32
-    number: Tensor  #: how often each triple counts; shape: (K,), float32
-    weight: Tensor  #: of each vector's triples, w⁻ = weight · number; shape: (B, 1), float32
-
-    def log_odds(self, at: Tensor) -> Tensor:
-        """o of each triple with vectors (B, d); shape (B, K)."""
-        scores, _ = self.interaction.pairs(self.alpha[None], at.float()[None])
-        return scores[0].mT + self.offset
-
-    def loss(self, odds: Tensor) -> Tensor:
-        """Σ w⁻ softplus(o), by log odds (B, K); shape (B,)."""
-        return (softplus(odds) @ self.number * self.weight[:, 0]).double()
-
-    def quadratic(self, at: Tensor, odds: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
-        odds, (B, K); of the Hessian, the ``CURVED`` triples of most curvature.
-        """
-        likely = torch.sigmoid(odds)
-        first = self.weight * self.number * likely
-        if isinstance(self.interaction, Product):
-            gradient = first @ self.alpha
-        else:
-            _, backward = self.interaction.pairs(self.alpha[None], at.float()[None])
-            gradient = backward(first.mT.contiguous()[None])[1][0]
-        second = first * (1 - likely)
-        largest, place = second.topk(min(CURVED, second.shape[1]), sorted=False)
-        score, backward = self.interaction.rows(self.alpha[place], at.float()[:, None])
-        return gradient, gram(backward(torch.ones_like(score))[1], largest)
-
-
-@dataclass(frozen=True)
-class QueryLoss:
-    """The G queries (v, r, ?) of the facts of B vectors, whose loss is a softmax over answers.
-
-    The last triples of a problem are the likely answers to each query, one query after the other.
-    """
-
-    number: Tensor  #: of facts of each query; shape: (B, G), float64
-    rest: Tensor  #: log Σ exp(o) of all other answers; shape: (B, G), float64
-    right: Tensor  #: number of these facts that each triple is; shape: (B, C), float64
-    likely: int  #: number of likely answers to each query, S
-
-    def loss(self, odds: Tensor) -> Tensor:
-        """Σ number · log Σ exp(o) - Σ o of right answers, by log odds (B, C); shape (B,)."""
-        log_z = self._answers(odds).logsumexp(-1)
-        return (self.number * log_z).sum(-1) - (self.right * odds).sum(-1)
-
-    def derivatives(self, odds: Tensor) -> tuple[Tensor, Tensor]:
-        """First and second derivatives of the loss by each log odds, (B, C) each; those by two
-        answers to a query are in ``between``.
-        """
-        expected = (self.number[..., None] * self._likely(odds)).flatten(1)
-        none = torch.zeros(len(odds), odds.shape[1] - expected.shape[1], dtype=odds.dtype)
-        second = torch.cat([none, expected], 1)
-        return second - self.right, second
-
-    def between(self, odds: Tensor, slopes: Tensor) -> Tensor:
-        """What second derivatives by two answers add to the Hessian, by slopes (B, C, d);
-        shape (B, d, d).
-        """
-        likely = self._likely(odds).float()
-        of_answers = slopes[:, slopes.shape[1] - likely[0].numel() :]
-        of_answers = of_answers.reshape(*likely.shape, slopes.shape[2])
-        return -gram((likely[..., None, :] @ of_answers)[..., 0, :], self.number.float())
-
-    def _likely(self, odds: Tensor) -> Tensor:
-        """The softmax over the likely answers to each query; shape (B, G, S)."""
-        return torch.softmax(self._answers(odds), -1)[..., :-1]
-
-    def _answers(self, odds: Tensor) -> Tensor:
-        """Log odds of the likely answers to each query and of the rest; shape (B, G, S + 1)."""
-        batch, queries = self.number.shape
-        answers = odds[:, odds.shape[1] - queries * self.likely :].view(batch, queries, -1)
-        return torch.cat([answers, self.rest[..., None]], -1)
-
-
-class Odds(NamedTuple):
-    """Log odds of the triples of B vectors."""
-
-    separate: Tensor  #: of each vector's own; shape: (B, C), float64
-    shared: Tensor | None  #: of those that all share; shape: (B, K), float32
 
 
 @dataclass(frozen=True)
@@ -130,11 +41,7 @@ class Problem:
     score: Score
     slope: float = 1.0  #: of log odds
     offset: Tensor | float = 0.0  #: of log odds; shape: (B, C)
-    about: QueryLoss | None = None
-    crowd: Crowd | None = None
     start: Tensor | None = None  #: where Newton's method starts, (B, d); None: at μ
-    #: a step is the last if twice its predicted gain of log-probability is at most this
-    tolerance: float = TOLERANCE
     #: vectors, (B, d), under the model's constraint; None: all vectors are allowed
     constrain: Callable[[Tensor], Tensor] | None = None
 
@@ -142,48 +49,30 @@ class Problem:
         """Vectors, (B, d), under the constraint."""
         return at if self.constrain is None else self.constrain(at)
 
-    def log_odds(self, at: Tensor) -> Odds:
-        """o = slope · f + offset of each triple with vectors (B, d)."""
-        separate = self.slope * self.score.scores(at.float()).double() + self.offset
-        return Odds(separate, None if self.crowd is None else self.crowd.log_odds(at))
+    def log_odds(self, at: Tensor) -> Tensor:
+        """o = slope · f + offset of each triple with vectors (B, d); shape (B, C), float64."""
+        return self.slope * self.score.scores(at.float()).double() + self.offset
 
     def slopes(self, at: Tensor) -> Tensor:
         """∂f/∂v of each triple at vectors (B, d); shape (B, C, d)."""
         return self.score.slopes(at.float())
 
-    def objective(self, odds: Odds, at: Tensor) -> Tensor:
-        """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), plus the losses of
-        ``about`` and ``crowd``; vectors (B, d), result (B,).
+    def objective(self, odds: Tensor, at: Tensor) -> Tensor:
+        """Σ w⁺ softplus(-o) + Σ w⁻ softplus(o) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by log odds o, (B, C), at
+        vectors (B, d); shape (B,).
         """
         apart = at - self.mean
         prior = (apart[:, None] @ self.precision @ apart[..., None]).flatten()
-        separate = odds.separate
-        loss = (self.positive * softplus(-separate) + self.negative * softplus(separate)).sum(-1)
-        if self.about is not None:
-            loss = loss + self.about.loss(separate)
-        if self.crowd is not None and odds.shared is not None:
-            loss = loss + self.crowd.loss(odds.shared)
+        loss = (self.positive * softplus(-odds) + self.negative * softplus(odds)).sum(-1)
         return loss + prior / 2
 
-    def quadratic(self, odds: Odds, slopes: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradient, (B, d), and Hessian, (B, d, d), of the loss at vectors (B, d), by their log
-        odds and slopes.
-        """
-        separate = odds.separate
-        weight, likely = self.positive + self.negative, padded(torch.sigmoid, separate)
+    def quadratic(self, odds: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradient, (B, d), and Hessian, (B, d, d), of the loss, by log odds and slopes."""
+        weight, likely = self.positive + self.negative, padded(torch.sigmoid, odds)
         first, second = weight * likely - self.positive, weight * likely * (1 - likely)
-        if self.about is not None:
-            more = self.about.derivatives(separate)
-            first, second = first + more[0], second + more[1]
         first, second = self.slope * first, self.slope**2 * second
         gradient = (first.float()[:, None] @ slopes)[:, 0]
-        hessian = curvature(slopes, second.float())
-        if self.about is not None:
-            hessian = hessian + self.about.between(separate, slopes)
-        if self.crowd is not None and odds.shared is not None:
-            more = self.crowd.quadratic(at, odds.shared)
-            gradient, hessian = gradient + more[0], hessian + more[1]
-        return gradient.double(), hessian.double()
+        return gradient.double(), curvature(slopes, second.float()).double()
 
 
 def newton(problem: Problem) -> Tensor:
@@ -201,18 +90,18 @@ def newton(problem: Problem) -> Tensor:
         share, decrease = step_size(problem, at, odds, step)
         there = problem.allowed(at + share[:, None] * step)
         at = torch.where(active[:, None], there, at)
-        active &= (gain > problem.tolerance) & ((share == 1) | (decrease >= CLOSE))
+        active &= (gain > TOLERANCE) & ((share == 1) | (decrease >= CLOSE))
         if not active.any():
             break
         odds, slopes = problem.log_odds(at), problem.slopes(at)
     return at
 
 
-def newton_step(problem: Problem, at: Tensor, odds: Odds, slopes: Tensor) -> tuple[Tensor, Tensor]:
+def newton_step(problem: Problem, at: Tensor, odds: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
     """The step, (B, d), to the minimum of the quadratic model of the objective,
     and twice its gain, (B,).
     """
-    gradient, hessian = problem.quadratic(odds, slopes, at)
+    gradient, hessian = problem.quadratic(odds, slopes)
     gradient += (problem.precision @ (at - problem.mean)[..., None])[..., 0]
     hessian += problem.precision
     if problem.constrain is not None:
@@ -266,7 +155,7 @@ def jacobian(function: Callable[[Tensor], Tensor], at: Tensor) -> Tensor:
     return rows.transpose(0, 1)
 
 
-def step_size(problem: Problem, at: Tensor, odds: Odds, step: Tensor) -> tuple[Tensor, Tensor]:
+def step_size(problem: Problem, at: Tensor, odds: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
     """The first factor of 1, ½, ¼, ... whose step does not increase the objective,
     else 2^-``HALVINGS``; (B,).
 

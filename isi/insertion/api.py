@@ -134,20 +134,18 @@ def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, 
     if request.initializer is not None:
         method = named(request.initializer, options, model, entities)
     else:
-        default = preferred(model, has_triples, checked.words_serve)
+        default = preferred(model, has_triples, checked.words_serve, request.trained_with)
         method = named(default.initializer.name, options, model, entities)
         method = replace(method, why=default.why)
-    method = replace(method, trained_with=request.loss or "logistic")
+    method = replace(method, trained_with=request.trained_with or "logistic")
     # a model without inverse cannot serve a new entity that has triples alone by an initializer
     # that needs words
     words_for_all = checked.words_serve and (model.invertible or bool(checked.has_words.all()))
-    test = _hold_out(checked, words_for_all, request.loss)
+    test = _hold_out(checked, words_for_all, request.trained_with)
     is_free = request.initializer is None and not options
-    if request.calibrate and is_free and len(novel.known_triples) and novel.number:
-        tolerance, budget = request.tolerance, request.budget
-        method, selection = select(
-            test, has_triples, words_for_all, tolerance=tolerance, budget=budget
-        )
+    if request.choose and is_free and len(novel.known_triples) and novel.number:
+        harm, budget = request.harm, request.budget
+        method, selection = select(test, has_triples, words_for_all, harm=harm, budget=budget)
         return method, test, selection
     return method, test, None
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from torch import Tensor
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, Registered
-from isi.initializers.scale import LOGISTIC, KnownQueries, Scale
-from isi.insertion.inverses import InverseRelations, both_ways, unpack, unpack_first
+from isi.initializers.scale import LOGISTIC, Scale
+from isi.insertion.inverses import unpack_first
 from isi.insertion.relations import fit_relations
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
@@ -54,13 +53,6 @@ class NovelEntities:
     entity_keys: np.ndarray | None = None
     #: how far each triple is believed, from 0 to 1; None: fully; shape: (T,)
     confidence: np.ndarray | None = None
-
-    @cached_property
-    def queries(self) -> KnownQueries | None:
-        """The queries of the known triples, with a scale ``by_query``."""
-        triples = torch.from_numpy(self.known_triples)
-        everything = torch.ones(1, len(triples), dtype=torch.bool)
-        return queries_of(self.theta, triples, everything, self.scale)
 
     @property
     def ids(self) -> np.ndarray:
@@ -309,23 +301,8 @@ def context_for(
         eligible=eligible,
         by_kind=novel.kinds is not None,
         scale=novel.scale,
-        queries=novel.queries,
         start=novel.theta.entity[:, ids] if again and novel.has_rows else None,
     )
-
-
-def queries_of(
-    theta: Embedding, triples: Tensor, trained: Tensor, scale: Scale
-) -> KnownQueries | None:
-    """The queries of ``trained``, (M, T), triples, (T, 3), if each has an offset of its own; of an
-    embedding in the packed form (``isi.insertion.inverses``), those of the unpacked form.
-    """
-    if not scale.by_query:
-        return None
-    packed = isinstance(theta.model, InverseRelations)
-    if packed:
-        theta, triples, trained = unpack(theta), both_ways(triples), torch.cat([trained] * 2, -1)
-    return KnownQueries(theta, triples, trained, packed)
 
 
 def context_in_session(

@@ -1,16 +1,16 @@
 """The hold-out test: known entities are hidden, inserted again, and queried.
 
-Known entities are hidden, a tenth at a time: their rows are left out, and an initializer computes
-them again from as many of their own triples as the new entities have. Filtered ranks in queries of
-their other triples, and of triples of the other entities, measure both sides. The known vectors
-were trained together with the hidden entities, which flatters all initializers alike: compare
-their measures with each other only.
+Known entities are hidden together, as many as are to be inserted or a tenth: their rows are left
+out, and an initializer computes them again from as many of their own triples as the new entities
+have. Filtered ranks in queries of their other triples, and of triples of the other entities,
+measure both sides. The known vectors were trained together with the hidden entities, which flatters
+all initializers alike: compare their measures with each other only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
 from operator import itemgetter
@@ -29,14 +29,16 @@ from isi.graph.sessions import OUT, TRAIN, Session, membership, touches
 from isi.initializers.api import InitContext, NoRelationMap, Registered, options_of
 from isi.initializers.evidence import complete
 from isi.initializers.scale import Scale, fit_scale
-from isi.insertion.engine import context_in_session, queries_of, trained_session
+from isi.insertion.engine import context_in_session, trained_session
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.stack import Embedding
 from isi.random import stream
 
-ONE_IN = (
-    10  #: One in so many known entities is hidden at a time; ``h_cur`` is for as many new ones.
-)
+ONE_IN = 10  #: At most one in so many known entities is hidden at a time.
+#: Insertions come in rows: harm is that of so many new entities at least, or of a tenth.
+ROW = 12
+#: The losses that are tried where that of training is unknown.
+TRIED: tuple[Loss, ...] = ("logistic", "softmax", "margin")
 HIDDEN = 48  #: Maximum number of hidden entities in all.
 #: Maximum number of queried triples per hidden entity, and least number in all.
 QUERIES, LEAST_QUERIES = 6, 16
@@ -61,10 +63,11 @@ class Candidate:
     known_ends: float  #: of the known end of a hidden entity's triple, given the hidden entity
     hidden_ends: float  #: of the hidden entity, given the known end
     h_old: float  #: of earlier triples, among the other known entities
-    h_cur: float  #: of the same, when a tenth more entities (or all new ones) have been inserted
-    #: estimated loss of MRR of earlier triples: the mean of those of training and of proxies for
-    #: held-out ones (``PROXY_RANK``), corrected (``EXCESS``)
-    loss: float
+    h_cur: float  #: of the same, when all new entities (or ``ROW`` of them) have been inserted
+    #: estimated loss of MRR of earlier triples: of those that were not trained on, where these are
+    #: given; else the mean of those of training and of proxies for others (``PROXY_RANK``),
+    #: corrected (``EXCESS``)
+    harm: float
 
     @property
     def about(self) -> float:
@@ -82,12 +85,11 @@ class HiddenDraws:
     about: EndQueries  #: triples of hidden entities, without their insert triples
     earlier: EndQueries  #: triples of the other entities
     share: float  #: number of new entities that ``h_cur`` is for, divided by n
+    are_trained: bool  #: whether ``earlier`` were trained on
 
     def with_scale(self, scale: Scale) -> HiddenDraws:
         """The same draws with other log odds."""
-        context = self.context
-        queries = queries_of(context.theta0, context.triples, context.trained, scale)
-        return replace(self, context=replace(context, scale=scale, queries=queries))
+        return replace(self, context=replace(self.context, scale=scale))
 
     def starting_at(self, vectors: Tensor) -> HiddenDraws:
         """The same draws, in which optima are sought near vectors, (M, n, d)."""
@@ -103,14 +105,16 @@ class HiddenDraws:
 
     @cached_property
     def before(self) -> tuple[Tensor, Tensor]:
-        """Scores and ranks of two answers of ``earlier`` before the insertion; shapes (2, 2, M, Q).
+        """Scores and ranks of answers of ``earlier`` before the insertion; shapes (A, 2, M, Q).
 
-        The model was trained on the right answer. The second-best wrong one stands for answers that
-        were not trained on, whose ranks are not as safe.
+        If the model was trained on the right answer, the second-best wrong one stands for answers
+        that were not trained on, whose ranks are not as safe: A is 2.
         """
         theta0 = self.context.theta0
         scores = self.earlier.scores(theta0, theta0.entity)
         right = self.earlier.right_scores(theta0)
+        if not self.are_trained:
+            return right[None], (1 + ahead(scores, right, self.competes))[None]
         wrong = scores.masked_fill(~self.competes, -torch.inf)
         proxy = wrong.topk(min(PROXY_RANK, scores.shape[-1])).values[..., -1]
         rank = 1 + ahead(scores, right, self.competes)
@@ -153,16 +157,18 @@ class HiddenDraws:
         is_hidden = (self.about.answers[..., None] == novel[:, None]).any(-1)
         before, after = self._ranks_of_earlier(vectors)
         counted = self.earlier.counted
-        loss = (1 / before - 1 / after).double()[..., counted].mean().item()
+        harm = (1 / before - 1 / after).double()[..., counted].mean().item()
+        if self.are_trained:
+            harm *= 1 - EXCESS * complete(self.context).mean().item()
         return Candidate(
             initializer,
             options,
-            self.context.scale.loss,
+            self.context.scale.training.name,
             known_ends=_mrr(ranks[asked & ~is_hidden]),
             hidden_ends=_mrr(ranks[asked & is_hidden]),
             h_old=_mrr(before[0][:, counted]),
             h_cur=_mrr(after[0][:, counted]),
-            loss=loss * (1 - EXCESS * complete(self.context).mean().item()),
+            harm=harm,
         )
 
     def _ranks_about(self, vectors: Tensor) -> Tensor:
@@ -172,8 +178,8 @@ class HiddenDraws:
         return 1 + ahead(scores, self.about.right_scores(theta), ~self.about.right)
 
     def _ranks_of_earlier(self, vectors: Tensor) -> tuple[Tensor, Tensor]:
-        """Ranks of the two answers to ``earlier`` before and after the insertion;
-        shapes (2, 2, M, Q).
+        """Ranks of the answers to ``earlier`` before and after the insertion;
+        shapes (A, 2, M, Q).
         """
         places = self.context.novel[:, None].expand(*self.earlier.right.shape[:3], -1)
         wrong = ~self.earlier.right.gather(-1, places)
@@ -187,6 +193,10 @@ def _mrr(ranks: Tensor) -> float:
     return (1 / ranks).double().mean().item()
 
 
+def _no_triples() -> np.ndarray:
+    return np.empty((0, 3), np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class HoldOut:
     """Data for the hold-out test."""
@@ -198,15 +208,13 @@ class HoldOut:
     kinds: np.ndarray | None  #: of the known entities, shape: (E,)
     seed: int
     loss: Loss | TrainingLoss | None = "logistic"  #: of the embedding's training; None: unknown
+    #: triples of known entities that were not trained on; ids, shape: (V, 3)
+    validation: np.ndarray = field(default_factory=_no_triples)
 
     @cached_property
     def scales(self) -> list[Scale]:
-        """The scale of the loss; if that is unknown, those of all losses, the logistic one first:
-        ``self-adversarial`` has that of ``margin``.
-        """
-        losses: tuple[Loss | TrainingLoss, ...] = ("logistic", "softmax", "margin")
-        if self.loss is not None:
-            losses = (self.loss,)
+        """The scale of the loss; if that is unknown, those of ``TRIED``."""
+        losses = TRIED if self.loss is None else (self.loss,)
         triples = torch.from_numpy(self.triples)
         return [fit_scale(self.theta0, triples, loss) for loss in losses]
 
@@ -214,7 +222,8 @@ class HoldOut:
     def digest(self) -> str:
         """Of all that the test depends on."""
         theta = self.theta0
-        tables = (theta.entity.numpy(), theta.relation.numpy(), self.triples, self.numbers)
+        triples = self.triples, self.validation
+        tables = (theta.entity.numpy(), theta.relation.numpy(), *triples, self.numbers)
         digest = sha256(repr((theta.model, self.seed, self.loss)).encode())
         for table in (*tables, self.words, self.kinds):
             digest.update(repr(None if table is None else (table.shape, table.dtype)).encode())
@@ -235,6 +244,8 @@ class HoldOut:
         degree = np.bincount(ends[ends[:, 0] != ends[:, 1]].flatten(), minlength=known)
         tenth = max(1, known // ONE_IN)
         together = min(tenth, most // -(-most // tenth))
+        queried = self.validation if len(self.validation) >= LEAST_QUERIES else self.triples
+        ends_queried = queried[:, [HEAD, TAIL]]
         order = self._order(degree, rng)
         draws = min(most, len(order)) // together
         novel = order[: draws * together].reshape(draws, together)
@@ -253,16 +264,19 @@ class HoldOut:
                 held_out += enumerate(of_entity[count:].tolist())
             held_out.sort(key=itemgetter(0))  # the first of each entity, ...
             about.append([triple for _, triple in held_out[:each]])
-            earlier.append(rng.permutation(np.flatnonzero(touching == 0))[:each].tolist())
+            is_other = ~np.isin(ends_queried, hidden).any(1)
+            earlier.append(rng.permutation(np.flatnonzero(is_other))[:each].tolist())
         if sum(map(len, about)) < LEAST_QUERIES or sum(map(len, earlier)) < LEAST_QUERIES:
             return None
         graph = trained_session(self.triples, self.theta0, self.kinds).graph
         context = self._context(graph, torch.from_numpy(novel), inserted)
-        share = max(tenth, len(self.numbers)) / together
-        about_queries, earlier_queries = (
-            end_queries(graph, _padded(listed)) for listed in (about, earlier)
-        )
-        draws_of = HiddenDraws(context, about_queries, earlier_queries, share)
+        share = max(min(tenth, ROW), len(self.numbers)) / together
+        are_trained = queried is self.triples
+        # all known triples are right answers, whether they were trained on or not
+        every = np.concatenate([queried, self.validation if are_trained else self.triples])
+        of_all = trained_session(every, self.theta0).graph
+        asked = end_queries(graph, _padded(about)), end_queries(of_all, _padded(earlier))
+        draws_of = HiddenDraws(context, *asked, share, are_trained)
         return draws_of.with_scale(self.scales[0])
 
     def _order(self, degree: np.ndarray, rng: np.random.Generator) -> np.ndarray:

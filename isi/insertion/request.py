@@ -25,13 +25,13 @@ class Settings(TypedDict, total=False):
 
     new_relations: int | Sequence[str]
     word_source: Source | None
-    loss: Loss | TrainingLoss | None
+    trained_with: Loss | TrainingLoss | None
     initializer: str | None
     options: Mapping[str, Any] | None
     seed: int
     confidence: Sequence[float] | np.ndarray | None
-    calibrate: bool
-    tolerance: float
+    choose: bool
+    harm: float
     budget: float
 
 
@@ -58,7 +58,7 @@ class InsertRequest:
     kinds: Any = None
     #: the loss that the embedding was trained with, which says what its scores mean
     #: (``isi.initializers.scale``)
-    loss: Loss | TrainingLoss | None = None
+    trained_with: Loss | TrainingLoss | None = None
     initializer: str | None = None  #: a name; None: the best by the hold-out test
     options: Mapping[str, Any] | None = None  #: replace default options of the initializer
     #: root seed of random initializers and of the hidden entities. Calls with the same seed draw
@@ -77,17 +77,16 @@ class InsertRequest:
     #: their triples as the new ones have, and select the initializer with the highest MRR about
     #: them, less a price on what earlier triples lose (``Inserted.selection``). If false, or
     #: with too few known triples: the preferred one for the given data.
-    calibrate: bool = True
-    #: largest loss of the MRR of earlier triples, if a tenth more entities (or all new ones) were
-    #: inserted
-    tolerance: float = 0.02
+    choose: bool = True
+    #: how much the MRR of earlier triples may fall: the dial between use and harm
+    harm: float = 0.01
     #: seconds of one core for the selection, by an estimate of its work; a clock would change
     #: results
     budget: float = 3
 
     def __post_init__(self) -> None:
-        check(self.loss, Loss | TrainingLoss | None, "", "argument 'loss'")  # type: ignore[arg-type]
-        for name, kind in (("seed", Seed), ("tolerance", NotNegative), ("budget", NotNegative)):
+        check(self.trained_with, Loss | TrainingLoss | None, "", "argument 'trained_with'")  # type: ignore[arg-type]
+        for name, kind in (("seed", Seed), ("harm", NotNegative), ("budget", NotNegative)):
             number = check(getattr(self, name), kind, "", f"argument {name!r}")
             object.__setattr__(self, name, number)  # of Python's, not of NumPy's
         check(self.initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]

@@ -1,7 +1,8 @@
 """The default initializer: the best for hidden known entities, with a price on harm.
 
 Each candidate inserts the hidden entities of the hold-out test (``isi.insertion.hidden``); the
-selected one has the highest MRR about them, less ``PRICE`` times the harm beyond the tolerance.
+selected one has the highest ``value``: its MRR about them, less the price of what earlier triples
+lose.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
 from isi.initializers.newton import CURVED
-from isi.initializers.scale import QUERIES as KNOWN_QUERIES
-from isi.initializers.scale import Scale
-from isi.initializers.softmax import CANDIDATES
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
+from isi.initializers.scale import Scale
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HiddenDraws, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
+from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: The initializers that are preferred by default, the best first (compared in docs/method.md). The
-#: first one whose data are given and that supports the model is always a candidate.
-PREFERRED = ("map", "soft_es", "mean")
+#: The initializers that are preferred by default, the best first (compared in docs/method.md),
+#: after training with logistic loss and with another one. The first one whose data are given and
+#: that supports the model is always a candidate.
+AFTER_LOGISTIC, AFTER_OTHERS = ("map", "soft_es", "mean"), ("fold_in", "soft_es", "mean")
 #: Plain means, which cost little: they are candidates, too.
-MEANS = ("soft_rs", "er_avg", "soft_hybrid")
+MEANS = ("soft_rs", "er_avg", "soft_hybrid", "soft_es", "mean")
 PAIRS = 2**29  #: Maximum number of word similarities of entity pairs.
 #: Number of hidden entities for which no candidate is left out to save work.
 LEAST_HIDDEN = 20
@@ -49,17 +50,22 @@ ELEMENTWISE = 300
 PASSES_OF_SCORE = 6
 SCORED = 8  #: Number of triples of which the work of a score is measured.
 PASSES_OF_STEP = 8  #: Number of times that a step reads the vectors of triples.
-READS = 4  #: The same of known queries with cross-entropy, and of likely answers.
+EPOCHS = 10  #: Assumed number of epochs of training, with so many candidates of a query.
+CANDIDATES = 2**12
 STARTED = 0.7  #: Work of an optimum that is sought near another one, by that of the first one.
-#: What a loss of MRR of earlier triples beyond the tolerance costs, in MRR about hidden entities.
-PRICE = 20.0
-#: Soft RS is named in a warning where it answers so much better than the selected candidate.
+#: What a point of MRR of earlier triples costs, in points of MRR about hidden entities; and what
+#: one costs beyond the harm that is allowed.
+PRICE, PRICE_BEYOND = 5.0, 25.0
+#: Another candidate is named in a warning where it answers so much better than the selected one.
 BETTER = 0.02
 #: The MRR of earlier triples is near chance if it is below so many times that of random ranks.
 NEAR_RANDOM = 2.0
 REMEMBERED = 16  #: Number of selections that are kept, the last ones.
-#: The compared initializers and the selection of before, by all that it depends on.
+#: The candidates' initializers and the selection of before, by all that it depends on.
 _REMEMBERED: dict[Hashable, tuple[list[Registered], Selection | None]] = {}
+
+#: An initializer with options.
+Setting = tuple[Registered, dict[str, object]]
 
 
 @dataclass(frozen=True)
@@ -68,13 +74,13 @@ class Selection:
 
     candidates: list[Candidate]
     selected: Candidate
-    tolerance: float  #: largest loss of MRR that is no harm
+    allowed: float  #: harm that is allowed: loss of MRR of earlier triples
     hidden: int  #: number of hidden entities
     queries: int  #: number of their queried triples
     most_hidden: int  #: largest number of hidden entities that the budget allows
     random_mrr: float  #: expected MRR of earlier triples at random ranks
-    scale: Scale  #: by which the candidates were measured
-    loss_unknown: bool  #: whether the embedding's loss was to be decided, too
+    loss: Loss | TrainingLoss  #: of training, by which the candidates were measured
+    loss_unknown: bool  #: whether it was to be decided, too
 
     @property
     def why(self) -> str:
@@ -83,25 +89,27 @@ class Selection:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences: even the best harms; the model has not learned its own triples."""
+        """Sentences: even the best harms; another one answers better, at a price; the model has not
+        learned its own triples.
+        """
         best, sentences = self.selected, list[str]()
-        if best.loss > self.tolerance:
+        if best.harm > self.allowed:
             sentences.append(
-                f"{best.initializer} is the best candidate, but it harms: the MRR of earlier"
-                f" triples falls by {best.loss:.3f} (tolerance {self.tolerance:g};"
-                f" of trained triples from {best.h_old:.3f} to {best.h_cur:.3f})"
+                f"{best.initializer} is the best candidate, but the MRR of earlier triples may fall"
+                f" by {best.harm:.3f}, more than harm={self.allowed:g}"
             )
-        for mean in self.candidates:
-            if mean.initializer == MEANS[0] and mean.about > best.about + BETTER:
-                sentences.append(
-                    f"{mean.initializer} answers questions about new entities better (MRR"
-                    f" {mean.about:.3f} against {best.about:.3f} with {best.initializer}), but"
-                    f" the MRR of earlier triples falls by {mean.loss:.3f}"
-                )
+        usable = [each for each in self.candidates if each.about > best.about + BETTER]
+        if usable:
+            better = max(usable, key=_about)
+            sentences.append(
+                f"initializer={better.initializer!r} would answer questions about new entities"
+                f" better (MRR {better.about:.3f} against {best.about:.3f}), but the MRR of earlier"
+                f" triples may fall by {better.harm:.3f}"
+            )
         if self.loss_unknown and best.hidden_ends < NEAR_RANDOM * self.random_mrr:
             sentences.append(
                 f"new entities will hardly ever be an answer (MRR {best.hidden_ends:.3f}): "
-                "say what the embedding was trained with (loss)"
+                "say what the embedding was trained with (trained_with)"
             )
         if best.h_old < NEAR_RANDOM * self.random_mrr:
             sentences.append(
@@ -119,41 +127,48 @@ class Selection:
 
     def to_frame(self) -> pd.DataFrame:
         """A row per candidate: the fields of ``Candidate``, number of queried triples,
-        whether it was chosen.
+        whether it was selected.
         """
         import pandas as pd
 
         rows = []
         for candidate in self.candidates:
             is_selected = candidate is self.selected
-            rows.append(asdict(candidate) | {"queries": self.queries, "chosen": is_selected})
+            rows.append(asdict(candidate) | {"queries": self.queries, "selected": is_selected})
         return pd.DataFrame(rows)
 
 
+def _about(candidate: Candidate) -> float:
+    return candidate.about
+
+
 def select(
-    test: HoldOut, has_triples: bool, has_words: bool, *, tolerance: float, budget: float
+    test: HoldOut, has_triples: bool, has_words: bool, *, harm: float, budget: float
 ) -> tuple[Method, Selection | None]:
     """The default initializer, and the comparison behind it if there can be one.
 
-    The preferred ones, soft means, optima of an objective and own initializers are compared. ES, RS
-    and ERS are not: this test underestimates their harm (docs/insert.md).
+    The preferred one, means, fold-in and own initializers are compared. ES, RS and ERS are not:
+    this test underestimates their harm (docs/insert.md).
 
     Args:
         test: the hold-out test; ``has_triples``, ``has_words``: whether new entities have any.
-        tolerance, budget: see ``compare``.
+        harm: loss of the MRR of earlier triples that is allowed.
+        budget: seconds of one core, by an estimate of the work; limits the number of hidden
+            entities, and if these are few, that of candidates.
     """
     model, entities = test.theta0.model, test.theta0.entity.shape[1]
-    method = replace(preferred(model, has_triples, has_words), trained_with=test.loss or "logistic")
+    method = preferred(model, has_triples, has_words, test.loss)
     compared = [method.initializer]
+    names = {*MEANS, *(AFTER_LOGISTIC if _may_be_logistic(test.loss) else AFTER_OTHERS), "fold_in"}
     for each in suited_to(model, has_triples, has_words):
-        serves = each.cost == "newton" or each.role == "own" or each.name in PREFERRED + MEANS
+        serves = each.role == "own" or each.name in names
         if serves and each.name != method.initializer.name and not is_too_large(each, entities):
             compared.append(each)
     # of the registered function: a form that unpacks an embedding is another one at each call
     functions = tuple(id(INITIALIZERS.get(each.name, each.name).function) for each in compared)
-    key = test.digest, functions, tolerance, budget
+    key = test.digest, functions, harm, budget
     if key not in _REMEMBERED:
-        _REMEMBERED[key] = compared, compare(compared, test, tolerance, budget)
+        _REMEMBERED[key] = compared, compare(compared, test, harm, budget)
     compared, selection = _REMEMBERED[key]
     while len(_REMEMBERED) > REMEMBERED:
         del _REMEMBERED[next(iter(_REMEMBERED))]
@@ -161,15 +176,24 @@ def select(
         return method, None
     best = selection.selected
     initializer = next(each for each in compared if each.name == best.initializer)
-    return Method(initializer, best.options, selection.why, selection.scale.loss), selection
+    return Method(initializer, best.options, selection.why, selection.loss), selection
 
 
-def preferred(model: Model, has_triples: bool, has_words: bool) -> Method:
-    """The first of ``PREFERRED`` for the given data."""
+def preferred(
+    model: Model, has_triples: bool, has_words: bool, loss: Loss | TrainingLoss | None
+) -> Method:
+    """The first of the preferred ones for the given data, after training with a loss; None: an
+    unknown one.
+    """
     suited = {each.name: each for each in suited_to(model, has_triples, has_words)}
-    initializer = next(suited[name] for name in PREFERRED if name in suited)
+    names = AFTER_LOGISTIC if loss and _may_be_logistic(loss) else AFTER_OTHERS
+    initializer = next(suited[name] for name in names if name in suited)
     why = "the best for " + " and ".join(["words"] * has_words + ["triples"] * has_triples)
-    return Method(initializer, dict(initializer.defaults), why)
+    return Method(initializer, dict(initializer.defaults), why, loss or "logistic")
+
+
+def _may_be_logistic(loss: Loss | TrainingLoss | None) -> bool:
+    return loss is None or loss_named(loss).name == "logistic"
 
 
 def named(initializer: str, options: dict[str, object], model: Model, entities: int) -> Method:
@@ -212,7 +236,7 @@ def one_score(model: Model) -> Model:
 
 
 def compare(
-    initializers: Sequence[Registered], test: HoldOut, tolerance: float, budget: float
+    initializers: Sequence[Registered], test: HoldOut, harm: float, budget: float
 ) -> Selection | None:
     """Compare initializers, each with its defaults and with the options in its ``calibration``.
 
@@ -221,17 +245,13 @@ def compare(
     Args:
         initializers: those whose needs are met by the model and the data; the first is always
             compared.
-        tolerance: largest loss of the MRR of earlier triples that is no harm.
-        budget: seconds of one core, by an estimate of the work; limits the number of hidden
-            entities, and if these are few, that of candidates (``ordered_settings``).
+        harm, budget: see ``select``.
     """
-    work = {each.name: work_of(each, test) for each in initializers}
-    settings = ordered_settings(initializers, test, work)
-    first, starts = settings[0][0], test.theta0.model.linear
-    scales = test.scales if first.cost == "newton" else test.scales[:1]
-    each = [work[first.name]] * len(scales)
-    for other, _ in settings[1:]:
-        each.append(work[other.name] * (STARTED if starts and other.cost == "newton" else 1))
+    settings, scales = ordered_settings(initializers, test), test.scales
+    each = [work_of(settings[0][0], test)] * len(scales)
+    for initializer, _ in settings[1:]:
+        is_near = initializer.cost == "newton" and test.theta0.model.linear
+        each.append(work_of(initializer, test) * (STARTED if is_near else 1))
     # number of hidden entities that the budget allows, for each number of candidates
     possible = (budget * RATE - OVERHEAD * np.arange(1, len(each) + 1)) / np.cumsum(each)
     affordable = int((possible >= min(LEAST_HIDDEN, test.theta0.entity.shape[1])).sum())
@@ -242,33 +262,32 @@ def compare(
     if draws is None:
         return None
     scales = scales[: 1 if affordable < len(scales) else None]
-    draws, candidate = measured_with(draws, scales, settings[0], tolerance)
+    draws, candidate = measured_with(draws, scales, settings[0], harm)
     others = settings[1 : affordable - len(scales) + 1]
     measured = [candidate, *(draws.measure(*setting) for setting in others)]
     candidates = [candidate for candidate in measured if candidate is not None]
     if not candidates:
         return None
+    values = [value(candidate, harm) for candidate in candidates]
     return Selection(
         candidates,
-        select_by_rule(candidates, tolerance),
-        tolerance,
+        candidates[int(np.argmax(values))],
+        harm,
         hidden=draws.context.novel.numel(),
         queries=int(draws.about.counted.sum()),
         most_hidden=most_hidden,
         random_mrr=draws.random_mrr,
-        scale=draws.context.scale,
+        loss=draws.context.scale.training,
         loss_unknown=len(test.scales) > 1,
     )
 
 
 def measured_with(
-    draws: HiddenDraws,
-    scales: Sequence[Scale],
-    setting: tuple[Registered, Mapping[str, object]],
-    tolerance: float,
+    draws: HiddenDraws, scales: Sequence[Scale], setting: Setting, harm: float
 ) -> tuple[HiddenDraws, Candidate | None]:
-    """The draws, which have the first scale, with that by which an initializer with options is
-    best, and its measures; with a linear score, optima are then sought near its vectors.
+    """The draws with that scale by which an initializer with options is best, and its measures.
+
+    Optima of a linear score are then sought near its vectors.
     """
     initializer, given = setting
     best: tuple[HiddenDraws, Candidate | None] = draws, None
@@ -278,33 +297,28 @@ def measured_with(
         if inserted is None:
             continue
         candidate = of_scale.measured(initializer.name, *inserted)
-        if best[1] is None or value(candidate, tolerance) > value(best[1], tolerance):
-            is_linear = draws.context.theta0.model.linear
-            best = of_scale.starting_at(inserted[1]) if is_linear else of_scale, candidate
+        if best[1] is None or value(candidate, harm) > value(best[1], harm):
+            sought = initializer.cost == "newton" and draws.context.theta0.model.linear
+            best = of_scale.starting_at(inserted[1]) if sought else of_scale, candidate
     return best
 
 
-def ordered_settings(
-    initializers: Sequence[Registered], test: HoldOut, work: Mapping[str, float]
-) -> list[tuple[Registered, dict[str, object]]]:
+def ordered_settings(initializers: Sequence[Registered], test: HoldOut) -> list[Setting]:
     """Initializers with options, in the order in which a budget is spent: the first with its
-    defaults, means by their work, the first with other options, all others.
+    defaults, means, the first with other options, all others.
     """
     first, *others = initializers
-    others.sort(key=lambda each: work[each.name])
-    cheap = [each for each in others if each.cost != "newton"]
-    dear = [each for each in others if each.cost == "newton"]
+    cheap = [each for each in others if each.cost not in ("newton", "trained")]
+    dear = [each for each in others if each not in cheap]
+    cheap.sort(key=lambda each: work_of(each, test))
     settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
-    settings += with_other_options(first, test)
     settings += [(each, dict(each.defaults)) for each in dear]
-    for each in (*cheap, *dear):
+    for each in (first, *cheap, *dear):
         settings += with_other_options(each, test)
     return settings
 
 
-def with_other_options(
-    initializer: Registered, test: HoldOut
-) -> list[tuple[Registered, dict[str, object]]]:
+def with_other_options(initializer: Registered, test: HoldOut) -> list[Setting]:
     """An initializer with each of the options of its ``calibration``; none if it sees words alone,
     and there are facts.
     """
@@ -313,15 +327,10 @@ def with_other_options(
     return [(initializer, {**initializer.defaults, **each}) for each in initializer.calibration]
 
 
-def value(candidate: Candidate, tolerance: float) -> float:
-    """The MRR about hidden entities, less ``PRICE`` times the loss beyond the tolerance."""
-    return candidate.about - PRICE * max(0.0, candidate.loss - tolerance)
-
-
-def select_by_rule(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
-    """The first with the highest ``value``."""
-    values = [value(candidate, tolerance) for candidate in candidates]
-    return candidates[int(np.argmax(values))]
+def value(candidate: Candidate, harm: float) -> float:
+    """The MRR about hidden entities, less the price of the harm to earlier triples."""
+    beyond = max(0.0, candidate.harm - harm)
+    return candidate.about - PRICE * max(0.0, candidate.harm - beyond) - PRICE_BEYOND * beyond
 
 
 def work_of(initializer: Registered, test: HoldOut) -> float:
@@ -335,10 +344,8 @@ def work_of(initializer: Registered, test: HoldOut) -> float:
     if initializer.cost == "entities":
         return ranking + 4 * entities * dimension
     mean, known = float(test.numbers.mean()), len(test.triples)
-    if test.scales[0].by_query:
-        likely = mean * CANDIDATES
-        step = 2 * CURVED * dimension + READS * (likely + min(known, KNOWN_QUERIES))
-        return ranking + STEPS * step * dimension
+    if initializer.cost == "trained":
+        return ranking + EPOCHS * mean * min(entities, CANDIDATES) * dimension
     numbers_of_triples = mean * entities, mean * test.theta0.relation.shape[1], 2 * known
     triples = sum(min(SAMPLE, number) for number in numbers_of_triples)
     if test.theta0.model.linear:

@@ -186,8 +186,8 @@ def compute_rows(
             triples=factory.mapped_triples.numpy(),
             numbers_are_ids=True,
         )
-        if settings.get("loss") is None:
-            settings["loss"] = reading.loss_of(model, embedding.model)
+        if settings.get("trained_with") is None:
+            settings["trained_with"] = reading.loss_of(model, embedding.model)
         request = InsertRequest(triples=ids, new=new, words=words, kinds=kinds, **settings)
         done = insert_request(known_embedding, request, stacklevel=4)
     except InputError as error:
