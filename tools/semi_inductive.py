@@ -24,13 +24,13 @@ from tqdm import tqdm
 from isi.benchmark import HiddenSplit, hide
 from isi.benchmark.graphs import shipped
 from isi.continual.strategies import Schedule, equally, started, unpacked
-from isi.continual.training import Recipe, Task, fit
 from isi.insertion.api import insert_request
 from isi.insertion.inverses import pack
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.live import phrases
 from isi.models.model import make_model
 from isi.models.stack import Embedding
+from isi.training.rows import Recipe, Task, fit
 from tools.docs import BENCHMARKS, write_table
 
 NAME = "semi_inductive"

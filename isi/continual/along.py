@@ -13,10 +13,10 @@ from isi.continual.chain import Growth, first_embedding, grow
 from isi.continual.matrix import evaluate
 from isi.continual.strategies import Schedule
 from isi.continual.timeline import Timeline
-from isi.continual.training import OnEpoch, silent
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.process import peak_memory, reset_peak_memory
+from isi.training.rows import OnEpoch, silent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -20,7 +20,6 @@ from isi.continual.strategies import (
     unpacked,
 )
 from isi.continual.timeline import Timeline
-from isi.continual.training import Moving, OnEpoch, Task, fit, silent
 from isi.errors import InputError, suggestion
 from isi.insertion.api import insert_request
 from isi.insertion.inverses import pack, unpack
@@ -30,6 +29,7 @@ from isi.models.losses import Loss
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.random import seed_of
+from isi.training.rows import Moving, OnEpoch, Task, fit, silent
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from isi.continual.chain import Growth
 from isi.continual.matrix import HITS, PROTOCOLS
 from isi.continual.strategies import STRATEGIES, Schedule
 from isi.continual.timeline import BENCHMARKS, Timeline
-from isi.continual.training import Recipe
 from isi.errors import InputError, at, suggestion
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import Model, make_model
 from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, at_least, one_of
 from isi.tables.table import Table, TensorFile
+from isi.training.rows import Recipe
 
 DEFAULT = "default"  #: In place of an initializer's name: the best by the hold-out test.
 _CHAIN = {"initializer": NAME.optional, "strategy": NAME.optional, "seed": FROM_0}

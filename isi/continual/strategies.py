@@ -8,29 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from isi.continual.training import (
+from isi.config import NotNegative
+from isi.insertion.inverses import both_ways
+from isi.models.stack import Embedding, uniform
+from isi.random import stream
+from isi.training.rows import (
     Earlier,
     Facts,
     Moving,
+    Objective,
     OnEpoch,
     Penalty,
     Recipe,
     Tables,
     Task,
     fit,
-    loss_of,
     silent,
 )
-from isi.initializers.scale import KnownQueries
-from isi.insertion.inverses import both_ways
-from isi.models.stack import Embedding, uniform
-from isi.random import stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,39 +58,20 @@ class Arrival:
     key: tuple[int, ...]  #: of random streams
     on_epoch: OnEpoch = silent
 
-    @property
-    def before(self) -> Embedding:
-        """The embedding without the new rows."""
-        entity = self.theta.entity[:, : self.first_new.entity]
-        return replace(self.theta, entity=entity)
-
-    @cached_property
-    def earlier(self) -> Earlier:
-        """The part of the new entities in the facts of earlier snapshots."""
-        trained = torch.ones(1, len(self.old), dtype=torch.bool)
-        known = KnownQueries(self.before, self.old, trained, tails_only=True)
-        return Earlier(known.unique, float(len(self.old)))
-
     def fit(
         self,
         facts: Facts,
         *,
         epochs: int | None = None,
-        new_rows: bool = False,
-        earlier: bool = False,
+        moving: Moving | None = None,
+        share: float = 0.0,
         penalty: Penalty | None = None,
     ) -> Embedding:
-        """Train on facts: all rows, or the ``new_rows`` alone, which stand out of the way of
-        ``earlier`` facts (with ``softmax``; the margin has no part for them).
+        """Train the ``moving`` rows, by default all, on facts.
+
+        ``share`` is β, the weight of the part of new entities in earlier facts.
         """
-        has_new = self.first_new.entity < self.theta.entity.shape[1]
-        has_part = has_new and len(self.old) and self.schedule.recipe.loss == "softmax"
-        task = Task(
-            facts,
-            self.first_new if new_rows else Moving(),
-            self.earlier if earlier and has_part else None,
-            penalty,
-        )
+        task = Task(facts, moving or Moving(), Earlier(self.old, share), penalty)
         number = self.schedule.epochs if epochs is None else epochs
         return fit(
             self.theta, task, self.schedule.recipe, number, self.root, self.key, self.on_epoch
@@ -137,15 +117,20 @@ def new_rows(arrival: Arrival) -> Embedding:
     """
     if not arrival.moves:
         return arrival.theta
-    return arrival.fit(equally(_with_new_rows(arrival)), new_rows=True)
+    return arrival.fit(equally(_with_new_rows(arrival)), moving=arrival.first_new)
 
 
 @strategy("new_rows_and_earlier")
-def new_rows_and_earlier(arrival: Arrival) -> Embedding:
-    """As ``new_rows``, with the part of the new rows in earlier facts."""
+def new_rows_and_earlier(arrival: Arrival, share: NotNegative = 1.0) -> Embedding:
+    """As ``new_rows``, which stand out of the way of earlier facts.
+
+    Args:
+        share: β: weight of the part of new entities in earlier facts.
+    """
     if not arrival.moves:
         return arrival.theta
-    return arrival.fit(equally(_with_new_rows(arrival)), new_rows=True, earlier=True)
+    facts = equally(_with_new_rows(arrival))
+    return arrival.fit(facts, moving=arrival.first_new, share=share)
 
 
 @strategy("finetune")
@@ -155,13 +140,13 @@ def finetune(arrival: Arrival) -> Embedding:
 
 
 @strategy("new_rows_then_all")
-def new_rows_then_all(arrival: Arrival) -> Embedding:
+def new_rows_then_all(arrival: Arrival, share: NotNegative = 1.0) -> Embedding:
     """Half of the epochs as ``new_rows_and_earlier``, the others as ``finetune`` (IncDE)."""
     half = arrival.schedule.epochs // 2
     theta = arrival.theta
     if arrival.moves:
         facts = equally(_with_new_rows(arrival))
-        theta = arrival.fit(facts, epochs=half, new_rows=True, earlier=True)
+        theta = arrival.fit(facts, epochs=half, moving=arrival.first_new, share=share)
     rest = arrival.schedule.epochs - half
     later = replace(arrival, theta=theta, key=(*arrival.key, 1))
     return later.fit(equally(arrival.new), epochs=rest)
@@ -240,14 +225,14 @@ class _Tables:
 
 def importance(arrival: Arrival) -> _Tables:
     """Mean square of the gradients of batches of earlier facts, by coordinate."""
-    tables, facts = Tables.of(arrival.theta, Moving()), equally(arrival.old)
+    tables = Tables.of(arrival.theta, Moving())
     recipe = arrival.schedule.recipe.model_copy(update={"n3": 0.0})
+    loss = Objective(arrival.theta.model, tables, Task(equally(arrival.old)), recipe)
     rng = stream(arrival.root, "importance", *arrival.key)
     squares = [torch.zeros_like(table) for table in tables.trained]
     batches = torch.split(torch.arange(len(arrival.old)), recipe.batch_size)
     for place in batches if len(arrival.old) else ():
-        loss = loss_of(arrival.theta.model, tables, Task(facts), recipe, place, rng)
-        gradients = torch.autograd.grad(loss, tables.trained)
+        gradients = torch.autograd.grad(loss.of(place, rng), tables.trained)
         for square, gradient in zip(squares, gradients, strict=True):
             square += gradient.to_dense().square() * (len(place) / len(arrival.old))
     return _Tables(*squares)

@@ -17,7 +17,12 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 
 @dataclass(frozen=True)
 class TrainingLoss:
-    """A loss of training with its settings.
+    """A loss of training with its settings: that of a query is a sum over its right answer and its
+    N wrong ones.
+
+    PyKEEN's means over a batch differ by a factor: ``SoftplusLoss`` (``logistic``) is over all
+    answers, 1 / (1 + N) of this one; ``NSSALoss`` (``self-adversarial``) over its two halves, 1 / 2
+    of this one. ``MarginRankingLoss`` and ``CrossEntropyLoss`` are the same.
 
     Example:
         >>> import torch
@@ -30,7 +35,8 @@ class TrainingLoss:
     #: ``margin``: least difference of the scores of right and wrong answers; ``logistic`` and
     #: ``self-adversarial``: what is added to a score
     margin: float = 0.0
-    temperature: float = 1.0  #: of the weights of ``self-adversarial``: softmax(temperature · score)
+    #: of the weights of ``self-adversarial``: softmax(temperature · score)
+    temperature: float = 1.0
 
     def of_right(self, right: Tensor) -> Tensor:
         """What right answers lose by themselves, by their scores; shapes (B,)."""
@@ -40,7 +46,7 @@ class TrainingLoss:
 
     def of_wrong(self, right: Tensor, wrong: Tensor, others: Tensor | None = None) -> Tensor:
         """What N wrong answers add to a loss of each query, by scores of right, (B,), and wrong
-        answers, (B, N); shape (B, N).
+        answers, (B, N), of which those with -inf do not count; shape (B, N).
 
         ``others``: (B, K); each wrong answer is then the only one beside these K.
         """
@@ -52,7 +58,8 @@ class TrainingLoss:
             return losses
         heat = self.temperature * wrong.detach()
         if others is None:
-            return torch.softmax(heat, 1) * losses
+            # 0 instead of 0 / 0 where no answer counts
+            return torch.softmax(heat, 1).nan_to_num() * losses
         rest = (self.temperature * others.detach()).logsumexp(1, keepdim=True)
         return torch.sigmoid(heat - rest) * losses
 

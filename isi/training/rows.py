@@ -247,9 +247,8 @@ class Objective:
         earlier = task.earlier
         self.known: dict[int, KnownQueries] = {}
         if earlier is not None and earlier.share and len(earlier.triples) and len(tables.entity):
-            by_query = recipe.loss == "softmax"
             for slot in ways:
-                self.known[slot] = known_queries(model, tables, earlier.triples, slot, by_query)
+                self.known[slot] = known_queries(model, tables, earlier.triples, slot, recipe)
 
     def batches(self, rng: np.random.Generator) -> Iterator[Tensor]:
         """Places of facts in batches, in random order."""
@@ -397,16 +396,16 @@ class KnownQueries:
 
 @torch.no_grad()
 def known_queries(
-    model: Model, tables: Tables, triples: Tensor, slot: int, by_query: bool
+    model: Model, tables: Tables, triples: Tensor, slot: int, recipe: Recipe
 ) -> KnownQueries:
     """The queries that hide a slot of triples, (K, 3), of fixed rows; of more than
     ``MOST_EARLIER``, a sample.
     """
     step = -(-len(triples) // MOST_EARLIER)
     chosen, given = triples[::step], HEAD + TAIL - slot
-    if not by_query:
+    if recipe.loss != "softmax":
         total = torch.arange(1, len(chosen) + 1, dtype=torch.float64)
-        scores = _scores_of(model, tables, chosen)
+        scores = _scores_of(model, tables, chosen, recipe)
         return KnownQueries(chosen[:, given], chosen[:, RELATION], scores, total, len(triples))
     entities = tables.entities
     queries, count = torch.unique(
@@ -415,20 +414,21 @@ def known_queries(
     key = triples[:, RELATION] * entities + triples[:, given]
     place = torch.searchsorted(queries, key).clamp(max=len(queries) - 1)
     is_answer = queries[place] == key
-    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer])
+    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer], recipe)
     highest = torch.full((len(queries),), -torch.inf).scatter_reduce(0, place, scores, "amax")
     rest = torch.zeros(len(queries)).index_add(0, place, (scores - highest[place]).exp())
     total, log_z = count.double().cumsum(0), highest + rest.log()
     return KnownQueries(queries % entities, queries // entities, log_z, total, len(triples))
 
 
-def _scores_of(model: Model, tables: Tables, triples: Tensor) -> Tensor:
+def _scores_of(model: Model, tables: Tables, triples: Tensor, recipe: Recipe) -> Tensor:
     """Scores of triples, (N, 3), of fixed rows; shape (N,)."""
     scores = [torch.zeros(0)]
     for part in torch.split(triples, max(1, SMALL // tables.entity.shape[1])):
         head, relation, tail = part.T
         entity, relations = tables.fixed_entity, tables.fixed_relation
-        scores.append(model.score(entity[head], relations[relation], entity[tail]))
+        rows = entity[head], relations[relation], entity[tail]
+        scores.append(model.score(*(_scaled(row, recipe) for row in rows)))
     return torch.cat(scores)
 
 

@@ -1,0 +1,404 @@
+"""The trainer of rows: losses by hand and by PyKEEN, the part in earlier facts by loops, which rows
+move and what holds them.
+"""
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import isi
+from isi.errors import InputError
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.models.bilinear import ComplEx, DistMult
+from isi.models.distance import RotatE, TransE
+from isi.models.losses import LOSSES, Loss, TrainingLoss
+from isi.models.model import Model
+from isi.models.stack import Embedding
+from isi.training import rows
+from isi.training.rows import (
+    Earlier,
+    Facts,
+    KnownQueries,
+    Moving,
+    Objective,
+    Recipe,
+    Tables,
+    Task,
+    cubed,
+    fit,
+    known_queries,
+)
+
+#: Of entities and relations, of which the last are new.
+ENTITIES, RELATIONS, DIMENSION = 9, 4, 6
+NEW = Moving(6, 3)
+FACTS = torch.tensor([[6, 0, 1], [2, 1, 7], [6, 3, 8], [0, 2, 3], [6, 0, 4], [5, 0, 6], [6, 0, 1]])
+WEIGHTS = torch.tensor([1.0, 3.0, 0.5, 1.0, 2.0, 1.0, 1.5])
+EARLIER = torch.tensor([[0, 0, 1], [0, 0, 2], [3, 1, 4], [5, 2, 1], [5, 2, 3], [5, 2, 4]])
+
+
+def recipe(loss: Loss, negatives: int | None = 7, **options: Any) -> Recipe:
+    margin = 0.0 if loss == "softmax" else 0.6
+    settings = {"loss": loss, "negatives": negatives, "margin": margin, "temperature": 0.7}
+    return Recipe(**{**settings, "batch_size": 4, "learning_rate": 0.1, **options})
+
+
+EXACT = recipe("softmax", None)
+RECIPES = {
+    "softmax": EXACT,
+    "softmax of a sample": recipe("softmax"),
+    "margin": recipe("margin"),
+    "self-adversarial": recipe("self-adversarial"),
+    "logistic": recipe("logistic"),
+    "unit length": recipe("margin", unit_length=True),
+    "unit length, softmax": recipe("softmax", None, unit_length=True),
+}
+every_recipe = pytest.mark.parametrize("name", RECIPES)
+every_way = pytest.mark.parametrize("tails_only", [True, False], ids=["tails", "both sides"])
+
+
+def theta(model: Model | None = None, entities: int = ENTITIES) -> Embedding:
+    chosen = model or ComplEx()
+    draws = torch.Generator().manual_seed(0)
+    entity = torch.randn(1, entities, DIMENSION, generator=draws)
+    relation = torch.randn(1, RELATIONS, chosen.width(DIMENSION), generator=draws)
+    return Embedding(entity, relation, chosen)
+
+
+def objective(of: Embedding, task: Task, recipe: Recipe) -> Objective:
+    tables = Tables.of(of, task.moving, recipe.negatives is not None)
+    return Objective(of.model, tables, task, recipe)
+
+
+def loss(of: Embedding, task: Task, recipe: Recipe, seed: int = 0) -> float:
+    place, rng = torch.arange(len(task.facts.triples)), np.random.default_rng(seed)
+    return objective(of, task, recipe).of(place, rng).item()
+
+
+class ByHand:
+    """Scores and losses of an embedding of ComplEx, one by one, in double precision."""
+
+    def __init__(self, of: Embedding, recipe: Recipe) -> None:
+        self.recipe = recipe
+        self.entity = self.complex_numbers(of.entity[0])
+        self.relation = self.complex_numbers(of.relation[0])
+
+    def complex_numbers(self, table: Tensor) -> np.ndarray:
+        vectors = table.double().numpy()
+        if self.recipe.unit_length:
+            vectors /= np.linalg.norm(vectors, axis=1)[:, None]
+        half = DIMENSION // 2
+        return vectors[:, :half] + 1j * vectors[:, half:]
+
+    def score(self, triple: list[int]) -> float:
+        head, relation, tail = triple
+        product = self.entity[head] * self.relation[relation] * self.entity[tail].conj()
+        return float(product.real.sum())
+
+    def of_answer(self, triple: list[int], slot: int, answer: int) -> float:
+        """The score of the triple with another answer."""
+        return self.score([*triple[:slot], answer, *triple[slot + 1 :]])
+
+    def of_fact(self, triple: list[int], slot: int, drawn: list[int] | None) -> float:
+        """The loss of a query; by all entities, or by drawn ones."""
+        candidates = range(ENTITIES) if drawn is None else drawn
+        wrong = [
+            self.of_answer(triple, slot, answer) for answer in candidates if answer != triple[slot]
+        ]
+        right, odds = self.score(triple), 1.0 if drawn is None else ENTITIES / len(drawn)
+        if self.recipe.loss == "softmax":
+            return float(np.log1p(odds * np.exp(np.array(wrong) - right).sum()))
+        shares = np.exp(self.recipe.temperature * np.array(wrong))
+        own = 0.0 if self.recipe.loss == "margin" else softplus(-right - self.recipe.margin)
+        return own + sum(
+            self.of_wrong(right, score, share / shares.sum())
+            for score, share in zip(wrong, shares, strict=True)
+        )
+
+    def of_wrong(self, right: float, wrong: float, share: float) -> float:
+        """What a wrong answer adds; ``share`` is its weight among others, if the loss has one."""
+        if self.recipe.loss == "margin":
+            assert self.recipe.negatives
+            return max(0.0, self.recipe.margin + wrong - right) / self.recipe.negatives
+        weight = share if self.recipe.loss == "self-adversarial" else 1.0
+        return weight * softplus(wrong + self.recipe.margin)
+
+    def of_earlier(self, slot: int, rng: np.random.Generator) -> float:
+        """The sum over earlier facts of what new entities add."""
+        answers, facts = defaultdict[tuple[int, ...], list[float]](list), EARLIER.tolist()
+        for triple in facts:
+            answers[query(triple, slot)].append(self.score(triple))
+        number = self.recipe.negatives
+        beside = [] if self.recipe.loss == "softmax" else rng.integers(ENTITIES, size=number - 1)
+        total = 0.0
+        for triple in facts:
+            new = [self.of_answer(triple, slot, entity) for entity in range(NEW.entity, ENTITIES)]
+            if self.recipe.loss == "softmax":
+                known = np.exp(answers[query(triple, slot)]).sum()
+                total += float(np.log1p(np.exp(new).sum() / known))
+                continue
+            others = [self.of_answer(triple, slot, entity) for entity in beside]
+            rest = np.exp(self.recipe.temperature * np.array(others)).sum()
+            for score in new:
+                own = np.exp(self.recipe.temperature * score)
+                added = self.of_wrong(self.score(triple), score, own / (own + rest))
+                total += number / ENTITIES * added
+        return total
+
+
+def query(triple: list[int], slot: int) -> tuple[int, ...]:
+    return triple[RELATION], triple[HEAD + TAIL - slot]
+
+
+def softplus(value: float) -> float:
+    return float(np.log1p(np.exp(value)))
+
+
+def slots(tails_only: bool) -> tuple[int, ...]:
+    return (TAIL,) if tails_only else (TAIL, HEAD)
+
+
+@every_way
+@every_recipe
+@pytest.mark.parametrize("moving", [Moving(), NEW, Moving(9, 3), Moving(6, 4)])
+def test_a_loss_by_hand(name: str, tails_only: bool, moving: Moving) -> None:
+    chosen, of, rng = RECIPES[name], theta(), np.random.default_rng(0)
+    by_hand, expected = ByHand(of, chosen), 0.0
+    for slot in slots(tails_only):
+        drawn = chosen.negatives and rng.integers(ENTITIES, size=chosen.negatives).tolist()
+        for triple, weight in zip(FACTS.tolist(), WEIGHTS.tolist(), strict=True):
+            expected += weight * by_hand.of_fact(triple, slot, drawn) / WEIGHTS.sum().item()
+    task = Task(Facts(FACTS, WEIGHTS), moving, tails_only=tails_only)
+    assert loss(of, task, chosen) == pytest.approx(expected, rel=1e-5)
+
+
+@every_way
+@every_recipe
+def test_the_part_in_earlier_facts_is_a_sum_over_them_and_new_entities(
+    name: str, tails_only: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def each(known: KnownQueries, _: np.random.Generator) -> Tensor:
+        number = known.total.diff(prepend=torch.zeros(1)).long()
+        return torch.arange(len(number)).repeat_interleave(number)
+
+    monkeypatch.setattr(KnownQueries, "draw", each)
+    chosen, of = RECIPES[name], theta()
+    facts, share = Facts(FACTS, WEIGHTS), 0.3
+    without = Task(facts, NEW, tails_only=tails_only)
+    task = Task(facts, NEW, Earlier(EARLIER, share), tails_only=tails_only)
+    by_hand, rng = ByHand(of, chosen), np.random.default_rng(0)
+    for _ in slots(tails_only) if chosen.negatives else ():
+        rng.integers(ENTITIES, size=chosen.negatives)  # those of the facts
+    total = sum(by_hand.of_earlier(slot, rng) for slot in slots(tails_only))
+    expected = share * total / WEIGHTS.sum().item()
+    measured = loss(of, task, chosen) - loss(of, without, chosen)
+    assert measured == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("earlier", [None, Earlier(EARLIER, 0.0), Earlier(EARLIER[:0])])
+def test_no_part_in_earlier_facts(earlier: Earlier | None) -> None:
+    assert not objective(theta(), Task(Facts(FACTS, WEIGHTS), NEW, earlier), EXACT).known
+    only_relations = Task(Facts(FACTS, WEIGHTS), Moving(ENTITIES, 3), Earlier(EARLIER))
+    assert not objective(theta(), only_relations, EXACT).known
+
+
+@pytest.mark.parametrize("chosen", [EXACT, recipe("margin")], ids=["softmax", "margin"])
+def test_earlier_facts_are_drawn_alike(chosen: Recipe) -> None:
+    known = known_queries(ComplEx(), Tables.of(theta(), NEW), EARLIER, TAIL, chosen)
+    drawn = torch.cat([known.draw(np.random.default_rng(seed)) for seed in range(2000)])
+    of_fact = torch.stack([known.relation, known.given], 1)[drawn]
+    for triple in EARLIER.tolist():
+        head, relation = triple[HEAD], triple[RELATION]
+        same = (EARLIER[:, [RELATION, HEAD]] == torch.tensor([relation, head])).all(1)
+        share = (of_fact == torch.tensor([relation, head])).all(1).double().mean().item()
+        assert share == pytest.approx(same.double().mean().item(), abs=0.02)
+
+
+def test_of_many_earlier_facts_a_sample_knows_all_its_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rows, "MOST_EARLIER", 2)
+    known = known_queries(ComplEx(), Tables.of(theta(), NEW), EARLIER, TAIL, EXACT)
+    by_hand, facts = ByHand(theta(), EXACT), EARLIER.tolist()
+    assert known.number == len(facts)
+    assert list(zip(known.relation.tolist(), known.given.tolist(), strict=True)) == [(0, 0), (2, 5)]
+    for asked, right in zip([(0, 0), (2, 5)], known.right.tolist(), strict=True):
+        scores = [by_hand.score(triple) for triple in facts if query(triple, TAIL) == asked]
+        assert right == pytest.approx(np.log(np.exp(scores).sum()), rel=1e-5)
+
+
+@every_way
+def test_fixed_answers_that_are_kept_give_the_gradients_of_all_answers(tails_only: bool) -> None:
+    facts, place = Facts(FACTS, WEIGHTS), torch.arange(len(FACTS))
+    gradients = []
+    for moving in (Moving(), NEW):
+        each = objective(theta(), Task(facts, moving, tails_only=tails_only), EXACT)
+        trained = each.tables.trained
+        of_rows = torch.autograd.grad(each.of(place, np.random.default_rng(0)), trained)
+        new = zip(of_rows, (NEW.entity, NEW.relation), (ENTITIES, RELATIONS), strict=True)
+        gradients.append([table[first - number :] for table, first, number in new])
+    for of_all, of_new in zip(*gradients, strict=True):
+        torch.testing.assert_close(of_new, of_all)
+
+
+def test_cubes_and_a_penalty_are_added() -> None:
+    of, facts = theta(DistMult()), Facts(torch.tensor([[0, 1, 2], [3, 0, 4]]), torch.ones(2))
+
+    def penalty(entity: Tensor, relation: Tensor) -> Tensor:
+        return 2 * entity[1].sum() + relation[3].sum()
+
+    entity, relation = of.entity[0].double(), of.relation[0].double()
+    cubes = entity[[0, 3, 2, 4]].abs().pow(3).sum() + relation[[1, 0]].abs().pow(3).sum()
+    expected = loss(of, Task(facts), EXACT) + 0.01 * cubes.item() / 2
+    with_cubes = recipe("softmax", None, n3=0.01)
+    assert loss(of, Task(facts), with_cubes) == pytest.approx(expected)
+    for moving in (Moving(), NEW):
+        held = loss(of, Task(facts, moving, penalty=penalty), with_cubes)
+        more = penalty(entity, relation).item()
+        assert held == pytest.approx(expected + more, rel=1e-5)
+
+
+def test_cubes_are_of_moduli_of_complex_numbers() -> None:
+    vectors = theta().entity[0]
+    half = vectors.shape[1] // 2
+    complex_numbers = torch.complex(vectors[:, :half], vectors[:, half:])
+    assert cubed(ComplEx(), vectors).item() == pytest.approx(
+        complex_numbers.abs().pow(3).sum().item()
+    )
+
+
+def test_all_entities_as_drawn_answers_are_cross_entropy_nearly() -> None:
+    of, task = theta(DistMult(), 200), Task(Facts(torch.tensor([[0, 1, 2]]), torch.ones(1)))
+    drawn = recipe("softmax", 20_000)
+    assert loss(of, task, drawn) == pytest.approx(loss(of, task, EXACT), abs=0.05)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_a_query_whose_drawn_answers_are_all_right_has_a_finite_loss(name: Loss) -> None:
+    """Of two entities, the only drawn answer is the right one of one of both facts."""
+    of, task = (
+        theta(DistMult(), 2),
+        Task(Facts(torch.tensor([[0, 1, 1], [1, 0, 0]]), torch.ones(2))),
+    )
+    assert np.isfinite(loss(of, task, recipe(name, 1)))
+    assert torch.isfinite(fit(of, task, recipe(name, 1), 20, root=0).entity).all()
+
+
+@pytest.mark.parametrize(
+    ("chosen", "theirs", "options", "factor"),
+    [
+        (TrainingLoss("margin", 0.6), "MarginRankingLoss", {"margin": 0.6}, 1.0),
+        (
+            TrainingLoss("self-adversarial", 0.6, 0.7),
+            "NSSALoss",
+            {"margin": 0.6, "adversarial_temperature": 0.7},
+            1 / 2,
+        ),
+        (TrainingLoss("logistic"), "SoftplusLoss", {}, 1 / 9),
+    ],
+)
+def test_losses_are_those_of_pykeen(
+    chosen: TrainingLoss, theirs: str, options: dict[str, float], factor: float
+) -> None:
+    losses = pytest.importorskip("pykeen.losses")
+    draws = torch.Generator().manual_seed(0)
+    right, wrong = (
+        torch.randn(5, 1, generator=draws, requires_grad=True),
+        torch.randn(5, 8, generator=draws, requires_grad=True),
+    )
+    expected = getattr(losses, theirs)(**options).process_slcwa_scores(right, wrong)
+    ours = chosen.of_right(right[:, 0]) + chosen.of_wrong(right[:, 0], wrong).sum(1)
+    measured = factor * ours.mean()
+    assert measured.item() == pytest.approx(expected.item(), rel=1e-5)
+    by_each = [torch.autograd.grad(each, (right, wrong)) for each in (measured, expected)]
+    for own, other in zip(*by_each, strict=True):
+        torch.testing.assert_close(own, other)
+
+
+@every_way
+def test_cross_entropy_is_that_of_pykeen(tails_only: bool) -> None:
+    losses = pytest.importorskip("pykeen.losses")
+    of, expected = theta(), 0.0
+    relation = of.relation[:, FACTS[:, RELATION]]
+    for slot in slots(tails_only):
+        given = of.entity[:, FACTS[:, HEAD + TAIL - slot]]
+        score = of.model.score_tails if slot == TAIL else of.model.score_heads
+        labels = torch.eye(ENTITIES)[FACTS[:, slot]]
+        scores = score(given, relation, of.entity)[0]
+        expected += losses.CrossEntropyLoss().process_lcwa_scores(scores, labels).item()
+    task = Task(Facts(FACTS, torch.ones(len(FACTS))), tails_only=tails_only)
+    assert loss(of, task, EXACT) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_wrong_answer_beside_others_has_its_share_among_them() -> None:
+    chosen, draws = TrainingLoss("self-adversarial", 0.6, 0.7), torch.Generator().manual_seed(0)
+    right, wrong = torch.zeros(2), torch.randn(2, 4, generator=draws)
+    for place in range(4):
+        others = wrong[:, [other for other in range(4) if other != place]]
+        alone = chosen.of_wrong(right, wrong[:, [place]], others)
+        torch.testing.assert_close(alone[:, 0], chosen.of_wrong(right, wrong)[:, place])
+
+
+@every_recipe
+def test_rows_that_stay_are_the_same_numbers(name: str) -> None:
+    of, chosen = theta(), RECIPES[name].model_copy(update={"unit_length": False})
+    task = Task(Facts(FACTS, WEIGHTS), NEW, Earlier(EARLIER), tails_only=False)
+    trained = fit(of, task, chosen, 2, root=0)
+    assert torch.equal(trained.entity[:, : NEW.entity], of.entity[:, : NEW.entity])
+    assert torch.equal(trained.relation[:, : NEW.relation], of.relation[:, : NEW.relation])
+    assert (trained.entity != of.entity)[:, NEW.entity :].any(-1).all()
+    assert (trained.relation != of.relation)[:, NEW.relation :].any(-1).all()
+    assert torch.equal(trained.entity, fit(of, task, chosen, 2, root=0).entity)
+
+
+def test_drawn_answers_change_their_own_rows_alone() -> None:
+    of, facts = theta(DistMult(), 50), Facts(torch.tensor([[0, 1, 2]]), torch.ones(1))
+    trained = fit(of, Task(facts), recipe("softmax", 4), 1, root=0)
+    moved = (trained.entity != of.entity).any(-1).sum()
+    assert 2 <= moved <= 6
+
+
+@pytest.mark.parametrize("moving", [Moving(), NEW], ids=["all", "new"])
+@pytest.mark.parametrize(
+    "model",
+    [TransE(margin=2.0, constraint="sphere"), RotatE(margin=2.0, constraint="ball")],
+    ids=["sphere", "ball"],
+)
+def test_trained_entities_keep_the_constraint_of_the_model(model: Model, moving: Moving) -> None:
+    of = theta(model)
+    trained = fit(of, Task(Facts(FACTS, WEIGHTS), moving), EXACT, 2, root=0)
+    vectors = trained.entity[:, moving.entity :]
+    torch.testing.assert_close(vectors, model.constrain(vectors))
+    assert torch.equal(trained.entity[:, : moving.entity], of.entity[:, : moving.entity])
+    assert not torch.equal(vectors, of.entity[:, moving.entity :])
+
+
+@every_way
+@every_recipe
+def test_training_lowers_the_loss_of_its_facts(name: str, tails_only: bool) -> None:
+    of, task = theta(), Task(Facts(FACTS, WEIGHTS), tails_only=tails_only)
+    after = fit(of, task, RECIPES[name], 20, root=0)
+    assert loss(after, task, RECIPES[name]) < 0.8 * loss(of, task, RECIPES[name])
+
+
+@every_recipe
+def test_new_entities_stand_out_of_the_way_of_earlier_facts(name: str) -> None:
+    """Their mean score as answers to earlier facts falls with the weight of this part."""
+
+    def mean_score(share: float) -> float:
+        task = Task(Facts(FACTS, WEIGHTS), NEW, Earlier(EARLIER, share))
+        of = fit(theta(), task, RECIPES[name], 10, root=0)
+        queries = of.entity[:, EARLIER[:, HEAD]], of.relation[:, EARLIER[:, RELATION]]
+        return of.model.score_tails(*queries, of.entity[:, NEW.entity :]).mean().item()
+
+    assert mean_score(10.0) < mean_score(0.0)
+
+
+@pytest.mark.parametrize("name", ["margin", "self-adversarial", "logistic"])
+def test_a_loss_of_wrong_answers_needs_their_number(name: str) -> None:
+    with pytest.raises(InputError, match=r"training.*negatives"):
+        isi.Timeline.of([([("cup", "in", "hall")], [], [])]).run(training={"loss": name})
