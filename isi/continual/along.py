@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isi.continual.chain import Growth, first_embedding, grow
+from isi.continual.chain import Growth, chosen, first_embedding, grow
 from isi.continual.matrix import evaluate
 from isi.continual.strategies import Schedule
 from isi.continual.timeline import Timeline
@@ -55,9 +55,20 @@ class Along:
         cost = {"phase": "trained", "seconds": seconds, "peak_mib": peak_memory()}
         return self._step(0, theta, [evaluate(theta, self.timeline, 0, most=self.most)], [cost])
 
-    def next(self, before: Embedding, growth: Growth, snapshot: int, seed: int) -> Step:
+    def chosen(self, first: Embedding, growth: Growth, seed: int) -> tuple[Growth, float]:
+        """The growth with an initializer (``isi.continual.chain.chosen``), and the seconds that its
+        choice took.
+        """
+        begun = time.process_time()
+        growth = chosen(self.timeline, first, growth, self.words, seed)
+        return growth, time.process_time() - begun
+
+    def next(
+        self, before: Embedding, growth: Growth, snapshot: int, seed: int, seconds: float = 0.0
+    ) -> Step:
         """Insert the entities of a snapshot into the embedding before it, and train; rank the test
-        sets of all snapshots so far after both.
+        sets of all snapshots so far after both. ``seconds`` were spent on the choice of the
+        initializer.
         """
         chain = grow(
             self.timeline,
@@ -75,7 +86,8 @@ class Along:
         reset_peak_memory()
         for grown in islice(chain, 2):
             theta = grown.theta
-            cost = {"phase": grown.phase, "seconds": grown.seconds, "peak_mib": peak_memory()}
+            took = grown.seconds + (seconds if grown.phase == "inserted" else 0.0)
+            cost = {"phase": grown.phase, "seconds": took, "peak_mib": peak_memory()}
             costs.append(cost)
             rows.append(evaluate(theta, self.timeline, snapshot, phase=grown.phase, most=self.most))
             reset_peak_memory()

@@ -121,7 +121,8 @@ class RunnableTimeline(Timeline):
                 of the timeline.
             dimension: of an embedding that is trained here.
             loss: that your embedding was trained with. None: that of ``training``.
-            initializer: of new entities, with ``options``. None: the best by the hold-out test.
+            initializer: of new entities, with ``options``. None: the best by the hold-out test when
+                the first ones arrive.
             strategy: of training at each snapshot, with ``strategy_options``: insert (none),
                 new_rows, new_rows_and_earlier, finetune, new_rows_then_all, replay, l2, ewc,
                 full_replay, retrain.
@@ -170,8 +171,10 @@ class RunnableTimeline(Timeline):
                 label_ids = Vocabulary("relation", relation_names).ids
                 given = replace(given, entities=ids, relations=label_ids)
             steps = [along.start_from(self._first_of(given))]
+        growth, seconds = along.chosen(steps[0].theta, growth, seed)
         for snapshot in range(1, len(self.snapshots)):
-            steps.append(along.next(steps[-1].theta, growth, snapshot, seed))
+            of_choice = seconds if snapshot == 1 else 0.0
+            steps.append(along.next(steps[-1].theta, growth, snapshot, seed, of_choice))
         return _grown(self, steps)
 
     def _count_without_facts(self) -> None:

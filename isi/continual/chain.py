@@ -21,7 +21,7 @@ from isi.continual.strategies import (
 )
 from isi.continual.timeline import Timeline
 from isi.errors import InputError, suggestion
-from isi.insertion.api import insert_request
+from isi.insertion.api import choose, insert_request
 from isi.insertion.inverses import pack, unpack
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
@@ -129,11 +129,43 @@ def extended(
     """The embedding with the entities and relations of a snapshot, and the result of
     ``isi.insert``, None if there are none.
     """
+    asked = insertion(timeline, theta, growth, snapshot, words, seed)
+    if asked is None:
+        return theta, None
+    result = insert_request(*asked)
+    entity, relation = (torch.from_numpy(table) for table in (result.entities, result.relations))
+    return replace(theta, entity=entity[None], relation=relation[None]), result
+
+
+def chosen(
+    timeline: Timeline, first: Embedding, growth: Growth, words: np.ndarray | None, seed: int
+) -> Growth:
+    """The growth with the initializer that is best by the hold-out test when the first new entities
+    arrive, if it names none: it serves all later ones.
+    """
+    arrivals = np.flatnonzero(timeline.entities > first.entity.shape[1])
+    if growth.initializer is not None or not len(arrivals):
+        return growth
+    asked = insertion(timeline, first, growth, int(arrivals[0]), words, seed)
+    assert asked is not None  # noqa: S101
+    method = choose(*asked)
+    return replace(growth, initializer=method.initializer.name, options=method.options)
+
+
+def insertion(
+    timeline: Timeline,
+    theta: Embedding,
+    growth: Growth,
+    snapshot: int,
+    words: np.ndarray | None,
+    seed: int,
+) -> tuple[KnownEmbedding, InsertRequest] | None:
+    """The insertion of the entities and relations of a snapshot; None if there are none."""
     known, relations = theta.entity.shape[1], theta.relation.shape[1]
     number = int(timeline.entities[snapshot]) - known
     new_relations = int(timeline.relations[snapshot]) - relations
     if not number and not new_relations:
-        return theta, None
+        return None
     triples = timeline.snapshots[snapshot].train
     has_new = (triples[:, [0, 2]] >= known).any(1) | (triples[:, 1] >= relations)
     request = InsertRequest(
@@ -149,9 +181,7 @@ def extended(
     )
     facts = earlier_facts(timeline, snapshot)
     embedding = KnownEmbedding(theta.entity[0], theta.relation[0], theta.model, triples=facts)
-    result = insert_request(embedding, request)
-    entity, relation = (torch.from_numpy(table) for table in (result.entities, result.relations))
-    return replace(theta, entity=entity[None], relation=relation[None]), result
+    return embedding, request
 
 
 def arrived(

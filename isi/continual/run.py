@@ -40,7 +40,15 @@ def run_chains(
     model = settings.make_model(f"continual.{experiment}.model")
     for snapshot, wave in enumerate(missing):
         tasks = [
-            (chain, along, parts.before(chain, snapshot, model), settings, snapshot, root)
+            (
+                chain,
+                along,
+                parts.before(chain, 1, model) if snapshot else None,
+                parts.before(chain, snapshot, model),
+                settings,
+                snapshot,
+                root,
+            )
             for chain in wave
         ]
         store = partial(parts.store, wave, snapshot)
@@ -53,14 +61,18 @@ def run_chains(
 def step_of(
     chain: Chain,
     along: Along,
+    first: Embedding | None,
     before: Embedding | None,
     settings: ContinualExperiment,
     snapshot: int,
     root: int,
 ) -> Step:
-    """The step of a chain after a snapshot, from its embedding before it (None: the first)."""
+    """The step of a chain after a snapshot, from its first embedding and that before the snapshot;
+    None: the first is to be trained.
+    """
     seed = seed_of(root, "a graph that grows", chain.seed)
-    if before is None:
+    if first is None or before is None:
         model = settings.make_model(f"continual.{chain.experiment}.model")
         return along.first(model, settings.dimension, seed)
-    return along.next(before, settings.growth(chain), snapshot, seed)
+    growth, seconds = along.chosen(first, settings.growth(chain), seed)
+    return along.next(before, growth, snapshot, seed, seconds if snapshot == 1 else 0.0)

@@ -225,8 +225,8 @@ class _Tables:
 
 def importance(arrival: Arrival) -> _Tables:
     """Mean square of the gradients of batches of earlier facts, by coordinate."""
-    tables = Tables.of(arrival.theta, Moving())
     recipe = arrival.schedule.recipe.model_copy(update={"n3": 0.0})
+    tables = Tables.of(arrival.theta, Moving(), recipe)
     loss = Objective(arrival.theta.model, tables, Task(equally(arrival.old)), recipe)
     rng = stream(arrival.root, "importance", *arrival.key)
     squares = [torch.zeros_like(table) for table in tables.trained]

@@ -11,14 +11,19 @@ from torch import Tensor
 from isi.config import Count, NotNegative, Positive
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import INITIALIZERS, InitContext, InitResult, initializer
+from isi.models.losses import Loss
 from isi.random import stream
 from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, Task, fit_tables
 
+#: By the loss of training, how strongly a vector is held at its start: weight of the mean square of
+#: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts are
+#: few. Compared in docs/method.md.
+HELD: dict[Loss, float] = {"logistic": 60, "softmax": 60, "self-adversarial": 6, "margin": 0.6}
 BATCH = 1024  #: Number of facts in a step.
 #: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
-import os; NEGATIVES, SAMPLED = int(os.environ.get("NEG", 64)), int(os.environ.get("SAMPLED", 1024))
+NEGATIVES, SAMPLED = 64, 512
 #: Largest number of facts times entities for which cross-entropy is over all entities.
-EXACT = int(os.environ.get("EXACT", 2**26))
+EXACT = 2**22
 
 #: The initializer from whose vectors training starts.
 Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
@@ -31,7 +36,7 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     colour="#1b7837",
     cost="trained",
     needs=("insert_triples",),
-    defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 0.0},
+    defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 1.0},
     calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}],
     starts_from="start",
 )
@@ -50,7 +55,7 @@ def fold_in(
         share: β: weight of the part in earlier facts, to which new entities are wrong answers.
         epochs: of training; rate: step size of Adagrad, by the root mean square of the coordinates
             of known vectors.
-        pull: weight of the squared distance from the start, in the same unit.
+        pull: how strongly vectors are held at their start, by ``HELD``; 0: not at all.
         start: the initializer from whose vectors training starts; without an inverse of relations,
             the mean.
     """
@@ -102,8 +107,8 @@ def _trained(
         relation[moving.relation :].clone().requires_grad_(),
     )
     if len(rows.facts.triples):
-        weight = pull / rows.unit**2 / rows.facts.weight.sum().item()
-        penalty = _pull(start, moving.entity, weight) if pull else None
+        held = pull * HELD[context.scale.training.name] / rows.facts.weight.sum().item()
+        penalty = _pull(start, moving.entity, held / rows.unit**2) if pull else None
         earlier = Earlier(rows.earlier, share) if share else None
         task = Task(rows.facts, moving, earlier, penalty, context.tails_only)
         recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
@@ -120,7 +125,7 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
         is_exact = facts * context.known.shape[1] <= EXACT
         negatives = None if is_exact else SAMPLED
     return Recipe(
-        loss=loss.name, n3=float(os.environ.get("N3", 0)),
+        loss=loss.name, 
         margin=loss.margin,
         temperature=loss.temperature,
         batch_size=BATCH,
@@ -130,10 +135,10 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
 
 
 def _pull(start: Tensor, known: int, weight: float) -> Penalty:
-    """weight · Σ (distance from the start)² over new entities."""
+    """weight · Σ mean square of the distance from the start, over new entities."""
 
     def penalty(entity: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG001
-        return weight * (entity[known:] - start).square().sum()
+        return weight * (entity[known:] - start).square().mean(1).sum()
 
     return penalty
 

@@ -131,23 +131,8 @@ _COMPARED: list[tuple[Prior, float, float, int]] = [
     ("soft_rs", 0.3, 1.0, 1),
     ("er_avg", 3.0, 3.0, 1),
     ("soft_rs", 3.0, 10.0, 1),
-    ("er_avg", 1.0, 2.0, 1),
     ("soft_hybrid", 1.0, 3.0, 3),
-    ("er_avg", 3.0, 1.0, 1),
-    ("mean", 0.2, 1.0, 1),
-    ("soft_rs", 3.0, 3.0, 1),
-    ("er_avg", 10.0, 1.0, 1),
-    ("soft_hybrid", 1.0, 1.0, 3),
-    ("soft_hybrid", 1.0, 10.0, 3),
-    ("er_avg", 5.0, 5.0, 1),
-    ("soft_rs", 1.0, 3.0, 1),
-    ("soft_hybrid", 3.0, 3.0, 3),
     ("mean", 1.0, 3.0, 1),
-    ("kind_mean", 1.0, 3.0, 1),
-    ("mean", 3.0, 3.0, 1),
-    ("er_avg", 20.0, 5.0, 1),
-    ("soft_hybrid", 3.0, 30.0, 3),
-    ("soft_hybrid", 3.0, 100.0, 3),
 ]
 _SETTINGS = [
     {"prior": prior, "strength": strength, "known_negatives": weight, "ratio": ratio}

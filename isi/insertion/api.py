@@ -20,7 +20,8 @@ from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
 from isi.insertion.result import Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
-from isi.models.losses import Loss, TrainingLoss
+from isi.initializers.scale import Scale
+from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, usual_torch
 
@@ -109,18 +110,18 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
     test = replace(test, loss=method.trained_with)
     # the copy of the table in which the engine works ends with this function
     working = checked.with_rows()
-    working = replace(working, novel=replace(working.novel, scale=test.scales[0]))
-    result = run_engine(working, method)
-    novel = working.novel
-    with np.errstate(over="ignore"):
-        vectors = novel.theta.entity[0, novel.known :].numpy().astype(checked.entities.dtype)
-        new_relations = novel.theta.relation[0, novel.known_relations :].numpy()
-        checked.relations[novel.known_relations :] = new_relations
-    if not (np.isfinite(vectors).all() and np.isfinite(checked.relations).all()):
-        name = method.initializer.name
-        expected = f"expected smaller numbers: {name} computes NaN or infinity from them"
-        raise InputError("argument 'entities'", "", expected)
-    return Inserted(vectors, checked.relations, checked, method, test, selection, result)
+    scale = Scale(loss_named(method.trained_with))
+    if method.initializer.cost == "newton" or working.novel.has_new_relations:
+        scale = test.scales[0]
+    working = replace(working, novel=replace(working.novel, scale=scale))
+    computed = run_engine(working, method)
+    return Inserted(*working.new_rows(method), checked, method, test, selection, computed)
+
+
+@usual_torch()
+def choose(known: KnownEmbedding, request: InsertRequest) -> Method:
+    """The initializer of a request, as ``insert_request`` would select it."""
+    return _method(checked_request(known, request), request)[0]
 
 
 def _method(checked: Checked, request: InsertRequest) -> tuple[Method, HoldOut, Selection | None]:

@@ -67,6 +67,10 @@ class NovelEntities:
         return has_one
 
     @property
+    def has_new_relations(self) -> bool:
+        return self.theta.relation.shape[1] > self.known_relations
+
+    @property
     def has_rows(self) -> bool:
         """Whether the table has rows for novel entities."""
         return self.theta.entity.shape[1] > self.known
@@ -118,12 +122,14 @@ def insert(novel: NovelEntities, method: Method) -> InitResult | None:
     if fit_again:
         _fit_new_relations(novel, has_vector)
     if result is not None and first is not method:
-        result = _trained_together(novel, method, result)
+        result = train_together(novel, method, result)
     return result
 
 
-def _trained_together(novel: NovelEntities, method: Method, start: InitResult) -> InitResult:
-    """Train all new rows together from their first vectors, and write them."""
+def train_together(novel: NovelEntities, method: Method, start: InitResult) -> InitResult:
+    """Train all new rows together from their first vectors, write them into ``novel.theta``, and
+    return the result with the trained vectors.
+    """
     proper = novel.triples[:, HEAD] != novel.triples[:, TAIL]
     is_novel = (novel.triples[:, [HEAD, TAIL]] >= novel.known).any(1)
     triples, ids = novel.triples[proper & is_novel], torch.from_numpy(novel.ids)
@@ -149,7 +155,7 @@ def _fit_new_relations(novel: NovelEntities, has_vector: np.ndarray) -> np.ndarr
     Returns a mask, (T,), of the triples whose relation has a row: it is known, or has such triples.
     """
     theta, triples = novel.theta, novel.triples
-    if theta.relation.shape[1] == novel.known_relations:
+    if not novel.has_new_relations:
         return np.ones(len(triples), bool)
     ready = triples[has_vector[triples[:, [HEAD, TAIL]]].all(1)]
     theta.relation[0, novel.known_relations :] = fit_relations(

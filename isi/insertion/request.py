@@ -15,7 +15,7 @@ from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion import arguments
 from isi.insertion.arguments import Source, TripleForms, table
-from isi.insertion.engine import NovelEntities
+from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 
@@ -149,6 +149,20 @@ class Checked:
         added = theta.entity.new_zeros(1, self.novel.number, theta.entity.shape[2])
         larger = replace(theta, entity=torch.cat([theta.entity, added], 1))
         return replace(self, novel=replace(self.novel, theta=larger))
+
+    def new_rows(self, method: Method) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of new entities, (n, d), and of all relations, (R + q, w), as the engine wrote
+        them, in the precision of the caller's tables; InputError if they are not finite.
+        """
+        novel, relations = self.novel, self.relations.copy()
+        with np.errstate(over="ignore"):
+            vectors = novel.theta.entity[0, novel.known :].numpy().astype(self.entities.dtype)
+            relations[novel.known_relations :] = novel.theta.relation[0, novel.known_relations :]
+        if not (np.isfinite(vectors).all() and np.isfinite(relations).all()):
+            name = method.initializer.name
+            expected = f"expected smaller numbers: {name} computes NaN or infinity from them"
+            raise InputError("argument 'entities'", "", expected)
+        return vectors, relations
 
     def refusal(self, entities: np.ndarray, expected: str) -> InputError:
         """The error of the first new entity of a mask, (n,), or of ``words`` if it has none."""

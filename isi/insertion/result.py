@@ -23,12 +23,13 @@ from isi.graph.vocabulary import Vocabulary
 from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
-from isi.insertion.engine import Method, NovelEntities
+from isi.insertion.engine import Method, NovelEntities, train_together
 from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
 from isi.insertion.interference import Interference, measure
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.request import Checked
-from isi.insertion.selection import Selection
+from isi.insertion.selection import Selection, named
+from isi.models.losses import loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, usual_torch
 
@@ -199,6 +200,39 @@ class Inserted:
     def novel(self) -> NovelEntities:
         """The new entities, and all that their vectors depend on, in the joined table."""
         return replace(self.checked.novel, theta=self.embedding)
+
+    @usual_torch()
+    def train(self, epochs: int = 5, **options: Any) -> Inserted:
+        """The same insertion after further training of the new rows together, from their present
+        vectors (``fold_in``). All other rows stay as they are.
+
+        Args:
+            epochs: number of epochs; ``options``: others of ``fold_in``, such as ``share``.
+
+        Example:
+            >>> import isi, numpy as np
+            >>> entities, relations = np.eye(2), np.ones((1, 2))
+            >>> how = {"model": "distmult", "initializer": "mean"}
+            >>> new = isi.insert(entities, relations, [(2, 0, 0)], new=1, **how)
+            >>> first = new.vectors[0]
+            >>> trained = new.train(epochs=5).vectors[0]
+            >>> bool(first[0] == first[1]), bool(trained[0] > trained[1])
+            (True, True)
+        """
+        epochs = check(epochs, Count, "", "argument 'epochs'")
+        method = named("fold_in", {**options, "epochs": epochs}, self.model, len(self.entities))
+        method = replace(method, trained_with=self.method.trained_with)
+        working = self.checked.with_rows()
+        novel = working.novel
+        novel.theta.entity[0, novel.known :] = torch.from_numpy(self.vectors)
+        novel.theta.relation[0] = torch.from_numpy(self.relations)
+        start = InitResult(novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number))
+        if self.computed is not None:
+            start = replace(self.computed, vectors=start.vectors)
+        scale = Scale(loss_named(method.trained_with))
+        computed = train_together(replace(novel, scale=scale), method, start)
+        vectors, rows = working.new_rows(method)
+        return replace(self, vectors=vectors, relations=rows, computed=computed)
 
     def hide(self) -> HiddenDraws | None:
         """Hide known entities, those of the selection if there was one."""

@@ -98,7 +98,8 @@ class Selection:
                 f"{best.initializer} is the best candidate, but the MRR of earlier triples may fall"
                 f" by {best.harm:.3f}, more than harm={self.allowed:g}"
             )
-        usable = [each for each in self.candidates if each.about > best.about + BETTER]
+        others = [each for each in self.candidates if each.initializer != best.initializer]
+        usable = [each for each in others if each.about > best.about + BETTER]
         if usable:
             better = max(usable, key=_about)
             sentences.append(

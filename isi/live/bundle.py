@@ -23,7 +23,7 @@ from safetensors.numpy import load, save
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short
 from isi.graph.vocabulary import Vocabulary, ids_by_name
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
 from isi.names import check_text, name_fault
 from isi.tables.io import atomically
 
@@ -74,7 +74,7 @@ class Manifest(Record):
     model_options: dict[str, Option]
     words: WordSource | None
     #: the loss that it was trained with; None: unknown
-    trained_with: Loss | None = "logistic"
+    trained_with: Loss | TrainingLoss | None = "logistic"
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
 
 

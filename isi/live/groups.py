@@ -29,17 +29,14 @@ from isi.live.bundle import Fact, NewEntity
 from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
 from isi.live.phrases import PhraseVector, PhraseVectors
-from isi.models.losses import Loss
+from isi.models.losses import Loss, loss_named
 from isi.models.stack import usual_torch
 from isi.names import plain
 
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
 #: with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-#: Of the selection. With this tolerance, ten or twelve objects in a row lower the MRR of known
-#: triples by at most 0.001 on AI2-THOR and on ``examples/home.csv``; with that of ``isi.insert``,
-#: 0.02, by up to 0.024.
-TOLERANCE, BUDGET = 0.013, 3.0
+HARM, BUDGET = 0.01, 3.0  #: Of the selection.
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
@@ -234,7 +231,7 @@ class EntityGroups:
             kinds=self._kind_ids([member.kind for member in members.values()]),
             initializer=choice.initializer,
             options=choice.options,
-            loss=choice.trained_with,
+            trained_with=base.manifest.trained_with or choice.trained_with,
             seed=conditions.seed,
             entity_keys=np.array([crc32(name.encode()) for name in members], np.int64),
             confidence=list(facts.values()) if doubtful else None,
@@ -330,9 +327,7 @@ class EntityGroups:
         with usual_torch():
             test = self._hold_out(number, words)
             if conditions.initializer is None:
-                method, selection = select(
-                    test, number > 0, words, tolerance=TOLERANCE, budget=BUDGET
-                )
+                method, selection = select(test, number > 0, words, harm=HARM, budget=BUDGET)
                 warnings = list(selection.warnings) if selection else []
                 self._warnings += warnings
             else:
@@ -345,7 +340,7 @@ class EntityGroups:
             method.initializer.name,
             dict(method.options),
             method.why,
-            method.trained_with,
+            loss_named(method.trained_with).name,
             warnings,
             curves,
         )

@@ -26,7 +26,7 @@ from isi.errors import InputError, at, cut
 from isi.insertion.arguments import array_of, checked_model, naming_argument
 from isi.live.bundle import Bundle, Manifest, check_numbers, checked_names, split_rows, triple_ids
 from isi.live.loaded import LoadedEmbedding
-from isi.models.losses import Loss
+from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import MODELS
 from isi.models.stack import margin_of
 from isi.names import plain
@@ -77,7 +77,7 @@ def of_tables(
     options: Mapping[str, Option],
     tables: Sequence[np.ndarray],
     files: Sequence[Path],
-    loss: Loss | None = None,
+    loss: Loss | TrainingLoss | None = None,
 ) -> Bundle:
     """Make a bundle of labels and the two tables of tensor files;
     InputError if they do not fit, or if no margin can be estimated.
@@ -112,7 +112,7 @@ def bundle_of(
     tables: Sequence[np.ndarray],
     labels: Labels,
     files: Sequence[Path],
-    loss: Loss | None = None,
+    loss: Loss | TrainingLoss | None = None,
 ) -> LoadedEmbedding:
     """Make a bundle of the two tables, checked against each other, the model and the labels;
     ``loss``: of training, None if it is unknown.

@@ -24,7 +24,7 @@ from torch.nn.functional import normalize
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.inverses import both_ways
-from isi.models.losses import TrainingLoss
+from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import CONSTRAINTS, MODELS, ConstrainedModel, Model
 from isi.models.stack import Embedding, margin_of
 
@@ -260,11 +260,15 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
 
-def loss_of(model: PykeenModel, read: Model) -> TrainingLoss | None:
+def loss_of(model: PykeenModel, read: Model) -> Loss | TrainingLoss | None:
     """The loss that a model was trained with, of the scores of ``read``; None for one that is not
-    known here.
+    known here; its name if its settings are the usual ones.
     """
-    loss: Any = unwrapped(model).loss
+    found = _loss_of(unwrapped(model).loss, read)
+    return found.name if found and found == loss_named(found.name) else found
+
+
+def _loss_of(loss: Any, read: Model) -> TrainingLoss | None:
     added = -margin_in(read)  # what is added to PyKEEN's scores
     if isinstance(loss, LOGISTIC):
         return TrainingLoss("logistic", added)

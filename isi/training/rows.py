@@ -133,11 +133,11 @@ def fit(
     Raises:
         NotFinite: training diverged.
     """
-    tables = Tables.of(theta, task.moving, recipe.negatives is not None)
+    tables = Tables.of(theta, task.moving, recipe)
     if not tables.trained or not len(task.facts.triples):
         return theta
     fit_tables(theta.model, tables, task, recipe, epochs, stream(root, PURPOSE, *key), on_epoch)
-    return tables.embedding(theta, recipe)
+    return tables.embedding(theta)
 
 
 def fit_tables(
@@ -170,18 +170,20 @@ class Tables:
     entity: Tensor
     fixed_relation: Tensor
     relation: Tensor
+    unit_length: bool = False  #: whether rows are read divided by their length
     #: whether gradients of entities have the rows that a step reads alone
     sparse: bool = False
 
     @classmethod
-    def of(cls, theta: Embedding, moving: Moving, sparse: bool = False) -> Tables:
+    def of(cls, theta: Embedding, moving: Moving, recipe: Recipe) -> Tables:
         entity, relation = theta.entity[0], theta.relation[0]
         return cls(
             entity[: moving.entity],
             entity[moving.entity :].clone().requires_grad_(),
             relation[: moving.relation],
             relation[moving.relation :].clone().requires_grad_(),
-            sparse and not moving.entity,
+            recipe.unit_length,
+            sparse=recipe.negatives is not None and not moving.entity,
         )
 
     @property
@@ -196,11 +198,24 @@ class Tables:
     def entity_rows(self, ids: Tensor) -> Tensor:
         """Vectors of entities, (..., d)."""
         if self.sparse:
-            return embedding(ids, self.entity, sparse=True)
-        return _rows(self.fixed_entity, self.entity, ids)
+            return self.read(embedding(ids, self.entity, sparse=True))
+        return self.read(_rows(self.fixed_entity, self.entity, ids))
 
     def relation_rows(self, ids: Tensor) -> Tensor:
-        return _rows(self.fixed_relation, self.relation, ids)
+        """Rows of relations, (..., w)."""
+        return self.read(_rows(self.fixed_relation, self.relation, ids))
+
+    def all_entities(self) -> Tensor:
+        """The vectors of all entities, (E, d)."""
+        return self.read(torch.cat([self.fixed_entity, self.entity]))
+
+    def all_relations(self) -> Tensor:
+        """The rows of all relations, (R, w)."""
+        return self.read(torch.cat([self.fixed_relation, self.relation]))
+
+    def read(self, rows: Tensor) -> Tensor:
+        """Rows as scores see them."""
+        return normalize(rows, dim=-1) if self.unit_length else rows
 
     @torch.no_grad()
     def constrain(self, model: Model) -> None:
@@ -208,17 +223,9 @@ class Tables:
         if not model.is_free:
             self.entity.copy_(model.constrain(self.entity))
 
-    def all_entities(self, recipe: Recipe) -> Tensor:
-        """The vectors of all entities, (E, d)."""
-        return _scaled(torch.cat([self.fixed_entity, self.entity]), recipe)
-
-    def all_relations(self, recipe: Recipe) -> Tensor:
-        """The vectors of all relations, (R, w)."""
-        return _scaled(torch.cat([self.fixed_relation, self.relation]), recipe)
-
     @torch.no_grad()
-    def embedding(self, theta: Embedding, recipe: Recipe) -> Embedding:
-        entity, relation = self.all_entities(recipe), self.all_relations(recipe)
+    def embedding(self, theta: Embedding) -> Embedding:
+        entity, relation = self.all_entities(), self.all_relations()
         return replace(theta, entity=entity[None], relation=relation[None])
 
 
@@ -239,16 +246,24 @@ class Objective:
     def __init__(self, model: Model, tables: Tables, task: Task, recipe: Recipe) -> None:
         self.model, self.tables, self.task, self.recipe = model, tables, task, recipe
         self.loss = recipe.training_loss
-        ways = (TAIL,) if task.tails_only else (TAIL, HEAD)
-        is_exact = recipe.loss == "softmax" and recipe.negatives is None
-        has_fixed = bool(len(tables.fixed_entity))
-        #: by slot of the answers, log Σ exp(score) of the fixed answers to each fact's query, (T,)
-        self.fixed = {slot: self._of_fixed(slot) if is_exact and has_fixed else None for slot in ways}
-        earlier = task.earlier
+        self.negatives = recipe.negatives or 0
+        #: the slots of answers that facts ask for
+        self.slots = (TAIL,) if task.tails_only else (TAIL, HEAD)
+        #: by slot, log Σ exp(score) of the fixed answers to the query of each fact, (T,)
+        self.fixed: dict[int, Tensor] = {}
+        if len(tables.fixed_entity) and self.is_exact:
+            self.fixed = {slot: self._of_fixed(slot) for slot in self.slots}
+        earlier = task.earlier or Earlier(task.facts.triples[:0])
+        self.share = earlier.share / task.facts.weight.sum().item()
         self.known: dict[int, KnownQueries] = {}
-        if earlier is not None and earlier.share and len(earlier.triples) and len(tables.entity):
-            for slot in ways:
+        if earlier.share and len(earlier.triples) and len(tables.entity):
+            for slot in self.slots:
                 self.known[slot] = known_queries(model, tables, earlier.triples, slot, recipe)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether all entities are candidates."""
+        return self.recipe.loss == "softmax" and not self.negatives
 
     def batches(self, rng: np.random.Generator) -> Iterator[Tensor]:
         """Places of facts in batches, in random order."""
@@ -259,29 +274,27 @@ class Objective:
         """The mean loss of some facts, at places (B,), with all other terms."""
         task, recipe, tables = self.task, self.recipe, self.tables
         triples, weight = task.facts.triples[place], task.facts.weight[place]
-        relation = _scaled(tables.relation_rows(triples[:, RELATION]), recipe)
+        relation = tables.relation_rows(triples[:, RELATION])
         ends = {
-            slot: _scaled(tables.entity_rows(triples[:, slot]), recipe) for slot in (HEAD, TAIL)
+            HEAD: tables.entity_rows(triples[:, HEAD]),
+            TAIL: tables.entity_rows(triples[:, TAIL]),
         }
         right = self.model.score(ends[HEAD], relation, ends[TAIL])
         losses = torch.zeros_like(right)
-        for slot in self.fixed:
-            given, answer = ends[HEAD + TAIL - slot], triples[:, slot]
-            if recipe.loss == "softmax" and recipe.negatives is None:
-                log_z = self._log_z(slot, place, triples)
-                losses = losses + log_z - right
+        for slot in self.slots:
+            if self.is_exact:
+                losses = losses + self._log_z(slot, place, triples) - right
             else:
+                given, answer = ends[HEAD + TAIL - slot], triples[:, slot]
                 losses = losses + self._sampled(slot, given, relation, answer, right, rng)
-        total = weight.sum()
-        loss = (weight * losses).sum() / total
+        loss = (weight * losses).sum() / weight.sum()
         if recipe.n3:
             cubes = sum(cubed(self.model, rows) for rows in (*ends.values(), relation))
             loss = loss + recipe.n3 * cubes / len(place)
         for slot, known in self.known.items():
-            share = task.earlier.share * known.number / task.facts.weight.sum()
-            loss = loss + share * self._of_known(slot, known, rng)
+            loss = loss + self.share * known.number * self._of_known(slot, known, rng)
         if task.penalty is not None:
-            loss = loss + task.penalty(tables.all_entities(recipe), tables.all_relations(recipe))
+            loss = loss + task.penalty(tables.all_entities(), tables.all_relations())
         return loss
 
     def _scores(self, slot: int, given: Tensor, relation: Tensor, entities: Tensor) -> Tensor:
@@ -309,10 +322,10 @@ class Objective:
         given, relation = queries % tables.entities, queries // tables.entities
         log_z = [torch.zeros(0)]
         size = max(1, BUDGET // len(tables.fixed_entity))
+        candidates = tables.read(tables.fixed_entity)
         for part in torch.split(torch.arange(len(queries)), size) if len(queries) else ():
-            rows = tables.fixed_entity[given[part]], tables.fixed_relation[relation[part]]
-            scaled = [_scaled(row, self.recipe) for row in (*rows, tables.fixed_entity)]
-            log_z.append(self._scores(slot, *scaled).logsumexp(1))
+            rows = tables.entity_rows(given[part]), tables.relation_rows(relation[part])
+            log_z.append(self._scores(slot, *rows, candidates).logsumexp(1))
         result[is_fixed] = torch.cat(log_z)[inverse]
         return result
 
@@ -320,17 +333,16 @@ class Objective:
         """log Z of the queries of some facts, each query computed once; shape (B,)."""
         tables, recipe = self.tables, self.recipe
         queries, inverse = torch.unique(self._queries(slot, triples), return_inverse=True)
-        given = _scaled(tables.entity_rows(queries % tables.entities), recipe)
-        relation = _scaled(tables.relation_rows(queries // tables.entities), recipe)
+        given = tables.entity_rows(queries % tables.entities)
+        relation = tables.relation_rows(queries // tables.entities)
         parts = []
         if len(tables.entity):
-            moving = _scaled(tables.entity, recipe)
+            moving = tables.read(tables.entity)
             parts.append(self._scores(slot, given, relation, moving).logsumexp(1))
-        fixed = self.fixed[slot]
-        if fixed is not None:
-            of_query = torch.zeros(len(queries)).index_copy(0, inverse, fixed[place])
+        if slot in self.fixed:
+            of_query = torch.zeros(len(queries)).index_copy(0, inverse, self.fixed[slot][place])
             moves = of_query.isnan()
-            candidates = _scaled(tables.fixed_entity, recipe)
+            candidates = tables.read(tables.fixed_entity)
             again = self._scores(slot, given[moves], relation[moves], candidates).logsumexp(1)
             parts.append(of_query.masked_scatter(moves, again))
         return torch.stack(parts).logsumexp(0)[inverse]
@@ -345,9 +357,9 @@ class Objective:
         rng: np.random.Generator,
     ) -> Tensor:
         """Losses of queries, (B,), by drawn wrong answers, which stand for all entities."""
-        tables, number = self.tables, self.recipe.negatives
-        drawn = torch.from_numpy(rng.integers(tables.entities, size=number))
-        wrong = _scaled(tables.entity_rows(drawn), self.recipe)
+        tables = self.tables
+        drawn = torch.from_numpy(rng.integers(tables.entities, size=self.negatives))
+        wrong = tables.entity_rows(drawn)
         scores = self._scores(slot, given, relation, wrong)
         scores = scores.masked_fill(drawn == answer[:, None], -torch.inf)
         if self.recipe.loss == "softmax":
@@ -359,20 +371,20 @@ class Objective:
         """The mean loss of new entities as wrong answers to earlier facts, some of which are
         drawn.
         """
-        tables, recipe = self.tables, self.recipe
+        tables = self.tables
         drawn = known.draw(rng)
-        given = _scaled(tables.entity_rows(known.given[drawn]), recipe)
-        relation = _scaled(tables.relation_rows(known.relation[drawn]), recipe)
-        new = self._scores(slot, given, relation, _scaled(tables.entity, recipe))
+        given = tables.entity_rows(known.given[drawn])
+        relation = tables.relation_rows(known.relation[drawn])
+        new = self._scores(slot, given, relation, tables.read(tables.entity))
         right = known.right[drawn]
-        if recipe.loss == "softmax":
+        if self.recipe.loss == "softmax":
             return softplus(new.logsumexp(1) - right).mean()
-        others = torch.from_numpy(rng.integers(tables.entities, size=recipe.negatives - 1))
+        others = torch.from_numpy(rng.integers(tables.entities, size=self.negatives - 1))
         with torch.no_grad():
-            rows = _scaled(tables.entity_rows(others), recipe)
+            rows = tables.entity_rows(others)
             beside = self._scores(slot, given, relation, rows)
         losses = self.loss.of_wrong(right, new, beside).sum(1)
-        return losses.mean() * recipe.negatives / tables.entities
+        return losses.mean() * self.negatives / tables.entities
 
 
 @dataclass(frozen=True)
@@ -405,7 +417,7 @@ def known_queries(
     chosen, given = triples[::step], HEAD + TAIL - slot
     if recipe.loss != "softmax":
         total = torch.arange(1, len(chosen) + 1, dtype=torch.float64)
-        scores = _scores_of(model, tables, chosen, recipe)
+        scores = _scores_of(model, tables, chosen)
         return KnownQueries(chosen[:, given], chosen[:, RELATION], scores, total, len(triples))
     entities = tables.entities
     queries, count = torch.unique(
@@ -414,21 +426,21 @@ def known_queries(
     key = triples[:, RELATION] * entities + triples[:, given]
     place = torch.searchsorted(queries, key).clamp(max=len(queries) - 1)
     is_answer = queries[place] == key
-    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer], recipe)
+    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer])
     highest = torch.full((len(queries),), -torch.inf).scatter_reduce(0, place, scores, "amax")
     rest = torch.zeros(len(queries)).index_add(0, place, (scores - highest[place]).exp())
     total, log_z = count.double().cumsum(0), highest + rest.log()
     return KnownQueries(queries % entities, queries // entities, log_z, total, len(triples))
 
 
-def _scores_of(model: Model, tables: Tables, triples: Tensor, recipe: Recipe) -> Tensor:
+def _scores_of(model: Model, tables: Tables, triples: Tensor) -> Tensor:
     """Scores of triples, (N, 3), of fixed rows; shape (N,)."""
     scores = [torch.zeros(0)]
     for part in torch.split(triples, max(1, SMALL // tables.entity.shape[1])):
         head, relation, tail = part.T
         entity, relations = tables.fixed_entity, tables.fixed_relation
-        rows = entity[head], relations[relation], entity[tail]
-        scores.append(model.score(*(_scaled(row, recipe) for row in rows)))
+        rows = [tables.read(row) for row in (entity[head], relations[relation], entity[tail])]
+        scores.append(model.score(*rows))
     return torch.cat(scores)
 
 
@@ -440,6 +452,3 @@ def cubed(model: Model, vectors: Tensor) -> Tensor:
     square = (first.square() + second.square()).clamp(min=TINY)
     return scalars.abs().pow(3).sum() + square.pow(1.5).sum()
 
-
-def _scaled(vectors: Tensor, recipe: Recipe) -> Tensor:
-    return normalize(vectors, dim=-1) if recipe.unit_length else vectors
