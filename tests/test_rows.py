@@ -210,6 +210,7 @@ def test_no_part_in_earlier_facts(earlier: Earlier | None) -> None:
 def test_earlier_facts_are_drawn_alike(chosen: Recipe) -> None:
     known = known_queries(ComplEx(), Tables.of(theta(), NEW), EARLIER, TAIL, chosen)
     drawn = torch.cat([known.draw(np.random.default_rng(seed)) for seed in range(2000)])
+    assert len(drawn) == 2000 * len(known.given)
     of_fact = torch.stack([known.relation, known.given], 1)[drawn]
     for triple in EARLIER.tolist():
         head, relation = triple[HEAD], triple[RELATION]
