@@ -116,7 +116,7 @@ def rows_of(case: Case, seed: int) -> list[dict[str, Any]]:
                 new=len(split.hidden),
                 words=words,
                 initializer=name,
-                loss="softmax",
+                trained_with="softmax",
                 seed=seed,
             )
             known = KnownEmbedding(

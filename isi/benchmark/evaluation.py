@@ -106,8 +106,10 @@ def read(
     model: Any, factory: Any, entities: Any, relations: Any, options: Mapping[str, Any] | None
 ) -> NamedEmbedding:
     """The embedding in any form that ``HiddenSplit.evaluate`` accepts."""
-    if isinstance(model, Inserted):
-        return NamedEmbedding(model.embedding, model.names.ids, model.labels.ids)
+    rows = getattr(model, "rows", model)  # of a result of isi.pykeen.insert
+    if isinstance(rows, Inserted):
+        made = rows.details
+        return NamedEmbedding(made.embedding, made.names.ids, made.labels.ids)
     if isinstance(model, str | Model):
         rows = table(entities, "entities")
         checked = checked_model(model, options, rows.shape[1])
@@ -125,7 +127,7 @@ def _of_pykeen(model: Any, factory: Any) -> NamedEmbedding:
 
     model, factory, _ = of_result(model, factory, ())
     if not isinstance(model, ERModel):
-        expected = "expected a model of PyKEEN's, a result of isi.insert, or a name and tables"
+        expected = "expected a model of PyKEEN's, a result of insert, or a name and tables"
         raise InputError("argument 'model'", "", f"{expected}, got {short(model)}")
     # a margin changes no rank
     embedding = read_model(model, torch.empty(0, 3, dtype=torch.int64), margin=0.0)

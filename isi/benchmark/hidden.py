@@ -13,7 +13,7 @@ from pydantic import Field
 from isi.benchmark.evaluation import Evaluation, evaluation_of, ranks_frame, read
 from isi.benchmark.graphs import graph_of, unweighted
 from isi.benchmark.split import SplitIds, split_ids
-from isi.config import Fraction, Seed, check
+from isi.config import Count, Fraction, Seed, check
 from isi.errors import extra
 from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import TAIL, Graph
@@ -135,9 +135,9 @@ class HiddenSplit:
         an insertion.
 
         Args:
-            model: a model of PyKEEN's, a result of its pipeline or of ``isi.insert``; or the name
-                of a model (or a ``Model``) of the tables ``entities``, (E + n, d), and
-                ``relations``, (R, w), with its ``model_options``.
+            model: a model of PyKEEN's, a result of its pipeline, of ``isi.insert`` or of
+                ``isi.pykeen.insert``; or the name of a model (or a ``Model``) of the tables
+                ``entities``, (E + n, d), and ``relations``, (R, w), with its ``model_options``.
             factory: the triples factory of a model of PyKEEN's. None: its ids are the split's.
             earlier: triples of known entities, in any form of ``isi.insert`` or as a triples
                 factory, such as validation triples. None: a sample of at most ``MOST_EARLIER`` of
@@ -194,6 +194,7 @@ def hide(
     triples: Any,
     *,
     fraction: float = 0.1,
+    number: int | None = None,
     fewest: int = 5,
     queries: float = 0.2,
     seed: int = 0,
@@ -208,7 +209,8 @@ def hide(
         triples: labels or ids in any form of ``isi.insert``, each triple once; a triples factory of
             PyKEEN's; or a name: a folder of ``data/raw`` in the current folder (codex_s, fb15k237,
             ...), else a dataset of PyKEEN's (umls, ...), with all its splits.
-        fraction: share of the entities that is hidden, at least one.
+        fraction: share of the entities that is hidden, at least one; ``number``: how many are,
+            instead of a share.
         fewest: minimum number of triples of a hidden entity with a known one, at least 2.
         queries: share of those triples that become queries, rounded down, at least one per hidden
             entity; the others are facts.
@@ -228,12 +230,15 @@ def hide(
         [('e9', 'next', 'e10'), ('e8', 'after next', 'e10'), ('e10', 'after next', 'e0')]
     """
     fraction = check(fraction, Fraction, "", "argument 'fraction'")
+    number = check(number, Count | None, "", "argument 'number'")  # type: ignore[arg-type]
     fewest = check(fewest, Annotated[int, Field(ge=2)], "", "argument 'fewest'")  # type: ignore[arg-type]
     queries = check(queries, Fraction, "", "argument 'queries'")
     seed = check(seed, Seed, "", "argument 'seed'")
     root = check(root, Seed, "", "argument 'root'")
     graph = triples if isinstance(triples, Graph) else graph_of(triples)
     rng = stream(root, "hidden from another trainer", seed)
-    with naming_argument("fraction"):
-        ids = split_ids(graph.triples.numpy(), len(graph.entities), fraction, fewest, queries, rng)
+    entities = len(graph.entities)
+    hidden = max(1, round(fraction * entities)) if number is None else number
+    with naming_argument("fraction" if number is None else "number"):
+        ids = split_ids(graph.triples.numpy(), entities, hidden, fewest, queries, rng)
     return HiddenSplit([graph.entities[row] for row in ids.order], graph.relations, ids, seed)

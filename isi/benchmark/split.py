@@ -35,7 +35,7 @@ class SplitIds:
 def split_ids(
     triples: np.ndarray,
     entities: int,
-    fraction: float,
+    number: int,
     fewest: int,
     queries: float,
     rng: np.random.Generator,
@@ -43,11 +43,10 @@ def split_ids(
     """Hide random entities of a graph of ``entities`` entities and ``triples``, ids (N, 3).
 
     Args:
-        fraction: share of the entities that is hidden.
+        number: of entities that are hidden.
         fewest: minimum number of triples of a hidden entity with a known one, at least 2.
         queries: share of those triples that become queries, rounded down, at least one triple.
     """
-    number = max(1, round(fraction * entities))
     hidden = hidden_mask(triples, rng.permutation(entities), number, fewest)
     order, known = np.argsort(hidden, kind="stable"), int((~hidden).sum())
     renamed = triples.copy()
@@ -72,7 +71,7 @@ def split_ids(
 def hidden_mask(triples: np.ndarray, order: np.ndarray, number: int, fewest: int) -> np.ndarray:
     """Mask, (E,), of the first ``number`` entities in ``order``, (E,), that can be hidden together:
     all others and all relations keep a triple of known ones, and each hidden entity has at least
-    ``fewest`` triples with a known one. InputError with place ``fraction`` if there are too few.
+    ``fewest`` triples with a known one. InputError if there are too few.
 
     Each step looks only at the triples of its entity.
     """
@@ -105,4 +104,4 @@ def hidden_mask(triples: np.ndarray, order: np.ndarray, number: int, fewest: int
             of_relation[relations] -= fewer
         if hidden.sum() == number:
             return hidden
-    raise InputError("", "fraction", "expected a lower share: too few triples are left")
+    raise InputError("", "", "expected fewer hidden entities: too few triples are left")

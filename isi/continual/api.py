@@ -114,8 +114,9 @@ class RunnableTimeline(Timeline):
         Args:
             model: the name of a model, which is trained on the first snapshot. Or your own
                 embedding of its entities and relations: the name (or a ``Model``) with
-                ``entities``, (E, d), and ``relations``, (R, w); a result of ``isi.insert``; a model
-                of PyKEEN's or a result of its pipeline, with its ``factory``. A model without
+                ``entities``, (E, d), and ``relations``, (R, w); a result of ``isi.insert`` or
+                ``isi.pykeen.insert``; a model of PyKEEN's or a result of its pipeline, with its
+                ``factory``. A model without
                 inverse relations gets them.
             entity_names, relation_names: of the rows of ``entities`` and ``relations``. None: those
                 of the timeline.

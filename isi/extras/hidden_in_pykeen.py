@@ -31,10 +31,10 @@ from isi.experiment.grid import GridPoints
 from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
 from isi.graph.vocabulary import Vocabulary
-from isi.insertion.fit import fit_new
-from isi.insertion.result import Inserted
+from isi.insertion.result import with_vectors
+from isi.models.losses import loss_named
 from isi.params import check_names
-from isi.pykeen import compute_rows, enlarge, read_model, warm
+from isi.pykeen import EnlargedModel, insert, read_model, warm
 from isi.tables import paths
 
 Model = ERModel[Any, Any, Any]
@@ -87,23 +87,15 @@ def hidden_in(
         model, result = case.enlarged(split.ids.insert_triples(number), **options)
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
-        row["trained_with"] = result and result.method.trained_with
-        estimate = estimated_loss(result) if name == "insert" else None
+        trained_with = result and loss_named(result.rows.details.method.trained_with)
+        row["trained_with"] = trained_with and trained_with.name
+        estimate = result.harm if name == "insert" and result else None
         measured = split.evaluate(model, earlier=pairs).measures()
         for measures in measured.to_dict("records"):
             is_estimated = measures["asked"] == "earlier"
             answers.append(row | measures | {"estimated_loss": estimate if is_estimated else None})
     table = pd.DataFrame(answers).assign(seed=seed, entities=len(split.hidden))
     return table, pd.DataFrame(seconds)
-
-
-def estimated_loss(result: Inserted | None) -> float | None:
-    """The loss of MRR of earlier triples that the selection of an initializer expects;
-    None if it was not selected on hidden entities.
-    """
-    if result is None or result.selection is None:
-        return None
-    return result.selection.expected["loss"]
 
 
 @contextmanager
@@ -142,7 +134,7 @@ class Case:
         initializer: str | None = None,
         pykeen_rows: bool = False,
         then: Literal["new_rows", "all_rows", "retrain"] | None = None,
-    ) -> tuple[Model, Inserted | None]:
+    ) -> tuple[Model, EnlargedModel | None]:
         """The model with the hidden entities, and the result of ``isi.pykeen.insert``
         (None for other methods).
 
@@ -156,7 +148,7 @@ class Case:
         larger = factory_of(triples, self.names, relations, inverse)
         if then == "retrain":
             return trained(larger, self.valid, training, self.seed), None
-        result = compute_rows(
+        result = insert(
             self.model,
             self.train,
             insert_triples,
@@ -167,22 +159,11 @@ class Case:
         )
         if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
-            result = replace(result, vectors=fresh.entity[0, known:].numpy())
+            vectors = fresh.entity[0, known:].numpy()
+            result = replace(result, rows=with_vectors(result.rows, vectors))
         if then == "new_rows":
-            entities, _ = fit_new(
-                result.entities,
-                result.relations,
-                insert_triples,
-                new=len(result.new),
-                model=result.model,
-                known_triples=self.train.mapped_triples,
-                loss=result.method.trained_with,
-                early_stopping=not pykeen_rows,  # else random rows with few facts stay random
-                epochs=self.settings.epochs,
-                seed=self.seed,
-            )
-            result = replace(result, vectors=entities[known:])
-        model, _ = enlarge(self.model, self.train, result)
+            result = result.train(self.settings.epochs)
+        model = result.model
         if then == "all_rows":
             torch.manual_seed(self.seed)
             fit(model.train(), larger, training, self.settings.epochs, continue_training=True)

@@ -132,6 +132,7 @@ class Vocabulary:
         expected = f"expected an id from 0 to {self.number - 1}"
         if self.names is not None:
             expected += ", or a known " + "or new " * (self.kind == "entity") + self.kind
+            expected += " (new ones: new_relations)" * (self.kind == "relation")
         got = int(value) if is_whole(value) else value
         hint = self.hint(value) if isinstance(value, str) else ""
         raise InputError("", place, f"{expected}, got {got!r:.80}{hint}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,19 +13,21 @@ import torch
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
-from isi.insertion import engine
-from isi.insertion.arguments import TripleForms, naming_argument, options_by_name
-from isi.insertion.engine import Method
-from isi.insertion.hidden import HoldOut
-from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
-from isi.insertion.result import Inserted
-from isi.insertion.selection import Selection, named, one_score, preferred, select
 from isi.initializers.scale import Scale
+from isi.insertion import engine
+from isi.insertion.arguments import Source, TripleForms, naming_argument, options_by_name
+from isi.insertion.engine import Method
+from isi.insertion.hidden import HIDDEN, HoldOut
+from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, checked_request
+from isi.insertion.result import Details, Inserted
+from isi.insertion.selection import Selection, named, one_score, preferred, select
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, usual_torch
+from isi.renamed import renamed
 
 
+@renamed(loss="trained_with", tolerance="harm", calibrate="choose")
 def insert(
     entities: np.ndarray | torch.Tensor,
     relations: np.ndarray | torch.Tensor,
@@ -39,7 +41,17 @@ def insert(
     known_triples: TripleForms | None = None,
     words: Any = None,
     kinds: Any = None,
-    **settings: Unpack[Settings],
+    initializer: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    trained_with: Loss | TrainingLoss | None = None,
+    harm: float = 0.01,
+    choose: bool = True,
+    validation: TripleForms | None = None,
+    seed: int = 0,
+    new_relations: int | Sequence[str] = 0,
+    word_source: Source | None = None,
+    confidence: Sequence[float] | np.ndarray | None = None,
+    budget: float = 3,
 ) -> Inserted:
     """Compute vectors for new entities from their triples, words or kinds. Known vectors do not
     change.
@@ -52,8 +64,8 @@ def insert(
         entities: vectors of the known entities, shape (E, d); if complex, the real half, then the
             imaginary half. Tensors may need gradients; bfloat16 becomes float32.
         relations: vectors of the relations, shape (R, w), with w = ``Model.width(d)``.
-        triples: of new entities and relations; this argument, ``new``, ``words`` and ``kinds`` are
-            fields of ``InsertRequest``, where their forms are listed.
+        triples: of new entities and relations; this argument, ``new``, ``words``, ``kinds``, and
+            all from ``seed`` on are fields of ``InsertRequest``, where their forms are listed.
         model: scoring function: analogy, distmult, complex, transe, transe_l1 (L1 norm), rotate, or
             your own ``Model`` (set ``invertible = False`` if its ``transform`` or ``inverse`` only
             raises an error).
@@ -63,8 +75,12 @@ def insert(
         entity_names: names of the E known entities; ``relation_names``: names of the R relations.
         known_triples: triples of known entities, for ``interference`` and the default initializer.
             If given, similar entities are among their ends.
-        settings: the other fields of ``InsertRequest``: ``initializer`` and its ``options``,
-            ``seed``, ``new_relations``, ``word_source``, and how the default is selected.
+        initializer: a name (docs/initializers.md), with ``options`` that replace its own. None: the
+            best for hidden known entities (``choose``), or with ``choose=False`` the preferred one.
+        trained_with: the loss of training: logistic, softmax, margin, self-adversarial, or a
+            ``TrainingLoss``. None: unknown.
+        harm: how much the MRR of earlier triples may fall: the dial between use and harm.
+        validation: triples of known entities that were not trained on: harm is measured on them.
 
     Returns:
         an ``Inserted``: the new ``vectors``, (n, d), and both tables, (E + n, d) and (R + q, w);
@@ -72,6 +88,7 @@ def insert(
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
+        TypeError: names an argument that there is not.
 
     Warns:
         UserWarning: the selected initializer harms earlier triples, or the model ranks its own
@@ -93,8 +110,24 @@ def insert(
     known = KnownEmbedding(
         entities, relations, model, model_options, entity_names, relation_names, known_triples
     )
-    request = InsertRequest(triples=triples, new=new, words=words, kinds=kinds, **settings)
-    return insert_request(known, request, stacklevel=3)
+    request = InsertRequest(
+        triples=triples,
+        new=new,
+        words=words,
+        kinds=kinds,
+        initializer=initializer,
+        options=options,
+        trained_with=trained_with,
+        harm=harm,
+        choose=choose,
+        validation=validation,
+        seed=seed,
+        new_relations=new_relations,
+        word_source=word_source,
+        confidence=confidence,
+        budget=budget,
+    )
+    return insert_request(known, request, stacklevel=4)
 
 
 @usual_torch()
@@ -115,7 +148,9 @@ def insert_request(known: KnownEmbedding, request: InsertRequest, stacklevel: in
         scale = test.scales[0]
     working = replace(working, novel=replace(working.novel, scale=scale))
     computed = run_engine(working, method)
-    return Inserted(*working.new_rows(method), checked, method, test, selection, computed)
+    most_hidden = selection.most_hidden if selection else HIDDEN
+    details = Details(*working.new_rows(method), checked, method, test, computed, most_hidden)
+    return Inserted(details, selection)
 
 
 @usual_torch()
@@ -169,6 +204,7 @@ def _hold_out(checked: Checked, with_words: bool, loss: Loss | TrainingLoss | No
         None if novel.kinds is None else novel.kinds[:known],
         novel.seed,
         loss,
+        checked.validation,
     )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +11,10 @@ from isi.config import is_whole, plain_number
 from isi.errors import InputError, short
 from isi.insertion.api import insert
 from isi.insertion.arguments import TripleForms, table
+from isi.insertion.result import with_vectors
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
+from isi.renamed import warn_of
 
 #: Arguments of before that have no effect now.
 GONE = ("weight_decay", "batch_size", "ratio", "early_stopping", "learning_rate", "all_epochs")
@@ -46,10 +46,26 @@ def fit_new(
         >>> bool((fitted[:2] == entities[:2]).all()), bool(fitted[2, 0] > fitted[2, 1])
         (True, True)
     """
-    message = "isi.fit_new is now isi.insert(...).train(epochs=5)"
     gone = [name for name in GONE if settings.pop(name, None)]
-    message += f"; {', '.join(gone)} has no effect" if gone else ""
-    warnings.warn(message, DeprecationWarning, stacklevel=2)
+    without = f"; {', '.join(gone)} has no effect" if gone else ""
+    warn_of("isi.fit_new", f"isi.insert(...).train(epochs=5){without}")
+    return trained_rows(
+        entities, relations, triples, new=new, model=model, epochs=epochs, loss=loss, **settings
+    )
+
+
+def trained_rows(
+    entities: np.ndarray | torch.Tensor,
+    relations: np.ndarray | torch.Tensor,
+    triples: TripleForms,
+    *,
+    new: int,
+    model: str | Model,
+    epochs: int,
+    loss: Loss | TrainingLoss,
+    **settings: Any,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What ``fit_new`` returns."""
     rows, new = table(entities, "entities"), plain_number(new)
     if not is_whole(new) or not 0 < new < len(rows):
         expected = f"expected a whole number from 1 to {len(rows) - 1}, got {short(new)}"
@@ -69,5 +85,5 @@ def fit_new(
         trained_with=loss,
         **settings,
     )
-    trained = replace(done, vectors=rows[-new:]).train(epochs)
+    trained = with_vectors(done, rows[-new:]).train(epochs)
     return trained.entities, trained.relations

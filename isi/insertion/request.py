@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,25 +14,10 @@ from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion import arguments
-from isi.insertion.arguments import Source, TripleForms, table
+from isi.insertion.arguments import Source, TripleForms, table, triples_of
 from isi.insertion.engine import Method, NovelEntities
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
-
-
-class Settings(TypedDict, total=False):
-    """The arguments of ``InsertRequest`` that are seldom needed, for type checkers."""
-
-    new_relations: int | Sequence[str]
-    word_source: Source | None
-    trained_with: Loss | TrainingLoss | None
-    initializer: str | None
-    options: Mapping[str, Any] | None
-    seed: int
-    confidence: Sequence[float] | np.ndarray | None
-    choose: bool
-    harm: float
-    budget: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,6 +65,9 @@ class InsertRequest:
     choose: bool = True
     #: how much the MRR of earlier triples may fall: the dial between use and harm
     harm: float = 0.01
+    #: triples of known entities that the embedding was not trained on, in the forms of ``triples``:
+    #: the selection measures harm on them. None: on triples of training, which hides some of it.
+    validation: TripleForms | None = None
     #: seconds of one core for the selection, by an estimate of its work; a clock would change
     #: results
     budget: float = 3
@@ -117,6 +105,7 @@ class Checked:
     names: Vocabulary  #: of all entities
     relation_names: Vocabulary
     novel: NovelEntities
+    validation: np.ndarray  #: of known entities, not trained on; ids, shape: (V, 3)
 
     @property
     def model(self) -> Model:
@@ -180,8 +169,8 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     rows = table(known.entities, "entities")
     number = len(rows)
     are_ids = known.numbers_are_ids
-    names = Vocabulary("entity", known.entity_names, number, numbers_are_ids=are_ids)
-    names = names.with_new(request.new, "new")
+    known_names = Vocabulary("entity", known.entity_names, number, numbers_are_ids=are_ids)
+    names = known_names.with_new(request.new, "new")
     added = names.number - number
     given = arguments.checked_arguments(
         rows,
@@ -212,7 +201,15 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
         entity_keys=request.entity_keys,
         confidence=_confidence(request.confidence, len(given.triples)),
     )
-    checked = Checked(rows, given.relations, names, given.relation_names, novel)
+    validation = triples_of(
+        [] if request.validation is None else request.validation,
+        "validation",
+        known_names,
+        Vocabulary(
+            "relation", known.relation_names, novel.known_relations, numbers_are_ids=are_ids
+        ),
+    )
+    checked = Checked(rows, given.relations, names, given.relation_names, novel, validation)
     without = ~(checked.has_triple | (checked.has_words & checked.words_serve))
     if request.initializer is None and without.any() and not request.allow_without_facts:
         expected = (

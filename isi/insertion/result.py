@@ -4,12 +4,11 @@ interference with known answers.
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,7 +23,7 @@ from isi.initializers.api import FALLBACKS, InitResult
 from isi.initializers.scale import Scale
 from isi.insertion.arguments import TripleForms, ids_of, stack_of_one, triples_of
 from isi.insertion.engine import Method, NovelEntities, train_together
-from isi.insertion.hidden import HIDDEN, HiddenDraws, HoldOut
+from isi.insertion.hidden import HoldOut
 from isi.insertion.interference import Interference, measure
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.request import Checked
@@ -33,11 +32,8 @@ from isi.models.losses import loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, usual_torch
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 BUDGET = 2**24  #: Maximum number of cosines in one table.
-MOST_WEIGHTS = 2**24  #: Maximum number of elements of ``Inserted.weights``.
+MOST_WEIGHTS = 2**24  #: Maximum number of elements of ``Details.weights``.
 TINY = 1e-12  #: Minimum length of a vector in a cosine.
 SAME = 1e-6  #: A coordinate whose deviation is below this share of the largest one is ignored.
 #: Maximum number of known vectors, evenly spaced by id, that define centre and deviation.
@@ -64,22 +60,17 @@ class Entity:
     farther_than: float  #: share of known vectors with a smaller distance
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Inserted:
-    """An embedding with new entities. The rows of known entities are unchanged.
-
-    Nothing is changed in the tables that were passed to ``isi.insert``, and that of entities is not
-    copied before ``entities`` joins both. Until then, the insertion can be rejected;
-    ``interference`` shows its harm.
-    """
+@dataclass(frozen=True, eq=False)
+class Details:
+    """All of an insertion: what was given, how it was computed, and its parts in ids."""
 
     vectors: np.ndarray  #: rows of the new entities; shape: (n, d)
     relations: np.ndarray  #: shape: (R + q, w)
     checked: Checked  #: what was given
     method: Method  #: the initializer, its options, and the reason for it
     test: HoldOut  #: hides known entities, which get as many insert triples as the new ones
-    selection: Selection | None  #: how the initializer was selected; None if it was not
     computed: InitResult | None  #: by the initializer; None without new entities
+    most_hidden: int  #: maximum number of known entities that are hidden
 
     @cached_property
     def entities(self) -> np.ndarray:
@@ -119,15 +110,6 @@ class Inserted:
         return self.checked.relation_names
 
     @property
-    def entity_names(self) -> Sequence[str] | None:
-        """Names of all entities; None if they have ids only."""
-        return self.names.names
-
-    @property
-    def relation_names(self) -> Sequence[str] | None:
-        return self.labels.names
-
-    @property
     def insert_triples(self) -> np.ndarray:
         """Triples of a new and a known entity; shape (I, 3)."""
         novel = self.checked.novel
@@ -146,23 +128,14 @@ class Inserted:
         return self.checked.novel.known_triples
 
     @property
-    def initializer(self) -> str:
-        return self.method.initializer.name
-
-    @property
     def options(self) -> Mapping[str, Any]:
+        """Of the initializer."""
         return self.method.options
 
     @property
     def why(self) -> str:
         """The reason for this initializer."""
         return self.method.why
-
-    @property
-    def choice(self) -> Selection | None:
-        """The name of ``selection`` in version 0.2."""
-        warnings.warn("Inserted.choice is now Inserted.selection", DeprecationWarning, stacklevel=2)
-        return self.selection
 
     @cached_property
     def fallback(self) -> list[str | None]:
@@ -201,43 +174,6 @@ class Inserted:
         """The new entities, and all that their vectors depend on, in the joined table."""
         return replace(self.checked.novel, theta=self.embedding)
 
-    @usual_torch()
-    def train(self, epochs: int = 5, **options: Any) -> Inserted:
-        """The same insertion after further training of the new rows together, from their present
-        vectors (``fold_in``). All other rows stay as they are.
-
-        Args:
-            epochs: number of epochs; ``options``: others of ``fold_in``, such as ``share``.
-
-        Example:
-            >>> import isi, numpy as np
-            >>> entities, relations = np.eye(2), np.ones((1, 2))
-            >>> how = {"model": "distmult", "initializer": "mean"}
-            >>> new = isi.insert(entities, relations, [(2, 0, 0)], new=1, **how)
-            >>> first = new.vectors[0]
-            >>> trained = new.train(epochs=5).vectors[0]
-            >>> bool(first[0] == first[1]), bool(trained[0] > trained[1])
-            (True, True)
-        """
-        epochs = check(epochs, Count, "", "argument 'epochs'")
-        method = named("fold_in", {**options, "epochs": epochs}, self.model, len(self.entities))
-        method = replace(method, trained_with=self.method.trained_with)
-        working = self.checked.with_rows()
-        novel = working.novel
-        novel.theta.entity[0, novel.known :] = torch.from_numpy(self.vectors)
-        novel.theta.relation[0] = torch.from_numpy(self.relations)
-        start = InitResult(novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number))
-        if self.computed is not None:
-            start = replace(self.computed, vectors=start.vectors)
-        scale = Scale(loss_named(method.trained_with))
-        computed = train_together(replace(novel, scale=scale), method, start)
-        vectors, rows = working.new_rows(method)
-        return replace(self, vectors=vectors, relations=rows, computed=computed)
-
-    def hide(self) -> HiddenDraws | None:
-        """Hide known entities, those of the selection if there was one."""
-        return self.test.hide(HIDDEN if self.selection is None else self.selection.most_hidden)
-
     @cached_property
     def curves(self) -> Curves:
         """Probability by score, fitted to hidden known entities;
@@ -246,12 +182,12 @@ class Inserted:
         There must be new entities: the hidden ones get as many insert triples.
         """
         with usual_torch():
-            draws = self.hide()
+            draws = self.test.hide(self.most_hidden)
             curves = None if draws is None else fit_curves(draws, self.method)
         if curves is None:
             expected = (
                 "expected more triples: known entities are hidden and inserted "
-                f"by {self.initializer}, and the"
+                f"by {self.method.initializer.name}, and the"
             )
             raise InputError(
                 "argument 'known_triples'",
@@ -260,69 +196,8 @@ class Inserted:
             )
         return curves
 
-    def __repr__(self) -> str:
-        of, relation_of = self.names.of, self.labels.of
-        lines = [
-            (
-                f"{len(self.new)} new beside {self.known} known entities, "
-                f"inserted from {len(self.insert_triples)} triples"
-            )
-        ]
-        for label, names, rows in (
-            ("new", of, self.new),
-            ("new relations", relation_of, self.new_relations),
-        ):
-            if rows:
-                lines.append(
-                    f"{label}: {', '.join(str(names(row)) for row in rows[:10])}"
-                    f"{', ...' * (len(rows) > 10)}"
-                )
-        for first in self.new[:1]:
-            ((ids, cosines),) = self._nearest(self.vectors[:1], 5)
-            near = ", ".join(
-                f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True)
-            )
-            lines += [
-                f"initializer: {self.initializer}, {self.why}",
-                f"nearest to {of(first)}: {near}",
-            ]
-        return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
-
-    def to_frame(self, nearest: int = 5) -> pd.DataFrame:
-        """The report as a table: a row for each new entity, the fields of ``Entity`` as columns."""
-        import pandas as pd
-
-        return pd.DataFrame(list(map(vars, self.report(nearest))))
-
-    def report(self, nearest: int = 5) -> list[Entity]:
-        """The report of each new entity; ``nearest``: the number of
-        nearest known entities in it.
-        """
-        nearest = check(nearest, Seed, "", "argument 'nearest'")
-        of = self.names.of
-        inserted, between = (
-            Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
-            for triples in (self.insert_triples, self.between)
-        )
-        near = self._nearest(self.vectors, nearest)
-        distances, shares = self._from_cloud()
-        return [
-            Entity(
-                of(row),
-                row,
-                inserted[row],
-                between[row],
-                self.fallback[place],
-                None if self.indicators is None else list(map(of, self.indicators[place])),
-                list(zip(map(of, near[place][0]), near[place][1], strict=True)),
-                distances[place],
-                shares[place],
-            )
-            for place, row in enumerate(self.new)
-        ]
-
     @usual_torch()
-    def _nearest(self, vectors: np.ndarray, number: int) -> list[tuple[list[int], list[float]]]:
+    def nearest(self, vectors: np.ndarray, number: int) -> list[tuple[list[int], list[float]]]:
         """For each of some vectors, (m, d), the ids of the known entities with the highest cosines,
         and the cosines.
         """
@@ -342,7 +217,7 @@ class Inserted:
         return self.checked.novel.theta.entity[0]
 
     @usual_torch()
-    def _from_cloud(self) -> tuple[list[float], list[float]]:
+    def from_cloud(self) -> tuple[list[float], list[float]]:
         """``distance`` and ``farther_than`` of each new entity.
         Coordinates with (almost) no deviation are ignored.
         """
@@ -363,6 +238,145 @@ class Inserted:
         new = distance(torch.from_numpy(self.vectors.astype(np.float32)))
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inserted:
+    """An embedding with new entities. The rows of known entities are unchanged.
+
+    Nothing is changed in the tables that were passed to ``isi.insert``, and that of entities is not
+    copied before ``entities`` joins both. Until then, the insertion can be rejected;
+    ``interference`` shows its harm.
+    """
+
+    details: Details  #: all else that is known of the insertion
+    selection: Selection | None  #: how the initializer was selected; None if it was not
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Rows of the new entities; shape (n, d)."""
+        return self.details.vectors
+
+    @property
+    def entities(self) -> np.ndarray:
+        """Rows of known entities, then of new ones: a copy, made on first use; shape (E + n, d)."""
+        return self.details.entities
+
+    @property
+    def relations(self) -> np.ndarray:
+        """Rows of known relations, then of new ones; shape (R + q, w)."""
+        return self.details.relations
+
+    @property
+    def entity_names(self) -> Sequence[str] | None:
+        """Names of all entities; None if they have ids only."""
+        return self.details.names.names
+
+    @property
+    def initializer(self) -> str:
+        return self.details.method.initializer.name
+
+    @property
+    def harm(self) -> float | None:
+        """The loss of MRR of earlier triples that the selection expects; None without one."""
+        return None if self.selection is None else self.selection.selected.harm
+
+    @usual_torch()
+    def train(self, epochs: int = 5, **options: Any) -> Inserted:
+        """The same insertion after further training of the new rows together, from their present
+        vectors (``fold_in``). All other rows stay as they are. It has no ``selection`` and no
+        ``harm``, which were those of the rows of before.
+
+        Args:
+            epochs: number of epochs; ``options``: others of ``fold_in``, such as ``share``.
+
+        Example:
+            >>> import isi, numpy as np
+            >>> entities, relations = np.eye(2), np.ones((1, 2))
+            >>> how = {"model": "distmult", "initializer": "mean"}
+            >>> new = isi.insert(entities, relations, [(2, 0, 0)], new=1, **how)
+            >>> first = new.vectors[0]
+            >>> trained = new.train(epochs=5).vectors[0]
+            >>> bool(first[0] == first[1]), bool(trained[0] > trained[1])
+            (True, True)
+        """
+        epochs = check(epochs, Count, "", "argument 'epochs'")
+        made = self.details
+        method = named(
+            "fold_in", {**options, "epochs": epochs}, made.model, made.checked.names.number
+        )
+        method = replace(method, trained_with=made.method.trained_with)
+        working = made.checked.with_rows()
+        novel = working.novel
+        novel.theta.entity[0, novel.known :] = torch.from_numpy(made.vectors)
+        novel.theta.relation[0] = torch.from_numpy(made.relations)
+        start = InitResult(
+            novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number)
+        )
+        if made.computed is not None:
+            start = replace(made.computed, vectors=start.vectors)
+        scale = Scale(loss_named(method.trained_with))
+        computed = train_together(replace(novel, scale=scale), method, start)
+        vectors, relations = working.new_rows(method)
+        made = replace(made, vectors=vectors, relations=relations, computed=computed)
+        return Inserted(made, None)
+
+    def __repr__(self) -> str:
+        made = self.details
+        of, relation_of = made.names.of, made.labels.of
+        lines = [
+            (
+                f"{len(made.new)} new beside {made.known} known entities, "
+                f"inserted from {len(made.insert_triples)} triples"
+            )
+        ]
+        for label, names, rows in (
+            ("new", of, made.new),
+            ("new relations", relation_of, made.new_relations),
+        ):
+            if rows:
+                lines.append(
+                    f"{label}: {', '.join(str(names(row)) for row in rows[:10])}"
+                    f"{', ...' * (len(rows) > 10)}"
+                )
+        for first in made.new[:1]:
+            ((ids, cosines),) = made.nearest(made.vectors[:1], 5)
+            near = ", ".join(
+                f"{of(row)} {cosine:.2f}" for row, cosine in zip(ids, cosines, strict=True)
+            )
+            lines += [
+                f"initializer: {self.initializer}, {made.why}",
+                f"nearest to {of(first)}: {near}",
+            ]
+        return "\n".join(cut(" ".join(line.split()), 120) for line in lines)
+
+    def report(self, nearest: int = 5) -> list[Entity]:
+        """The report of each new entity; ``nearest``: the number of
+        nearest known entities in it.
+        """
+        nearest = check(nearest, Seed, "", "argument 'nearest'")
+        made = self.details
+        of = made.names.of
+        inserted, between = (
+            Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
+            for triples in (made.insert_triples, made.between)
+        )
+        near = made.nearest(made.vectors, nearest)
+        distances, shares = made.from_cloud()
+        return [
+            Entity(
+                of(row),
+                row,
+                inserted[row],
+                between[row],
+                made.fallback[place],
+                None if made.indicators is None else list(map(of, made.indicators[place])),
+                list(zip(map(of, near[place][0]), near[place][1], strict=True)),
+                distances[place],
+                shares[place],
+            )
+            for place, row in enumerate(made.new)
+        ]
+
     @usual_torch()
     def probability(self, triples: TripleForms) -> np.ndarray:
         """The calibrated probability that each triple of a new entity is true, by its score;
@@ -380,8 +394,9 @@ class Inserted:
         Raises:
             InputError: names the triple without a new entity; there are too few known triples.
         """
-        ids = ids_of(triples, "triples", self.names, self.labels)
-        for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < self.known).all(1))[:1].tolist():
+        made = self.details
+        ids = ids_of(triples, "triples", made.names, made.labels)
+        for row in np.flatnonzero((ids[:, [HEAD, TAIL]] < made.known).all(1))[:1].tolist():
             raise InputError(
                 "argument 'triples'",
                 f"triple {row}",
@@ -390,7 +405,7 @@ class Inserted:
         if not len(ids):
             return np.zeros(0)
         head, relation, tail = torch.from_numpy(ids).T[:, None]
-        return self.curves(self.embedding.score(head, relation, tail)[0], relation[0]).numpy()
+        return made.curves(made.embedding.score(head, relation, tail)[0], relation[0]).numpy()
 
     @usual_torch()
     def interference(
@@ -415,26 +430,32 @@ class Inserted:
                 after each insertion, with the same ``h_old``.
             show: maximum number of ``changes``.
         """
+        made = self.details
         seed = check(seed, Seed, "", "argument 'seed'")
         most = check(most, Count, "", "argument 'most'")
         show = check(show, Seed, "", "argument 'show'")
-        old = self.known if original is None else plain_number(original)
-        if not is_whole(old) or not 0 < old <= self.known:
+        old = made.known if original is None else plain_number(original)
+        if not is_whole(old) or not 0 < old <= made.known:
             expected = (
-                f"expected a number of entities from 1 to {self.known}, got {short(original)}"
+                f"expected a number of entities from 1 to {made.known}, got {short(original)}"
             )
             raise InputError("argument 'original'", "", expected)
         if triples is None:
-            queried = self.known_triples[(self.known_triples[:, [HEAD, TAIL]] < old).all(1)]
+            queried = made.known_triples[(made.known_triples[:, [HEAD, TAIL]] < old).all(1)]
         else:
-            queried = triples_of(triples, "triples", self.names, self.labels)
+            queried = triples_of(triples, "triples", made.names, made.labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= old).any():
             raise InputError(
                 "argument 'triples'",
                 "",
                 "expected triples of known entities, which give the queries",
             )
-        true = self.insert_triples, self.known_triples
+        true = made.insert_triples, made.known_triples
         return measure(
-            self.embedding, self.names, self.labels, queried, true, old, most, seed, show
+            made.embedding, made.names, made.labels, queried, true, old, most, seed, show
         )
+
+
+def with_vectors(done: Inserted, vectors: np.ndarray) -> Inserted:
+    """A result with other rows of the new entities, (n, d), from which ``train`` then starts."""
+    return replace(done, details=replace(done.details, vectors=vectors))

@@ -7,7 +7,7 @@ lose.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,9 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
 from isi.initializers.newton import CURVED
+from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
-from isi.initializers.scale import Scale
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HiddenDraws, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.losses import Loss, TrainingLoss, loss_named
@@ -81,6 +81,7 @@ class Selection:
     random_mrr: float  #: expected MRR of earlier triples at random ranks
     loss: Loss | TrainingLoss  #: of training, by which the candidates were measured
     loss_unknown: bool  #: whether it was to be decided, too
+    measured_on: str  #: where harm was measured: validation triples, or triples of training
 
     @property
     def why(self) -> str:
@@ -96,7 +97,7 @@ class Selection:
         if best.harm > self.allowed:
             sentences.append(
                 f"{best.initializer} is the best candidate, but the MRR of earlier triples may fall"
-                f" by {best.harm:.3f}, more than harm={self.allowed:g}"
+                f" by {best.harm:.3f} (by {self.measured_on}), more than harm={self.allowed:g}"
             )
         others = [each for each in self.candidates if each.initializer != best.initializer]
         usable = [each for each in others if each.about > best.about + BETTER]
@@ -105,7 +106,7 @@ class Selection:
             sentences.append(
                 f"initializer={better.initializer!r} would answer questions about new entities"
                 f" better (MRR {better.about:.3f} against {best.about:.3f}), but the MRR of earlier"
-                f" triples may fall by {better.harm:.3f}"
+                f" triples may fall by {better.harm:.3f} (by {self.measured_on})"
             )
         if self.loss_unknown and best.hidden_ends < NEAR_RANDOM * self.random_mrr:
             sentences.append(
@@ -114,7 +115,7 @@ class Selection:
             )
         if best.h_old < NEAR_RANDOM * self.random_mrr:
             sentences.append(
-                "the model ranks its own triples almost at random "
+                f"the model ranks {self.measured_on} almost at random "
                 f"(MRR {best.h_old:.3f}, at random {self.random_mrr:.3f}): "
                 "no vector of a new entity helps before it is trained longer"
             )
@@ -280,6 +281,7 @@ def compare(
         random_mrr=draws.random_mrr,
         loss=draws.context.scale.training,
         loss_unknown=len(test.scales) > 1,
+        measured_on="triples of training" if draws.are_trained else "validation triples",
     )
 
 

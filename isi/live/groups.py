@@ -23,7 +23,7 @@ from isi.insertion.hidden import HoldOut
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
-from isi.insertion.result import Inserted
+from isi.insertion.result import Details
 from isi.insertion.selection import named, one_score, select
 from isi.live.bundle import Fact, NewEntity
 from isi.live.home import Home
@@ -148,7 +148,7 @@ class Computed(NamedTuple):
     """An inserted entity, the result of the engine that has its vector, and its place there."""
 
     entity: InsertedEntity
-    result: Inserted
+    result: Details
     place: int
 
 
@@ -237,7 +237,7 @@ class EntityGroups:
             confidence=list(facts.values()) if doubtful else None,
         )
         known = KnownEmbedding(base.entities, base.relations, base.model, triples=known_triples)
-        result = insert_request(known, request)
+        result = insert_request(known, request).details
         computed = dict[str, Computed]()
         for place, (name, member) in enumerate(members.items()):
             entity = InsertedEntity(

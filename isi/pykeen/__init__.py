@@ -1,32 +1,25 @@
 """Insertion of new entities into a copy of a model trained by PyKEEN, and training afterwards."""
 
-import warnings
-from typing import Any
-
 from isi.errors import extra
 
 with extra("pykeen"):
     import pykeen  # noqa: F401
 
-from isi.pykeen.insertion import compute_rows, enlarge, insert
+from isi.pykeen.before import compute_rows, enlarge, fit_new
+from isi.pykeen.before import compute_rows as inserted  # the name in version 0.2
+from isi.pykeen.insertion import EnlargedModel, insert
 from isi.pykeen.reading import InteractionModel, read_model
-from isi.pykeen.training import fit_new, train_on, warm
+from isi.pykeen.training import train_on, warm
 
 __all__ = [
+    "EnlargedModel",
     "InteractionModel",
     "compute_rows",
     "enlarge",
     "fit_new",
     "insert",
+    "inserted",
     "read_model",
     "train_on",
     "warm",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name == "inserted":  # the name in version 0.2
-        message = "isi.pykeen.inserted is now isi.pykeen.compute_rows"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return compute_rows
-    raise AttributeError(f"module 'isi.pykeen' has no attribute {name!r}")

@@ -1,12 +1,12 @@
-"""``insert``: a copy of a model of PyKEEN with new entities; ``compute_rows`` and ``enlarge``:
-its two steps.
-"""
+"""``insert``: a copy of a model of PyKEEN with new entities."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from typing import Annotated, Any, Unpack
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -20,13 +20,15 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.vocabulary import Vocabulary, names_by_id
 from isi.insertion.api import insert_request
 from isi.insertion.arguments import (
+    Source,
     listed_triples,
     naming_argument,
     triples_of,
 )
 from isi.insertion.inverses import InverseRelations, pack
-from isi.insertion.request import InsertRequest, KnownEmbedding, Settings
+from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.insertion.result import Inserted
+from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import Model
 from isi.models.stack import usual_torch
 from isi.pykeen import reading
@@ -38,14 +40,84 @@ from isi.pykeen.reading import (
     tables_of,
     unwrapped,
 )
+from isi.renamed import renamed
 
 #: What serves facts about entities that are known.
 FURTHER_FACTS = (
-    "isi.pykeen.fit_new trains the row of a known entity on further facts (new=[its label]); "
+    "isi.pykeen.train_on trains known rows on further facts, "
     "isi.from_pykeen observes, removes and inserts again"
 )
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class EnlargedModel:
+    """A model of PyKEEN's with new entities, as ``isi.pykeen.insert`` returns it.
+
+    ``larger, more = ...`` unpacks ``model`` and ``factory``, which PyKEEN can predict with,
+    evaluate and save.
+
+    Example:
+        >>> new = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")], choose=False)
+        >>> new.initializer, new.harm, new.vectors.shape
+        ('map', None, (1, 4))
+        >>> new.model.num_entities, new.factory.entity_to_id["mug"]
+        (5, 4)
+        >>> trained = new.train(epochs=2)
+        >>> bool((trained.vectors != new.vectors).any())
+        True
+    """
+
+    rows: Inserted  #: the result of ``isi.insert``: report, probability, interference
+    _trained: tuple[PykeenModel, CoreTriplesFactory]
+
+    @cached_property
+    @usual_torch()
+    def model(self) -> PykeenModel:
+        """A copy of the model, made on first use, with the vectors of new entities and relations as
+        last rows.
+        """
+        made = self.rows.details
+        new_relations = made.relations[made.new_relations]
+        return add_rows(self._trained[0], made.vectors, new_relations, made.model)
+
+    @cached_property
+    def factory(self) -> CoreTriplesFactory:
+        """A copy of the factory, made on first use, with new labels and triples."""
+        made, factory = self.rows.details, self._trained[1]
+        known = factory.mapped_triples.numpy()
+        triples = np.concatenate([known, made.insert_triples, made.between])
+        return larger_factory(factory, triples, made.names, made.labels)
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Rows of the new entities, those of several tables joined; shape (n, d)."""
+        return self.rows.vectors
+
+    @property
+    def initializer(self) -> str:
+        return self.rows.initializer
+
+    @property
+    def harm(self) -> float | None:
+        """The loss of MRR of earlier triples that the selection expects; None without one."""
+        return self.rows.harm
+
+    def train(self, epochs: int = 5, **options: Any) -> EnlargedModel:
+        """The same after further training of the new rows together by the model's own loss
+        (``Inserted.train``). All other rows stay as they are.
+        """
+        return replace(self, rows=self.rows.train(epochs, **options))
+
+    def __iter__(self) -> Iterator[Any]:
+        yield self.model
+        yield self.factory
+
+    def __repr__(self) -> str:
+        return repr(self.rows)
+
+
+@renamed(loss="trained_with", tolerance="harm", calibrate="choose")
+@usual_torch()
 def insert(
     model: PykeenModel | PipelineResult,
     factory: Any = None,
@@ -55,15 +127,23 @@ def insert(
     words: Any = None,
     kinds: Any = None,
     margin: float | None = None,
-    **settings: Unpack[Settings],
-) -> tuple[PykeenModel, CoreTriplesFactory]:
+    initializer: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    trained_with: Loss | TrainingLoss | None = None,
+    harm: float = 0.01,
+    choose: bool = True,
+    validation: Any = None,
+    seed: int = 0,
+    new_relations: int | Sequence[str] = 0,
+    word_source: Source | None = None,
+    confidence: Sequence[float] | np.ndarray | None = None,
+    budget: float = 3,
+) -> EnlargedModel:
     """Insert new entities or relations into a copy of a trained model:
     ``insert(model, factory, triples)``.
 
-    Known vectors stay unchanged.
-
-    To train the copy, use ``fit_new`` or ``train_on``: PyKEEN's own ``train`` starts again from
-    random vectors.
+    Known vectors stay unchanged. To train new rows further, use ``train`` of the result; to train
+    all, ``train_on``: PyKEEN's own ``train`` starts again from random vectors.
 
     Args:
         model: stores the vectors of entities in tables, as most models do, perhaps within a wrapper
@@ -80,18 +160,22 @@ def insert(
         words, kinds: see ``isi.insertion.request.InsertRequest``, with labels for names.
         margin: added to scores (except of DistMult and ComplEx), so that score 0 means probability
             ½; None: estimated from scores of the factory's triples and of corrupted ones.
-        settings: the other fields of ``InsertRequest``. ``new_relations`` are labels, or their
-            number if the factory has no labels; the model needs tables of relations, and triples
-            of new relations may lie between known entities.
+        trained_with: the loss of training; None: that of the model.
+        validation: triples of known entities that were not trained on, in the forms of ``triples``:
+            harm is measured on them.
+        new_relations: labels, or their number if the factory has no labels; the model needs tables
+            of relations, and triples of new relations may lie between known entities.
+        initializer: this and all others are those of ``isi.insert``.
 
     Returns:
-        copies of the model, with the vectors of new entities and relations as last rows, and of the
-        factory, with their labels and triples. With inverse triples, a new relation has two rows,
-        its own and that of its inverse. PyKEEN can predict with, evaluate and save them. Numeric
-        literals of new entities are zero, as PyKEEN sets those of entities without literals.
+        an ``EnlargedModel``: its ``model`` and ``factory`` are copies with the new entities and
+        relations. With inverse triples, each triple counts in both directions, and a new relation
+        has two rows, its own and that of its inverse. Numeric literals of new entities are zero, as
+        PyKEEN sets those of entities without literals.
 
     Raises:
         InputError: names the wrong argument or new entity, and the expected value.
+        TypeError: names an argument that there is not.
 
     Example:
         >>> import isi, numpy as np
@@ -104,49 +188,11 @@ def insert(
         >>> larger.num_entities, more.num_triples
         (5, 3)
     """
-    model, factory, triples = of_result(model, factory, triples)
-    done = compute_rows(
-        model,
-        factory,
-        triples,
-        new=new,
-        words=words,
-        kinds=kinds,
-        margin=margin,
-        **settings,
-    )
-    return enlarge(model, factory, done)
-
-
-@usual_torch()
-def compute_rows(
-    model: PykeenModel | PipelineResult,
-    factory: Any = None,
-    triples: Any = None,
-    *,
-    new: int | Sequence[str] | None = None,
-    words: Any = None,
-    kinds: Any = None,
-    margin: float | None = None,
-    **settings: Unpack[Settings],
-) -> Inserted:
-    """The result of ``isi.insert`` for the arguments of ``insert``:
-    vectors, report and interference.
-
-    With a model of inverse triples, each triple counts in both directions. In the result, as in
-    PyKEEN's predictions, tails are scored by the relation and heads by its inverse; a row of
-    ``relations`` joins both.
-
-    Example:
-        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
-        >>> rows.entities.shape, rows.entity_names[-1]
-        ((5, 4), 'mug')
-    """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     model, factory, triples = of_result(model, factory, triples)
     tables_of(model)
     known_entities, known_relations = vocabularies_of(model, factory)
-    relations = known_relations.with_new(settings.get("new_relations", 0), "new_relations")
+    relations = known_relations.with_new(new_relations, "new_relations")
     has_new_relations = relations.number > known_relations.number
     if has_new_relations:
         reading.relation_tables_of(model)
@@ -158,24 +204,11 @@ def compute_rows(
         near = known_entities.misspelt(new)
     names = known_entities.with_new(new, "new")
     ids = triples_of(rows, "triples", names, relations)
-    joined = ids[(ids[:, [HEAD, TAIL]] < factory.num_entities).any(1)][:, [HEAD, TAIL]]
-    for label, other in near.items():
-        if not (joined == names.ids[label]).any():
-            expected = f"expected a triple of the new entity {label!r} with a known one"
-            problem = f"did you mean {other!r}, which is known? ('new' lists new ones)"
-            raise InputError("argument 'triples'", "", f"{expected}: {problem}")
+    _check_new(ids, names, relations, known_relations.number, factory.num_entities, near)
     embedding = read_model(model, factory.mapped_triples, margin)
-    known = (ids[:, [HEAD, TAIL]] < factory.num_entities).all(1) & (
-        ids[:, RELATION] < known_relations.number
-    )
-    for head, relation, tail in ids[known][:1].tolist():
-        triple = f"({names.of(head)}, {relations.of(relation)}, {names.of(tail)})"[:200]
-        raise InputError(
-            "argument 'triples'",
-            triple,
-            f"expected a new entity or relation, but all are known already: {FURTHER_FACTS}",
-        )
     embedding = pack(embedding) if model.use_inverse_triples else embedding
+    with naming_argument("validation"):
+        held_out = None if validation is None else labelled(validation)
     try:
         known_embedding = KnownEmbedding(
             embedding.entity[0].numpy(),
@@ -186,10 +219,24 @@ def compute_rows(
             triples=factory.mapped_triples.numpy(),
             numbers_are_ids=True,
         )
-        if settings.get("trained_with") is None:
-            settings["trained_with"] = reading.loss_of(model, embedding.model)
-        request = InsertRequest(triples=ids, new=new, words=words, kinds=kinds, **settings)
-        done = insert_request(known_embedding, request, stacklevel=4)
+        request = InsertRequest(
+            triples=ids,
+            new=new,
+            words=words,
+            kinds=kinds,
+            initializer=initializer,
+            options=options,
+            trained_with=trained_with or reading.loss_of(model, embedding.model),
+            harm=harm,
+            choose=choose,
+            validation=held_out,
+            seed=seed,
+            new_relations=new_relations,
+            word_source=word_source,
+            confidence=confidence,
+            budget=budget,
+        )
+        done = insert_request(known_embedding, request, stacklevel=5)
     except InputError as error:
         if near and error.file.startswith("new entity"):
             label = next((label for label in near if repr(label) in error.file), next(iter(near)))
@@ -204,26 +251,37 @@ def compute_rows(
             f"new entity {label!r}: did you mean {other!r}, which is known? ('new' lists new ones)",
             stacklevel=4,
         )
-    return done
+    return EnlargedModel(done, (model, factory))
 
 
-@usual_torch()
-def enlarge(
-    model: PykeenModel, factory: CoreTriplesFactory, done: Inserted
-) -> tuple[PykeenModel, CoreTriplesFactory]:
-    """Copies of a model and its factory, with the vectors,
-    labels and triples of new entities and relations.
-
-    Example:
-        >>> rows = isi.pykeen.compute_rows(model, factory, [("mug", "in", "kitchen")])
-        >>> larger, more = isi.pykeen.enlarge(model, factory, rows)
-        >>> larger.num_entities, more.entity_to_id["mug"]
-        (5, 4)
+def _check_new(
+    triples: np.ndarray,
+    names: Vocabulary,
+    relations: Vocabulary,
+    known_relations: int,
+    known_entities: int,
+    near: Mapping[str, str],
+) -> None:
+    """InputError for triples of ids, (T, 3), one of which has nothing new, or which join none of
+    the new labels that are ``near`` a known one to a known entity.
     """
-    larger = add_rows(model, done.vectors, done.relations[done.new_relations], done.model)
-    new = np.concatenate([done.insert_triples, done.between])
-    triples = np.concatenate([factory.mapped_triples.numpy(), new])
-    return larger, larger_factory(factory, triples, done.names, done.labels)
+    has_known = (triples[:, [HEAD, TAIL]] < known_entities).any(1)
+    joined = triples[has_known][:, [HEAD, TAIL]]
+    for label, other in near.items():
+        if not (joined == names.ids[label]).any():
+            expected = f"expected a triple of the new entity {label!r} with a known one"
+            problem = f"did you mean {other!r}, which is known? ('new' lists new ones)"
+            raise InputError("argument 'triples'", "", f"{expected}: {problem}")
+    known = (triples[:, [HEAD, TAIL]] < known_entities).all(1) & (
+        triples[:, RELATION] < known_relations
+    )
+    for head, relation, tail in triples[known][:1].tolist():
+        triple = f"({names.of(head)}, {relations.of(relation)}, {names.of(tail)})"[:200]
+        raise InputError(
+            "argument 'triples'",
+            triple,
+            f"expected a new entity or relation, but all are known already: {FURTHER_FACTS}",
+        )
 
 
 def add_rows(
