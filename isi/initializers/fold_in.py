@@ -18,12 +18,13 @@ from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, T
 #: By the loss of training, how strongly a vector is held at its start: weight of the mean square of
 #: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts are
 #: few. Compared in docs/method.md.
-HELD: dict[Loss, float] = {"logistic": 60, "softmax": 60, "self-adversarial": 6, "margin": 0.6}
+HELD: dict[Loss, float] = {"logistic": 60, "softmax": 20, "self-adversarial": 6, "margin": 0.6}
 BATCH = 1024  #: Number of facts in a step.
 #: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
 NEGATIVES, SAMPLED = 64, 512
-#: Largest number of facts times entities for which cross-entropy is over all entities.
-EXACT = 2**22
+#: Largest number of entities, and of facts times entities, for which cross-entropy is over all
+#: entities.
+FEW, EXACT = 2**12, 2**24
 
 #: The initializer from whose vectors training starts.
 Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
@@ -37,7 +38,7 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     cost="trained",
     needs=("insert_triples",),
     defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 1.0},
-    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}],
+    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}, {"pull": 3.0}],
     starts_from="start",
 )
 def fold_in(
@@ -108,7 +109,7 @@ def _trained(
     )
     if len(rows.facts.triples):
         held = pull * HELD[context.scale.training.name] / rows.facts.weight.sum().item()
-        penalty = _pull(start, moving.entity, held / rows.unit**2) if pull else None
+        penalty = _pull(start, held / rows.unit**2) if pull else None
         earlier = Earlier(rows.earlier, share) if share else None
         task = Task(rows.facts, moving, earlier, penalty, context.tails_only)
         recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
@@ -122,7 +123,8 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
     loss = context.scale.training
     negatives: int | None = NEGATIVES
     if loss.name == "softmax":
-        is_exact = facts * context.known.shape[1] <= EXACT
+        entities = context.known.shape[1]
+        is_exact = entities <= FEW and facts * entities <= EXACT
         negatives = None if is_exact else SAMPLED
     return Recipe(
         loss=loss.name, 
@@ -134,11 +136,11 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
     )
 
 
-def _pull(start: Tensor, known: int, weight: float) -> Penalty:
+def _pull(start: Tensor, weight: float) -> Penalty:
     """weight · Σ mean square of the distance from the start, over new entities."""
 
-    def penalty(entity: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG001
-        return weight * (entity[known:] - start).square().mean(1).sum()
+    def penalty(tables: Tables) -> Tensor:
+        return weight * (tables.entity - start).square().mean(1).sum()
 
     return penalty
 
