@@ -16,8 +16,8 @@ from isi.random import stream
 from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, Task, fit_tables
 
 #: By the loss of training, how strongly a vector is held at its start: weight of the mean square of
-#: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts are
-#: few. Compared in docs/method.md.
+#: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts
+#: are few.
 HELD: dict[Loss, float] = {"logistic": 60, "softmax": 20, "self-adversarial": 6, "margin": 0.6}
 BATCH = 1024  #: Number of facts in a step.
 #: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
@@ -98,7 +98,7 @@ def _trained(
     rate: float,
     pull: float,
 ) -> tuple[Tensor, Tensor]:
-    """Vectors, (n, d), of the new entities of a model, and the rows of its new relations, (q, w)."""
+    """Vectors of the new entities of a model, (n, d), and the rows of new relations, (q, w)."""
     rows, relation = _rows(context, model, start), context.theta0.relation[model]
     moving = Moving(len(rows.fixed), len(relation) - context.new_relations)
     tables = Tables(
@@ -127,7 +127,7 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
         is_exact = entities <= FEW and facts * entities <= EXACT
         negatives = None if is_exact else SAMPLED
     return Recipe(
-        loss=loss.name, 
+        loss=loss.name,
         margin=loss.margin,
         temperature=loss.temperature,
         batch_size=BATCH,

@@ -13,6 +13,7 @@ import torch
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitResult, NoRelationMap
+from isi.initializers.scale import Scale
 from isi.insertion import engine
 from isi.insertion.arguments import TripleForms, naming_argument, options_by_name
 from isi.insertion.engine import Method
@@ -20,7 +21,6 @@ from isi.insertion.hidden import HoldOut
 from isi.insertion.request import Checked, InsertRequest, KnownEmbedding, Settings, checked_request
 from isi.insertion.result import Inserted
 from isi.insertion.selection import Selection, named, one_score, preferred, select
-from isi.initializers.scale import Scale
 from isi.models.losses import Loss, TrainingLoss, loss_named
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite, usual_torch

@@ -58,7 +58,12 @@ def insert_rows(
     """
     known = KnownEmbedding(entities, relations, model, model_options, triples=known_triples)
     request = InsertRequest(
-        triples=triples, new=new, initializer=initializer, options=options, seed=seed, trained_with=loss
+        triples=triples,
+        new=new,
+        initializer=initializer,
+        options=options,
+        seed=seed,
+        trained_with=loss,
     )
     checked = checked_request(known, request)
     novel = checked.novel

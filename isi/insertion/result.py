@@ -226,7 +226,9 @@ class Inserted:
         novel = working.novel
         novel.theta.entity[0, novel.known :] = torch.from_numpy(self.vectors)
         novel.theta.relation[0] = torch.from_numpy(self.relations)
-        start = InitResult(novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number))
+        start = InitResult(
+            novel.theta.entity[:, novel.known :].clone(), torch.zeros(1, novel.number)
+        )
         if self.computed is not None:
             start = replace(self.computed, vectors=start.vectors)
         scale = Scale(loss_named(method.trained_with))

@@ -7,7 +7,7 @@ lose.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,9 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, Registered, options_of
 from isi.initializers.evidence import SAMPLE
 from isi.initializers.newton import CURVED
+from isi.initializers.scale import Scale
 from isi.insertion.arguments import naming_argument
 from isi.insertion.engine import Method
-from isi.initializers.scale import Scale
 from isi.insertion.hidden import HIDDEN, QUERIES, Candidate, HiddenDraws, HoldOut
 from isi.insertion.inverses import InverseRelations, unpack_first
 from isi.models.losses import Loss, TrainingLoss, loss_named

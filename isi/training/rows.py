@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
-from torch.nn.functional import cross_entropy, embedding, normalize, softplus
+from torch.nn.functional import embedding, normalize, softplus
 from torch.optim import Adagrad
 
 from isi.config import Count, NotNegative, Positive, Section
@@ -331,7 +330,7 @@ class Objective:
 
     def _log_z(self, slot: int, place: Tensor, triples: Tensor) -> Tensor:
         """log Z of the queries of some facts, each query computed once; shape (B,)."""
-        tables, recipe = self.tables, self.recipe
+        tables = self.tables
         queries, inverse = torch.unique(self._queries(slot, triples), return_inverse=True)
         given = tables.entity_rows(queries % tables.entities)
         relation = tables.relation_rows(queries // tables.entities)
@@ -451,4 +450,3 @@ def cubed(model: Model, vectors: Tensor) -> Tensor:
     scalars, first, second = model.parts(vectors)
     square = (first.square() + second.square()).clamp(min=TINY)
     return scalars.abs().pow(3).sum() + square.pow(1.5).sum()
-
