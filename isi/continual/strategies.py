@@ -244,7 +244,8 @@ def _drawn_back(arrival: Arrival, importance: _Tables, weight: float) -> Penalty
     before = arrival.theta.entity[0, : first.entity], arrival.theta.relation[0, : first.relation]
     important = importance.entity[: first.entity], importance.relation[: first.relation]
 
-    def penalty(entity: Tensor, relation: Tensor) -> Tensor:
+    def penalty(tables: Tables) -> Tensor:
+        entity, relation = tables.all_entities(), tables.all_relations()
         moved = (entity[: first.entity] - before[0]).square() * important[0]
         turned = (relation[: first.relation] - before[1]).square() * important[1]
         return weight * (moved.sum() + turned.sum())

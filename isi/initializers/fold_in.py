@@ -16,14 +16,15 @@ from isi.random import stream
 from isi.training.rows import Earlier, Facts, Moving, Penalty, Recipe, Tables, Task, fit_tables
 
 #: By the loss of training, how strongly a vector is held at its start: weight of the mean square of
-#: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts are
-#: few. Compared in docs/method.md.
-HELD: dict[Loss, float] = {"logistic": 60, "softmax": 60, "self-adversarial": 6, "margin": 0.6}
+#: its distance, in the unit of the known coordinates, by that of one fact. It counts where facts
+#: are few.
+HELD: dict[Loss, float] = {"logistic": 60, "softmax": 20, "self-adversarial": 6, "margin": 0.6}
 BATCH = 1024  #: Number of facts in a step.
 #: Number of drawn wrong answers: of each fact, and of each where all entities would be too many.
 NEGATIVES, SAMPLED = 64, 512
-#: Largest number of facts times entities for which cross-entropy is over all entities.
-EXACT = 2**22
+#: Largest number of entities, and of facts times entities, for which cross-entropy is over all
+#: entities.
+FEW, EXACT = 2**12, 2**24
 
 #: The initializer from whose vectors training starts.
 Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
@@ -37,7 +38,7 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     cost="trained",
     needs=("insert_triples",),
     defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 1.0},
-    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}],
+    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}, {"pull": 3.0}],
     starts_from="start",
 )
 def fold_in(
@@ -97,7 +98,7 @@ def _trained(
     rate: float,
     pull: float,
 ) -> tuple[Tensor, Tensor]:
-    """Vectors, (n, d), of the new entities of a model, and the rows of its new relations, (q, w)."""
+    """Vectors of the new entities of a model, (n, d), and the rows of new relations, (q, w)."""
     rows, relation = _rows(context, model, start), context.theta0.relation[model]
     moving = Moving(len(rows.fixed), len(relation) - context.new_relations)
     tables = Tables(
@@ -108,7 +109,7 @@ def _trained(
     )
     if len(rows.facts.triples):
         held = pull * HELD[context.scale.training.name] / rows.facts.weight.sum().item()
-        penalty = _pull(start, moving.entity, held / rows.unit**2) if pull else None
+        penalty = _pull(start, held / rows.unit**2) if pull else None
         earlier = Earlier(rows.earlier, share) if share else None
         task = Task(rows.facts, moving, earlier, penalty, context.tails_only)
         recipe = _recipe(context, len(rows.facts.triples), rate * rows.unit)
@@ -122,10 +123,11 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
     loss = context.scale.training
     negatives: int | None = NEGATIVES
     if loss.name == "softmax":
-        is_exact = facts * context.known.shape[1] <= EXACT
+        entities = context.known.shape[1]
+        is_exact = entities <= FEW and facts * entities <= EXACT
         negatives = None if is_exact else SAMPLED
     return Recipe(
-        loss=loss.name, 
+        loss=loss.name,
         margin=loss.margin,
         temperature=loss.temperature,
         batch_size=BATCH,
@@ -134,11 +136,11 @@ def _recipe(context: InitContext, facts: int, rate: float) -> Recipe:
     )
 
 
-def _pull(start: Tensor, known: int, weight: float) -> Penalty:
+def _pull(start: Tensor, weight: float) -> Penalty:
     """weight · Σ mean square of the distance from the start, over new entities."""
 
-    def penalty(entity: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG001
-        return weight * (entity[known:] - start).square().mean(1).sum()
+    def penalty(tables: Tables) -> Tensor:
+        return weight * (tables.entity - start).square().mean(1).sum()
 
     return penalty
 

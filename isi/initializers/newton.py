@@ -97,7 +97,9 @@ def newton(problem: Problem) -> Tensor:
     return at
 
 
-def newton_step(problem: Problem, at: Tensor, odds: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+def newton_step(
+    problem: Problem, at: Tensor, odds: Tensor, slopes: Tensor
+) -> tuple[Tensor, Tensor]:
     """The step, (B, d), to the minimum of the quadratic model of the objective,
     and twice its gain, (B,).
     """

@@ -113,7 +113,9 @@ def unpack_first(initializer: Registered, model: Model) -> Registered:
             observed=torch.cat([packed.observed, packed.observed], -1),
             triples=both_ways(packed.triples),
             trained=torch.cat([packed.trained, packed.trained], -1),
-            confidence=None if packed.confidence is None else torch.cat([packed.confidence] * 2, -1),
+            confidence=None
+            if packed.confidence is None
+            else torch.cat([packed.confidence] * 2, -1),
             tails_only=True,
             new_relations=2 * packed.new_relations,
             further=None if packed.further is None else both_ways(packed.further),

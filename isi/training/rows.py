@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
-from torch.nn.functional import cross_entropy, embedding, normalize, softplus
+from torch.nn.functional import embedding, normalize, softplus
 from torch.optim import Adagrad
 
 from isi.config import Count, NotNegative, Positive, Section
@@ -30,14 +29,14 @@ from isi.random import stream
 #: Number of earlier facts in a step, to which new entities are wrong answers.
 EARLIER = 1024
 #: Number of earlier facts, at even distances, from which these are drawn.
-MOST_EARLIER = 2**12
+MOST_EARLIER = 2**13
 PURPOSE = "training by queries"  #: Of its random streams.
 TINY = 1e-12  #: Smallest modulus whose gradient is computed.
 BUDGET = 2**24  #: Maximum number of scores in a table without gradient.
 SMALL = 2**18  #: Maximum number of coordinates that stay in a processor's cache.
 
-#: A term of the loss of a step, from the tables of entities and relations.
-Penalty = Callable[[Tensor, Tensor], Tensor]
+#: A term of the loss of a step, from the rows.
+Penalty = Callable[["Tables"], Tensor]
 
 
 class Recipe(Section):
@@ -294,7 +293,7 @@ class Objective:
         for slot, known in self.known.items():
             loss = loss + self.share * known.number * self._of_known(slot, known, rng)
         if task.penalty is not None:
-            loss = loss + task.penalty(tables.all_entities(), tables.all_relations())
+            loss = loss + task.penalty(tables)
         return loss
 
     def _scores(self, slot: int, given: Tensor, relation: Tensor, entities: Tensor) -> Tensor:
@@ -331,7 +330,7 @@ class Objective:
 
     def _log_z(self, slot: int, place: Tensor, triples: Tensor) -> Tensor:
         """log Z of the queries of some facts, each query computed once; shape (B,)."""
-        tables, recipe = self.tables, self.recipe
+        tables = self.tables
         queries, inverse = torch.unique(self._queries(slot, triples), return_inverse=True)
         given = tables.entity_rows(queries % tables.entities)
         relation = tables.relation_rows(queries // tables.entities)
@@ -424,9 +423,9 @@ def known_queries(
         chosen[:, RELATION] * entities + chosen[:, given], return_counts=True
     )
     key = triples[:, RELATION] * entities + triples[:, given]
-    place = torch.searchsorted(queries, key).clamp(max=len(queries) - 1)
-    is_answer = queries[place] == key
-    place, scores = place[is_answer], _scores_of(model, tables, triples[is_answer])
+    is_answer = torch.from_numpy(np.isin(key.numpy(), queries.numpy()))
+    place = torch.searchsorted(queries, key[is_answer])
+    scores = _scores_of(model, tables, triples[is_answer])
     highest = torch.full((len(queries),), -torch.inf).scatter_reduce(0, place, scores, "amax")
     rest = torch.zeros(len(queries)).index_add(0, place, (scores - highest[place]).exp())
     total, log_z = count.double().cumsum(0), highest + rest.log()
@@ -451,4 +450,3 @@ def cubed(model: Model, vectors: Tensor) -> Tensor:
     scalars, first, second = model.parts(vectors)
     square = (first.square() + second.square()).clamp(min=TINY)
     return scalars.abs().pow(3).sum() + square.pow(1.5).sum()
-
