@@ -37,8 +37,8 @@ Start = Literal["soft_rs", "er_avg", "soft_hybrid", "mean"]
     colour="#1b7837",
     cost="trained",
     needs=("insert_triples",),
-    defaults={"start": "soft_rs", "share": 0.3, "epochs": 10, "rate": 0.25, "pull": 1.0},
-    calibration=[{"share": 0.6}, {"share": 1.0}, {"share": 0.1}, {"pull": 3.0}],
+    defaults={"start": "soft_rs", "share": 0.35, "epochs": 10, "rate": 0.25, "pull": 1.0},
+    calibration=[{"share": 0.7}, {"share": 1.0}, {"share": 0.1}, {"pull": 3.0}, {"share": 3.0}],
     starts_from="start",
 )
 def fold_in(
