@@ -168,8 +168,8 @@ def _rows(context: InitContext, model: int, start: Tensor) -> _Rows:
         weight = torch.cat([weight, torch.ones(len(context.further))])
     has_facts = torch.zeros(number + len(start), dtype=torch.bool)
     has_facts[triples[:, [HEAD, TAIL]].flatten()] = True
-    trained = context.triples[context.trained[model]]
-    earlier = trained.clone()
-    earlier[:, [HEAD, TAIL]] = place[trained[:, [HEAD, TAIL]]]
+    earlier = context.triples[context.trained[model]]
+    if not is_prefix:
+        earlier[:, [HEAD, TAIL]] = place[earlier[:, [HEAD, TAIL]]]
     unit = fixed[:: max(1, number // 1024)].square().mean().sqrt().item()
     return _Rows(fixed, Facts(triples, weight), has_facts[number:], earlier, unit)

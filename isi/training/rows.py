@@ -26,10 +26,12 @@ from isi.models.model import Model
 from isi.models.stack import Embedding, check_finite, usual_torch
 from isi.random import stream
 
-#: Number of earlier facts in a step, to which new entities are wrong answers.
-EARLIER = 1024
-#: Number of earlier facts, at even distances, from which these are drawn.
-MOST_EARLIER = 2**13
+#: Maximum number of earlier facts in a step, to which new entities are wrong answers; and of scores
+#: of new entities as their answers.
+EARLIER, EARLIER_SCORES = 2**10, 2**18
+#: The earlier facts from which these are drawn are at even distances: so many for each new entity,
+#: within these limits.
+FOR_EACH, FEWEST_EARLIER, MOST_EARLIER = 2**8, 2**11, 2**13
 PURPOSE = "training by queries"  #: Of its random streams.
 TINY = 1e-12  #: Smallest modulus whose gradient is computed.
 BUDGET = 2**24  #: Maximum number of scores in a table without gradient.
@@ -371,9 +373,9 @@ class Objective:
         drawn.
         """
         tables = self.tables
-        drawn = known.draw(rng)
-        given = tables.entity_rows(known.given[drawn])
-        relation = tables.relation_rows(known.relation[drawn])
+        drawn = known.draw(rng, EARLIER_SCORES // len(tables.entity))
+        given = tables.read(tables.fixed_entity[known.given[drawn]])
+        relation = tables.read(tables.fixed_relation[known.relation[drawn]])
         new = self._scores(slot, given, relation, tables.read(tables.entity))
         right = known.right[drawn]
         if self.recipe.loss == "softmax":
@@ -398,9 +400,11 @@ class KnownQueries:
     total: Tensor  #: sums of the numbers of facts, up to each query; shape: (K,), float64
     number: int  #: of earlier facts
 
-    def draw(self, rng: np.random.Generator) -> Tensor:
-        """Places of ``EARLIER`` queries, as often as they have facts; all if they are fewer."""
-        size = min(EARLIER, len(self.given))
+    def draw(self, rng: np.random.Generator, most: int) -> Tensor:
+        """Places of at most ``most`` or ``EARLIER`` random queries, in proportion to their numbers
+        of facts.
+        """
+        size = max(1, min(EARLIER, most, len(self.given)))
         at = torch.from_numpy(rng.random(size)) * self.total[-1]
         return torch.searchsorted(self.total, at, right=True).clamp(max=len(self.given) - 1)
 
@@ -409,10 +413,9 @@ class KnownQueries:
 def known_queries(
     model: Model, tables: Tables, triples: Tensor, slot: int, recipe: Recipe
 ) -> KnownQueries:
-    """The queries that hide a slot of triples, (K, 3), of fixed rows; of more than
-    ``MOST_EARLIER``, a sample.
-    """
-    step = -(-len(triples) // MOST_EARLIER)
+    """The queries that hide a slot of triples, (K, 3), of fixed rows; of many, a sample."""
+    most = min(max(FOR_EACH * len(tables.entity), FEWEST_EARLIER), MOST_EARLIER)
+    step = -(-len(triples) // most)
     chosen, given = triples[::step], HEAD + TAIL - slot
     if recipe.loss != "softmax":
         total = torch.arange(1, len(chosen) + 1, dtype=torch.float64)
