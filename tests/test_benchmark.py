@@ -102,7 +102,7 @@ def test_the_hidden_entities_are_the_first_ones_that_satisfy_the_rules_on_the_wh
         mask[entity] = fits
         if mask.sum() == 4:
             break
-    ids = split_ids(triples, 20, 0.2, 4, 0.2, stream(seed, "test"))
+    ids = split_ids(triples, 20, 4, 4, 0.2, stream(seed, "test"))
     assert sorted(ids.order[ids.known :]) == np.flatnonzero(mask).tolist()
 
 
