@@ -22,8 +22,8 @@ done = isi.insert(
     entities[:59], relations, facts, new=1, model="distmult", known_triples=known[~is_new]
 )
 print(done)
-if done.choice:
-    print(done.choice.to_frame().head().to_string())
+if done.selection:
+    print(done.selection.to_frame().head().to_string())
 
 # %% Known rows are the same bytes; the new one resembles the hidden one
 print("known rows unchanged:", done.entities[:59].tobytes() == entities[:59].tobytes())

@@ -28,13 +28,13 @@ loop = SLCWATrainingLoop(
 )
 loop.train(factory, num_epochs=20, batch_size=22, use_tqdm=False)
 
-# %% A new entity from one triple: its row, and how far it pushes known answers down
-rows = isi.pykeen.compute_rows(model, factory, [("microwave", "at location", "kitchen")])
-print(rows.interference())
+# %% A new entity from one triple: how it was inserted, and how far it pushes known answers down
+new = isi.pykeen.insert(model, factory, [("microwave", "at location", "kitchen")])
+print(new.initializer, new.harm)
+print(new.rows.interference())
 
-# %% Copies of the model and of the factory with this row, which PyKEEN uses like any other
-# `isi.pykeen.insert` does both steps
-larger, more = isi.pykeen.enlarge(model, factory, rows)
+# %% Copies of the model and of the factory with its row, which PyKEEN uses like any other
+larger, more = new
 
 # %% What does it serve to?
 answers = predict_target(
@@ -42,10 +42,8 @@ answers = predict_target(
 ).df
 print(answers[["tail_label", "score"]].head(3).to_string(index=False))
 
-# %% Train its row alone, then all rows. PyKEEN's own `train` would reset all vectors first. With
-# three facts or more, `early_stopping` finds the number of epochs by one that is held out
-facts = [("microwave", "at location", "kitchen")]
-larger = isi.pykeen.fit_new(larger, more, facts, epochs=20, early_stopping=False)
+# %% Train its row alone, then all rows. PyKEEN's own `train` would reset all vectors first
+larger, more = new.train(epochs=5)
 losses = isi.pykeen.train_on(larger, more, epochs=2)
 
 # %% Or a live embedding, to which a robot adds entities and facts

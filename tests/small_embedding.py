@@ -1,4 +1,4 @@
-"""A small embedding with names, and calls of ``isi.insert`` and ``isi.fit_new`` on it."""
+"""A small embedding with names, and calls of ``isi.insert`` on it."""
 
 from typing import Any
 
@@ -53,22 +53,6 @@ def call(**changed: Any) -> Inserted:
 
 
 NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
-
-
-def fit(done: Inserted, triples: Any = TRIPLES, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
-    return isi.fit_new(
-        done.entities,
-        done.relations,
-        triples,
-        **{
-            "new": 2,
-            "model": done.model,
-            "epochs": 20,
-            "early_stopping": False,
-            **NAMES,
-            **changed,
-        },
-    )
 
 
 #: DistMult in one dimension: f = h · r · t.

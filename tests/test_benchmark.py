@@ -102,8 +102,17 @@ def test_the_hidden_entities_are_the_first_ones_that_satisfy_the_rules_on_the_wh
         mask[entity] = fits
         if mask.sum() == 4:
             break
-    ids = split_ids(triples, 20, 0.2, 4, 0.2, stream(seed, "test"))
+    ids = split_ids(triples, 20, 4, 4, 0.2, stream(seed, "test"))
     assert sorted(ids.order[ids.known :]) == np.flatnonzero(mask).tolist()
+
+
+def test_a_number_of_hidden_entities_stands_for_a_share() -> None:
+    share = hidden()
+    assert digest(hidden(fraction=0.5, number=len(share.hidden)).ids) == digest(share.ids)
+    assert len(hidden(number=1).hidden) == 1
+    for number in (0, 1.5, 1000):
+        with pytest.raises(InputError, match="argument 'number'"):
+            hidden(number=number)
 
 
 def test_fewer_facts_are_the_first_of_the_others_and_a_seed_hides_the_same() -> None:
@@ -376,6 +385,8 @@ def test_an_insertion_into_a_trained_model_is_evaluated_by_its_labels() -> None:
         assert before.earlier == split.evaluate(result.model, factory).earlier
         larger, more = isi.pykeen.insert(result, split.facts, initializer="mean", new=split.hidden)
         made[name] = split.evaluate(larger, more)
+        inserted = isi.pykeen.insert(result, split.facts, initializer="mean", new=split.hidden)
+        assert split.evaluate(inserted) == made[name]
     assert split.evaluate(larger, more, earlier=by_label).ranks["asked"].value_counts()[
         "earlier"
     ] == 2 * len(split.known_triples)

@@ -101,7 +101,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
         row = bare.inserted[name]
         assert row.conditions.facts == min(number, 3)  # four are served by the choice for three
         if name in ("n2", "n3"):
-            expected = by_library(bare, facts, [name], loss="logistic", tolerance=TOLERANCE)
+            expected = by_library(bare, facts, [name], loss="logistic", harm=TOLERANCE)
             chosen = expected.initializer, expected.options, expected.why
             assert (row.initializer, row.options, row.why) == chosen
             assert row.vector.tobytes() == expected.entities[-1].tobytes()

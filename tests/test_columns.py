@@ -94,16 +94,10 @@ def insert_beside_known(facts: Any) -> object:
 
 def fit_new(facts: Any) -> object:
     larger = np.concatenate([ENTITIES, ENTITIES[:1]])
-    return isi.fit_new(
-        larger,
-        LABELS,
-        facts,
-        new=1,
-        entity_names=[*NAMES, "jug"],
-        epochs=1,
-        **ARRAYS,
-        early_stopping=False,
-    )[0].tolist()
+    names = [*NAMES, "jug"]
+    return isi.fit_new(larger, LABELS, facts, new=1, entity_names=names, epochs=1, **ARRAYS)[
+        0
+    ].tolist()
 
 
 def live_insert(facts: Any) -> object:
@@ -127,7 +121,8 @@ def pykeen_insert(facts: Any) -> object:
     known = np.array([["kettle", "atLocation", "kitchen"], ["bed", "hasAffordance", "turn on"]])
     factory = TriplesFactory.from_labeled_triples(known)
     model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
-    return isi.pykeen.inserted(model, factory, facts, initializer="mean").insert_triples.tolist()
+    done = isi.pykeen.insert(model, factory, facts, initializer="mean")
+    return done.rows.details.insert_triples.tolist()
 
 
 @pytest.mark.parametrize(

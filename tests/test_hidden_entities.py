@@ -38,7 +38,7 @@ def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
     from isi.extras.hidden_in_pykeen import hidden
 
     with pytest.raises(
-        InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a lower share"
+        InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected fewer hidden"
     ):
         hidden(GRAPH, settings_of(fraction=0.9), "hidden.ring", 0, 0)
 

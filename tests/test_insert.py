@@ -6,6 +6,7 @@ import gc
 import subprocess
 import sys
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from isi.models.distance import RotatE
 from isi.models.losses import Loss
 from isi.random import stream
 from isi.tables import paths
+from tests import small_embedding
 from tests.init_contexts import insertion
 from tests.small_embedding import (
     BETWEEN,
@@ -78,7 +80,7 @@ def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
         torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0
     )
     if expected.indicators is not None:
-        assert done.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
+        assert done.details.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16])
@@ -93,7 +95,7 @@ def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(
         == given["entities"].tobytes()
     )
     assert done.relations.tobytes() == copies["relations"].tobytes()
-    assert (done.entities.dtype, done.entity_names, done.new) == (
+    assert (done.entities.dtype, done.entity_names, done.details.new) == (
         dtype,
         [*KNOWN, *NEW],
         [ENTITIES, ENTITIES + 1],
@@ -112,10 +114,8 @@ def test_tables_may_be_tensors_with_gradients_and_of_short_types(dtype: torch.dt
     done, same = call(**given), call(**arrays)
     np.testing.assert_array_equal(done.entities[:ENTITIES], arrays["entities"])
     np.testing.assert_allclose(done.entities, same.entities, rtol=1e-2, atol=1e-2)
-    trained = isi.fit_new(
-        *given.values(), [(ENTITIES - 1, 0, 0)], new=1, model=done.model, epochs=1
-    )
-    np.testing.assert_array_equal(trained[0][:-1], arrays["entities"][:-1])
+    trained = done.train(epochs=1)
+    np.testing.assert_array_equal(trained.entities[:ENTITIES], arrays["entities"])
 
 
 def test_word_vectors_may_be_tensors() -> None:
@@ -130,7 +130,7 @@ def test_word_vectors_may_be_tensors() -> None:
 
 
 def test_the_order_of_new_names_is_the_order_of_ids() -> None:
-    one, other = call(), call(new=NEW[::-1])
+    one, other = call(initializer="map"), call(initializer="map", new=NEW[::-1])
     assert other.entity_names == [*KNOWN, "mug", "cup"]
     np.testing.assert_allclose(one.entities[ENTITIES], other.entities[ENTITIES + 1], rtol=1e-5)
 
@@ -181,7 +181,7 @@ def test_ids_do_what_names_do() -> None:
 def test_triples_come_in_many_forms(form: Any) -> None:
     done = call(triples=form)
     np.testing.assert_allclose(done.entities, call().entities, rtol=1e-4)
-    assert (len(done.insert_triples), len(done.between)) == (3, 1)
+    assert (len(done.details.insert_triples), len(done.details.between)) == (3, 1)
 
 
 @pytest.mark.parametrize(
@@ -229,9 +229,9 @@ def test_triples_between_new_entities_are_counted() -> None:
 
 def test_only_known_entities_with_a_triple_are_indicators() -> None:
     done = call(initializer="rs", options={"k": 12})
-    assert done.indicators == [list(range(8)), list(range(8))]
+    assert done.details.indicators == [list(range(8)), list(range(8))]
     everyone = call(initializer="rs", options={"k": 12}, known_triples=None)
-    assert everyone.indicators == [list(range(12)), list(range(12))]
+    assert everyone.details.indicators == [list(range(12)), list(range(12))]
 
 
 @pytest.mark.parametrize(
@@ -257,9 +257,9 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
 def test_the_default_is_the_best_for_what_is_known_and_says_why(
     given: dict[str, Any], expected: str
 ) -> None:
-    done = call(**given)
+    done = call(**{"trained_with": "logistic", **given})
     assert done.initializer == expected
-    assert ("as named" in done.why) == ("initializer" in given)
+    assert ("as named" in done.details.why) == ("initializer" in given)
 
 
 def test_an_embedding_may_be_too_large_for_pairs_of_words() -> None:
@@ -283,8 +283,8 @@ def test_an_entity_without_triples_or_words_falls_back_and_says_to_what() -> Non
     vectors = words()
     vectors[ENTITIES] = 0
     done = call(words=vectors, triples=TRIPLES[:2], initializer="ers")
-    assert done.fallback == ["rs", "es"]
-    assert [one.fallback for one in done.report()] == done.fallback
+    assert done.details.fallback == ["rs", "es"]
+    assert [one.fallback for one in done.report()] == done.details.fallback
 
 
 def test_words_may_be_vectors_or_texts_by_name() -> None:
@@ -333,18 +333,16 @@ def test_words_may_come_from_a_file(tmp_path: Any) -> None:
     done = call(
         words=texts, word_source=path, initializer="es", options={"k": 1}, known_triples=None
     )
-    assert done.indicators == [[1], [0]]
+    assert done.details.indicators == [[1], [0]]
 
 
 def test_kinds_may_be_listed_or_named() -> None:
     listed = ["a"] * 6 + ["b"] * 6 + ["a", "b"]
     done = call(kinds=listed, initializer="kind_mean", known_triples=None)
-    assert done.indicators == [list(range(6)), list(range(6, 12))]
+    assert done.details.indicators == [list(range(6)), list(range(6, 12))]
     by_name = dict(zip([*KNOWN, *NEW], listed, strict=True))
-    assert (
-        call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators
-        == done.indicators
-    )
+    same = call(kinds=by_name, initializer="kind_mean", known_triples=None)
+    assert same.details.indicators == done.details.indicators
 
 
 @pytest.mark.parametrize(
@@ -359,8 +357,8 @@ def test_kinds_may_be_listed_or_named() -> None:
 )
 def test_an_entity_without_a_kind_is_of_no_kind(kinds: Any) -> None:
     done = call(kinds=kinds, initializer="es", words=words(), known_triples=None)
-    assert done.indicators is not None
-    assert (done.indicators[0], len(done.indicators[1])) == ([0], 8)
+    assert done.details.indicators is not None
+    assert (done.details.indicators[0], len(done.details.indicators[1])) == ([0], 8)
 
 
 @pytest.mark.parametrize("name", INITIALIZERS.names())
@@ -374,9 +372,8 @@ def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
 
     def weights(kind: str | None, **others: str) -> np.ndarray | None:
         given = None if kind is None else kinds | {"mug": kind} | others
-        return call(
-            kinds=given, initializer=name, words=words(), triples=TRIPLES[:3], known_triples=known
-        ).weights
+        facts = {"triples": TRIPLES[:3], "known_triples": known}
+        return call(kinds=given, initializer=name, words=words(), **facts).details.weights
 
     free = weights(None)
     if free is None or name in {"neighbour_mean", "kind_mean"}:
@@ -398,10 +395,10 @@ def test_entities_with_many_triples_are_in_other_batches_and_come_back_in_order(
     monkeypatch.setattr("isi.insertion.engine.FEW", 1)
     apart = call(**given)
     np.testing.assert_allclose(apart.entities, together.entities, atol=1e-6)
-    assert apart.fallback == together.fallback
-    assert apart.weights is not None
-    assert together.weights is not None
-    np.testing.assert_allclose(apart.weights, together.weights, atol=1e-6)
+    assert apart.details.fallback == together.details.fallback
+    assert apart.details.weights is not None
+    assert together.details.weights is not None
+    np.testing.assert_allclose(apart.details.weights, together.details.weights, atol=1e-6)
 
 
 def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
@@ -447,13 +444,14 @@ def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_re
     assert sizes == [4 * FEW * dimension] * 4
 
 
-@pytest.mark.parametrize("loss", ["logistic", "softmax"])
-def test_facts_are_weighed_by_their_confidence(loss: Loss) -> None:
-    sure = call(initializer="map", loss=loss)
-    number = len(sure.checked.novel.triples)
-    same = call(initializer="map", loss=loss, confidence=np.ones(number))
+@pytest.mark.parametrize(("name", "loss"), [("map", "logistic"), ("fold_in", "softmax")])
+def test_facts_are_weighed_by_their_confidence(name: str, loss: Loss) -> None:
+    how = {"initializer": name, "trained_with": loss}
+    sure = call(**how)
+    number = len(sure.details.checked.novel.triples)
+    same = call(**how, confidence=np.ones(number))
     assert np.array_equal(same.vectors, sure.vectors)
-    doubtful = call(initializer="map", loss=loss, confidence=np.linspace(0.1, 1, number))
+    doubtful = call(**how, confidence=np.linspace(0.1, 1, number))
     assert not np.allclose(doubtful.vectors, sure.vectors)
 
 
@@ -600,7 +598,7 @@ def test_the_table_of_known_entities_is_joined_with_new_vectors_on_first_use() -
     repr(done)
     done.report()
     assert "entities" not in vars(done)
-    assert done.new == [rows, rows + 1]
+    assert done.details.new == [rows, rows + 1]
     assert done.vectors.shape == (2, width)
     assert done.entities is done.entities
     assert done.entities[:rows].tobytes() == table.tobytes()
@@ -645,7 +643,7 @@ def test_an_array_of_numbers_holds_ids_and_says_so_beside_names_that_are_numbers
     about = {"triples": [("mug", "in", "7")], "new": ["mug"], "entity_names": NUMBERED}
     with pytest.warns(UserWarning, match="known_triples.*ids"):
         done = call(**about, known_triples=form([(7, 0, 3)]), initializer="neighbour_mean")
-    assert done.checked.novel.known_triples.tolist() == [[7, 0, 3]]
+    assert done.details.checked.novel.known_triples.tolist() == [[7, 0, 3]]
 
 
 @pytest.mark.parametrize("number", [np.int64, np.uint8, np.array, torch.tensor])
@@ -654,7 +652,7 @@ def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
     half = number(0.5) if number in (np.array, torch.tensor) else np.float32(0.5)
     entities, relations = tables().values()
     facts = {"model": "analogy", "new": number(1)}
-    how = {"seed": number(3), "tolerance": half, "budget": half}
+    how = {"seed": number(3), "harm": half, "budget": half}
     done = isi.insert(
         entities,
         relations,
@@ -667,15 +665,64 @@ def test_numbers_of_numpy_and_of_torch_are_numbers(number: Any) -> None:
     )
     assert len(done.report(nearest=number(2))[0].nearest) == 2
     assert done.interference(most=number(1), seed=number(1), original=number(ENTITIES)).queries
-    fitted, _ = isi.fit_new(
-        done.entities,
-        done.relations,
-        [(ENTITIES, 0, 3)],
-        **facts,  # type: ignore[arg-type]
-        seed=number(3),
-        epochs=number(2),
-        batch_size=number(8),
-        learning_rate=half,
-        early_stopping=False,
-    )
-    assert fitted.shape == done.entities.shape
+    assert done.train(number(2)).entities.shape == done.entities.shape
+
+
+# Names of arguments and of what a result shows
+
+
+def test_arguments_are_spelt_out_and_a_typo_names_the_function() -> None:
+    named = {"initializer", "options", "trained_with", "harm", "choose", "validation", "seed"}
+    named |= {"new_relations", "word_source", "confidence", "budget"}
+    assert named <= signature(isi.insert).parameters.keys()
+    with pytest.raises(TypeError, match=r"^insert\(\) got an unexpected .*'initialiser'"):
+        call(initialiser="mean")
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "value"),
+    [
+        ("loss", "trained_with", "softmax"),
+        ("tolerance", "harm", 0.5),
+        ("calibrate", "choose", False),
+    ],
+)
+def test_an_argument_by_its_name_of_before_warns_and_serves(
+    before: str, now: str, value: Any
+) -> None:
+    with pytest.warns(DeprecationWarning, match=f"'{before}' of insert is now '{now}'") as caught:
+        done = call(**{before: value})
+    assert caught[0].filename == small_embedding.__file__
+    np.testing.assert_array_equal(done.vectors, call(**{now: value}).vectors)
+    with pytest.raises(TypeError, match=f"'{before}' and '{now}'"):
+        call(**{before: value, now: value})
+
+
+def test_a_result_shows_twelve_names() -> None:
+    done = call(initializer="mean")
+    shown = [name for name in dir(done) if not name.startswith("_")]
+    assert len(shown) == 12
+    assert done.harm is done.selection is None
+
+
+def test_new_rows_are_trained_further_alone() -> None:
+    done = call(initializer="mean")
+    trained = done.train(epochs=3)
+    assert trained.entities[:ENTITIES].tobytes() == done.entities[:ENTITIES].tobytes()
+    assert (trained.vectors != done.vectors).any(1).all()
+    assert (trained.initializer, trained.harm) == ("mean", None)
+    with pytest.raises(InputError, match="argument 'epochs'"):
+        done.train(0)
+
+
+def test_a_new_relation_that_is_not_listed_is_told_so() -> None:
+    with pytest.raises(InputError, match="new_relations"):
+        call(triples=[*TRIPLES, ("cup", "inn", "e1")])
+
+
+@pytest.mark.parametrize(
+    "validation", [[("e0", "in", "cup")], [("e0", "under", "e1")], [(ENTITIES, 0, 1)], 5]
+)
+def test_validation_triples_are_of_known_names(validation: Any) -> None:
+    with pytest.raises(InputError, match="argument 'validation'"):
+        call(validation=validation)

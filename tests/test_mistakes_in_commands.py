@@ -22,10 +22,10 @@ from tests.mistakes import assert_names, commands, graphs, of_pykeen
 from tests.mistakes.calls import Called, Typed, lay_out, listed
 from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.imports import IMPORT_CASES
-from tests.mistakes.library import FIT_CASES, INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES
+from tests.mistakes.library import INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES, TRAIN_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
 from tests.mistakes.settings import PARAMS_CASES, RECORD_CASES
-from tests.small_embedding import call, fit
+from tests.small_embedding import call
 
 #: Mistakes in command lines by program.
 PROGRAMS = listed(
@@ -62,7 +62,7 @@ def inserted() -> Inserted:
 #: By name: a function of the library, and mistakes in its arguments.
 LIBRARY: dict[str, tuple[Callable[..., object], list[Called]]] = {
     "isi.insert": (call, INSERT_CASES),
-    "isi.fit_new": (lambda **given: fit(inserted(), **given), FIT_CASES),
+    "Inserted.train": (lambda **given: inserted().train(**given), TRAIN_CASES),
     "Inserted.report": (lambda **given: inserted().report(**given), REPORT_CASES),
     "Inserted.interference": (lambda **given: inserted().interference(**given), INTERFERENCE_CASES),
     "isi.pykeen.insert": (

@@ -44,7 +44,7 @@ def test_torchkges_tables_score_by_our_models_what_they_score_there(
     every = [torch.arange(number) for number in (ENTITIES, RELATIONS, ENTITIES)]
     head, relation, tail = torch.cartesian_prod(*every).T
     theirs = trained.scoring_function(head, tail, relation).detach()
-    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
+    ours = done.details.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
         "margin", 0.0
     )
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)

@@ -83,12 +83,12 @@ def cells(draws: HiddenDraws, vectors: np.ndarray) -> Iterator[tuple[int, float,
 
 def test_curves_go_through_the_answers_about_hidden_entities() -> None:
     done = insert()
-    draws = done.hide()
+    draws = done.details.test.hide(done.details.most_hidden)
     assert draws is not None
     assert draws.context.novel.numel() == done.selection.hidden
     vectors = (
         INITIALIZERS.get(done.initializer, "")
-        .initialize(draws.context, done.options)
+        .initialize(draws.context, done.details.options)
         .vectors.numpy()
     )
     by_relation = defaultdict[int, list[tuple[float, bool]]](list)
@@ -100,7 +100,7 @@ def test_curves_go_through_the_answers_about_hidden_entities() -> None:
         assert int(right.sum()) >= LEAST_RIGHT
         expected = fit_platt(scores, right)
         triples = ALL_OF_NEW[ALL_OF_NEW[:, RELATION] == relation]
-        theta = done.embedding.entity[0].numpy()
+        theta = done.details.embedding.entity[0].numpy()
         of_triples = torch.from_numpy(
             (theta[triples[:, HEAD]] * MAPS[relation] * theta[triples[:, TAIL]]).sum(1)
         )
@@ -121,7 +121,7 @@ def test_with_perfect_vectors_true_triples_are_probable_and_others_are_not() -> 
 @pytest.mark.parametrize("named", [None, "map", "mean"])
 def test_of_one_relation_a_higher_score_is_as_probable_or_more(named: str | None) -> None:
     done = insert(initializer=named)
-    vectors = done.embedding.entity[0].numpy()
+    vectors = done.details.embedding.entity[0].numpy()
     for relation in range(RELATIONS):
         triples = ALL_OF_NEW[ALL_OF_NEW[:, RELATION] == relation]
         score = (vectors[triples[:, HEAD]] * MAPS[relation] * vectors[triples[:, TAIL]]).sum(1)
@@ -148,16 +148,17 @@ def test_names_ids_and_tables_of_triples_give_the_same_in_their_order_with_dupli
     assert done.probability([]).shape == (0,)
 
 
-@pytest.mark.parametrize("changed", [{"calibrate": False}, {"initializer": "map"}, {"budget": 0}])
+@pytest.mark.parametrize("changed", [{"choose": False}, {"initializer": "map"}, {"budget": 0}])
 def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, Any]) -> None:
-    done, chosen, named = (insert(**options) for options in (changed, {}, {"initializer": "map"}))
+    given = changed, {}, {"initializer": "map"}
+    done, chosen, named = (insert(trained_with="logistic", **each) for each in given)
     assert done.selection is None
-    draws, others = done.hide(), chosen.hide()
+    draws, others = done.details.test.hide(done.details.most_hidden), chosen.details.test.hide(chosen.details.most_hidden)
     assert draws is not None
     assert others is not None
     assert torch.equal(draws.context.novel, others.context.novel)
     np.testing.assert_array_equal(done.probability(ALL_OF_NEW), named.probability(ALL_OF_NEW))
-    perfect = insert(initializer="oracle")
+    perfect = insert(initializer="oracle", trained_with="logistic")
     np.testing.assert_array_equal(perfect.probability(OF_NEW), chosen.probability(OF_NEW))
 
 
@@ -172,11 +173,11 @@ def test_relations_with_few_right_answers_and_new_ones_share_a_curve() -> None:
         model="distmult",
         known_triples=np.concatenate([OF_KNOWN, rare]),
     )
-    assert set(done.curves.of_relation) == {0, 1, 2}
+    assert set(done.details.curves.of_relation) == {0, 1, 2}
     triples = np.array([[NEW, relation, 7] for relation in (3, 4)])
-    score = done.embedding.score(*torch.from_numpy(triples).T[:, None])[0]
-    np.testing.assert_array_equal(done.probability(triples), done.curves.of_all(score))
-    assert isinstance(done.curves.of_all, PlattCurve)
+    score = done.details.embedding.score(*torch.from_numpy(triples).T[:, None])[0]
+    np.testing.assert_array_equal(done.probability(triples), done.details.curves.of_all(score))
+    assert isinstance(done.details.curves.of_all, PlattCurve)
 
 
 def test_what_cannot_have_a_probability_is_refused() -> None:

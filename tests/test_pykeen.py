@@ -219,19 +219,19 @@ def test_what_is_measured_is_what_pykeen_gets(
     factory = request.getfixturevalue(of)
     model = model_of(name, MODELS[name], factory, steps=10 if of == "factory" else 0)
     how = {"initializer": "map_mean", "options": {"strength": 0.01}}
-    done = isi.pykeen.compute_rows(model, factory, NEW, **how)  # type: ignore[arg-type]
-    larger, more = isi.pykeen.enlarge(model, factory, done)
+    inserted = isi.pykeen.insert(model, factory, NEW, **how)  # type: ignore[arg-type]
+    (larger, more), done = inserted, inserted.rows
     for _ in range(2):
         read = read_model(larger, more.mapped_triples, None)
         rows = read.entity[0, ENTITIES:].numpy()
         np.testing.assert_allclose(rows, done.entities[ENTITIES:], rtol=1e-5, atol=1e-6)
         larger.post_parameter_update()
-    draws = done.hide()
+    draws = done.details.test.hide(done.details.most_hidden)
     assert draws is not None
-    hidden = draws.insert(done.method.initializer, done.options)
+    hidden = draws.insert(done.details.method.initializer, done.details.options)
     assert hidden is not None
-    torch.testing.assert_close(done.model.constrain(hidden[1]), hidden[1])
-    fitted = isi.pykeen.fit_new(larger, more, NEW, epochs=3, early_stopping=False)
+    torch.testing.assert_close(done.details.model.constrain(hidden[1]), hidden[1])
+    fitted = inserted.train(epochs=3).model
     rows = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
     fitted.post_parameter_update()
     again = read_model(fitted, more.mapped_triples, None).entity[0].numpy()
@@ -297,11 +297,10 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
 ) -> None:
     """PyKEEN's rows 2r and 2r + 1 are those of relation r and of its inverse."""
     model = model_of("transe", {}, inverse)
-    done = isi.pykeen.compute_rows(
-        model, inverse, NEW, initializer=initializer, margin=1.0, loss="logistic"
-    )
+    how = {"initializer": initializer, "trained_with": "logistic"}
+    inserted = isi.pykeen.insert(model, inverse, NEW, margin=1.0, **how)
+    (larger, more), done = inserted, inserted.rows
     assert [(entity.insert_triples, entity.between) for entity in done.report()] == [(2, 1), (1, 1)]
-    larger, more = isi.pykeen.enlarge(model, inverse, done)
     assert (more.num_triples, more.create_inverse_triples) == (inverse.num_triples + len(NEW), True)
     assert larger.num_relations == 2 * RELATIONS
     ids = [
@@ -319,9 +318,8 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
         new=2,
         model="transe_l1",
         model_options={"margin": 1.0, "constraint": "sphere"},
-        initializer=initializer,
-        loss="logistic",
         known_triples=triples[of_known],
+        **how,
     )
     np.testing.assert_allclose(done.entities, expected.entities, rtol=1e-4, atol=1e-5)
     assert done.relations.shape == (RELATIONS, 2 * DIMENSION)
@@ -346,7 +344,7 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
         for part in (model.entity_representations, model.relation_representations)
     ]
     apart = [both_ways(torch.from_numpy(ids)).numpy() for ids in (new, triples)]
-    facts_once = isi.pykeen.compute_rows(model, known, new, new=1)
+    facts_once = isi.pykeen.insert(model, known, new, new=1).rows
     facts_twice = isi.insert(
         *tables,
         apart[0],
@@ -356,7 +354,7 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
         known_triples=apart[1],
     )
     once, twice = (
-        next(each.known_ends for each in done.selection.candidates if each.initializer == "ridge")
+        next(each.known_ends for each in done.selection.candidates if each.initializer == "fold_in")
         for done in (facts_once, facts_twice)
         if done.selection
     )
@@ -367,10 +365,9 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
 @pytest.mark.parametrize("name", ["complex", "transe", "ConvE"])
 def test_interference_ranks_as_pykeen_does(name: str, factory: Any, inverse: Any) -> None:
     for of in (factory, inverse):
-        done = isi.pykeen.compute_rows(
-            model_of(name, MODELS.get(name, {}), of), of, NEW, initializer="mean"
-        )
-        larger, more = isi.pykeen.enlarge(model_of(name, MODELS.get(name, {}), of), of, done)
+        model = model_of(name, MODELS.get(name, {}), of)
+        done = isi.pykeen.insert(model, of, NEW, initializer="mean")
+        larger, more = done
         metrics = RankBasedEvaluator().evaluate(
             larger,
             of.mapped_triples,
@@ -378,7 +375,7 @@ def test_interference_ranks_as_pykeen_does(name: str, factory: Any, inverse: Any
             use_tqdm=False,
             batch_size=32,
         )
-        assert done.interference().h_cur == pytest.approx(metrics.get_metric("mrr"), abs=1e-4)
+        assert done.rows.interference().h_cur == pytest.approx(metrics.get_metric("mrr"), abs=1e-4)
 
 
 @pytest.mark.parametrize("name", ["es", "soft_es", "kind_mean", "mean", "map_mean", "iu"])
@@ -386,7 +383,7 @@ def test_a_model_without_inverse_takes_initializers_that_need_none(name: str, fa
     words = np.random.default_rng(0).standard_normal((ENTITIES + 2, 5))
     kinds = ["a", "b"] * (ENTITIES // 2 + 1)
     model = model_of("rescal", {}, factory)
-    done = isi.pykeen.compute_rows(model, factory, NEW, words=words, kinds=kinds, initializer=name)
+    done = isi.pykeen.insert(model, factory, NEW, words=words, kinds=kinds, initializer=name)
     assert done.initializer == name
 
 
@@ -423,10 +420,10 @@ def test_new_relations_get_the_next_rows_of_every_table(
     factory = request.getfixturevalue(of)
     model, ways = model_of(name, MODELS[name], factory), 1 + (of == "inverse")
     triples = [*NEW, ("cup", "near", "e1"), ("e2", "near", "e3")]
-    done = isi.pykeen.compute_rows(
+    done = isi.pykeen.insert(
         model, factory, triples, new_relations=["near", "bare"], initializer="mean"
     )
-    larger, more = isi.pykeen.enlarge(model, factory, done)
+    larger, more = done
     assert more.relation_to_id == {"r0": 0, "r1": 1, "r2": 2, "near": 3, "bare": 4}
     assert (larger.num_real_relations, larger.num_relations) == (
         RELATIONS + 2,
@@ -441,8 +438,8 @@ def test_new_relations_get_the_next_rows_of_every_table(
         assert torch.equal(rows[: len(known)], known)
     near = torch.tensor([[0, 3], [20, 3], [5, 1]])
     ours = (
-        done.embedding.score_tails(*near.T[:, None])[0],
-        done.embedding.score_heads(near.T[None, 1], near.T[None, 0])[0],
+        done.rows.details.embedding.score_tails(*near.T[:, None])[0],
+        done.rows.details.embedding.score_heads(near.T[None, 1], near.T[None, 0])[0],
     )
     theirs = larger.predict_t(near), larger.predict_h(near.flip(1))
     for mine, other in zip(ours, theirs, strict=True):
@@ -460,7 +457,7 @@ def test_new_relations_get_the_next_rows_of_every_table(
 def test_a_relation_and_its_inverse_are_fitted_as_two_relations(inverse: Any) -> None:
     model = model_of("complex", {}, inverse, steps=50)
     triples = [("e1", "near", "e2"), ("e5", "near", "e2"), ("e7", "near", "e3")]
-    done = isi.pykeen.compute_rows(model, inverse, triples, new_relations=["near"])
+    larger = isi.pykeen.insert(model, inverse, triples, new_relations=["near"]).model
     tables = [
         part[0]().detach()
         for part in (model.entity_representations, model.relation_representations)
@@ -471,7 +468,6 @@ def test_a_relation_and_its_inverse_are_fitted_as_two_relations(inverse: Any) ->
     expected = isi.insert(
         *tables, new.numpy(), new=0, new_relations=2, model="complex", known_triples=known.numpy()
     )
-    larger, _ = isi.pykeen.enlarge(model, inverse, done)
     rows = larger.relation_representations[0]().detach()[-2:]
     np.testing.assert_allclose(
         torch.cat([rows.real, rows.imag], 1), expected.relations[-2:], rtol=1e-4, atol=1e-5
@@ -551,8 +547,6 @@ def test_new_relations_are_saved_loaded_and_trained_on(tmp_path: Path, inverse: 
     loaded = model_of("rotate", {}, again)
     loaded.load_state(tmp_path / "model.pt")
     assert torch.equal(*(scores(model, more.mapped_triples) for model in (loaded, larger)))
-    trained = isi.pykeen.fit_new(larger, more, new=["cup"], epochs=3, early_stopping=False)
-    assert torch.equal(*(one.relation_representations[0]() for one in (trained, larger)))
     for loop in ("slcwa", "lcwa"):
         before = larger.relation_representations[0]().detach().clone()
         isi.pykeen.train_on(larger, again, 5, training_loop=loop, batch_size=32)
@@ -632,9 +626,10 @@ def test_the_result_of_a_pipeline_stands_for_model_and_factory(factory: Any) -> 
 )
 def test_triples_come_in_the_forms_that_a_user_has(form: Any, factory: Any) -> None:
     model = model_of("distmult", {}, factory)
-    done, expected = (isi.pykeen.compute_rows(model, factory, triples) for triples in (form, NEW))
-    by_name = dict(zip(map(done.names.of, done.new), done.entities[ENTITIES:], strict=True))
-    for name, row in zip(("cup", "mug"), expected.entities[ENTITIES:], strict=True):
+    how = {"initializer": "map"}
+    done, expected = (isi.pykeen.insert(model, factory, each, **how) for each in (form, NEW))
+    by_name = dict(zip(done.rows.entity_names[ENTITIES:], done.vectors, strict=True))
+    for name, row in zip(("cup", "mug"), expected.vectors, strict=True):
         np.testing.assert_allclose(by_name[name], row, rtol=1e-4)
 
 
@@ -652,7 +647,7 @@ def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
         isi.pykeen.insert(model, named, triples)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        isi.pykeen.insert(model, named, triples, new=["cup", "thing_aa"], calibrate=False)
+        isi.pykeen.insert(model, named, triples, new=["cup", "thing_aa"], choose=False)
 
 
 def test_ids_beside_labels_and_facts_of_known_entities_are_told_what_to_do(factory: Any) -> None:
@@ -665,7 +660,7 @@ def test_ids_beside_labels_and_facts_of_known_entities_are_told_what_to_do(facto
     with pytest.raises(InputError, match=r"got 7$"):
         isi.pykeen.insert(model, factory, torch.tensor([[ENTITIES, 7, 1]]), new=["cup"])
     for facts, new in (([("e1", "r0", "e2")], None), ([("e1", "r0", "e2")], ["cup"])):
-        with pytest.raises(InputError, match=r"known already.*fit_new.*from_pykeen"):
+        with pytest.raises(InputError, match=r"known already.*train_on.*from_pykeen"):
             isi.pykeen.insert(model, factory, facts, new=new)
 
 
@@ -677,8 +672,8 @@ def test_a_model_that_has_just_been_read_in_training_is_copied(name: str, factor
         part()
     model.cache = [model.score_hrt(factory.mapped_triples)]  # another tensor with a graph
     terms = [part.regularization_term for part in model.modules() if isinstance(part, Regularizer)]
-    larger, more = isi.pykeen.insert(model, factory, NEW, initializer="mean")
-    trained = isi.pykeen.fit_new(larger.train(), more, NEW, epochs=1, early_stopping=False)
+    inserted = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    larger, trained = inserted.model, inserted.train(epochs=1).model
     for copy in (larger, trained):
         kept = [part for part in copy.modules() if isinstance(part, Regularizer)]
         assert len(kept) == len(terms)
@@ -713,41 +708,75 @@ def test_numeric_literals_stay_and_those_of_new_entities_are_zero(factory: Any) 
 )
 def test_new_rows_alone_are_trained(name: str, of: str, request: pytest.FixtureRequest) -> None:
     factory = request.getfixturevalue(of)
-    larger, more = isi.pykeen.insert(
-        model_of(name, MODELS.get(name, {}), factory), factory, NEW, initializer="mean"
-    )
+    model = model_of(name, MODELS.get(name, {}), factory)
+    inserted = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    larger = inserted.model
     before = {key: value.clone() for key, value in larger.state_dict().items()}
-    trained = isi.pykeen.fit_new(larger, more, NEW, epochs=30, early_stopping=False)
+    again = inserted.train(epochs=20)
+    trained = again.model
     for key, value in larger.state_dict().items():
         assert torch.equal(value, before[key])
         assert not value.ndim or torch.equal(trained.state_dict()[key][:ENTITIES], value[:ENTITIES])
-    told = more.mapped_triples[-len(NEW) :]
-    head, relation, tail = (told if of == "factory" else both_ways(told)).T[:, None]
-    score = read_model(larger, more.mapped_triples, None).model
+    assert (again.vectors != inserted.vectors).any(1).all()
+    assert (again.initializer, again.harm) == ("mean", None)
 
-    def loss(model: ERModel) -> float:
-        """Of a triple, and of 9 times its corrupted heads, tails and relations."""
-        read = replace(read_model(model, more.mapped_triples, None), model=score)
-        others = (
-            read.score_heads(relation, tail),
-            read.score_relations(head, tail),
-            read.score_tails(head, relation),
-        )
-        return (
-            softplus(-read.score(head, relation, tail)).mean()
-            + 9 * sum(softplus(f).mean() for f in others)
-        ).item()
 
-    assert loss(trained) < loss(larger)
+def test_a_result_is_made_on_first_use_and_shows_few_names(factory: Any) -> None:
+    model = model_of("distmult", {}, factory)
+    done = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    shown = [name for name in dir(done) if not name.startswith("_")]
+    assert len(shown) == 7
+    assert not {"model", "factory"} & vars(done).keys()
+    larger, more = done
+    assert (larger, more) == (done.model, done.factory)
+    assert repr(done) == repr(done.rows)
+
+
+def test_harm_is_measured_on_validation_triples_in_any_form(factory: Any) -> None:
+    model = model_of("distmult", {}, factory, steps=50)
+    known, held_out = factory.split([0.7, 0.3], random_state=0)
+    labels = held_out.triples
+    for form in (held_out, labels, held_out.mapped_triples):
+        done = isi.pykeen.insert(model, known, NEW, validation=form)
+        selection = done.rows.selection
+        assert selection is not None
+        assert selection.measured_on == "validation triples"
+        assert done.harm == selection.selected.harm
+    with pytest.raises(InputError, match="argument 'validation'"):
+        isi.pykeen.insert(model, known, NEW, validation=[("e1", "r0", "cup")])
+
+
+# Names of before
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_function_of_before_says_what_to_type_and_serves(factory: Any) -> None:
+    model = model_of("distmult", {}, factory)
+    inserted = isi.pykeen.insert(model, factory, NEW, initializer="mean")
+    given = model, factory, NEW
+    with pytest.warns(DeprecationWarning, match=r"now isi.pykeen.insert\(...\).rows") as caught:
+        rows = isi.pykeen.compute_rows(*given, initializer="mean")
+    assert caught[0].filename == __file__
+    np.testing.assert_array_equal(rows.vectors, inserted.vectors)
+    with pytest.warns(DeprecationWarning, match="model, factory = isi.pykeen.insert"):
+        larger, more = isi.pykeen.enlarge(model, factory, rows)
+    assert torch.equal(*(one.entity_representations[0]() for one in (larger, inserted.model)))
+    assert more == inserted.factory
+    with pytest.warns(DeprecationWarning, match=r"train\(epochs=5\)") as caught:
+        trained = isi.pykeen.fit_new(larger, more, NEW, epochs=3, early_stopping=False)
+    assert [each.filename for each in caught] == [__file__]
+    before, after = (one.entity_representations[0]().detach() for one in (larger, trained))
+    assert (before != after).any(1).nonzero().flatten().tolist() == [ENTITIES, ENTITIES + 1]
     for new in (["cup", "mug"], [ENTITIES, "mug"], 2):
-        again = isi.pykeen.fit_new(larger, more, new=new, epochs=30, early_stopping=False)
-        for key, value in trained.state_dict().items():
-            assert torch.equal(again.state_dict()[key], value)
+        with pytest.warns(DeprecationWarning):
+            again = isi.pykeen.fit_new(larger, more, new=new, epochs=3)
+        assert torch.equal(again.entity_representations[0](), after)
 
 
+@pytest.mark.filterwarnings("ignore:isi.pykeen.fit_new")
 def test_any_entity_can_be_trained_as_new(factory: Any) -> None:
     model = model_of("distmult", {}, factory)
-    trained = isi.pykeen.fit_new(model, factory, new=["e4"], epochs=5, early_stopping=False)
+    trained = isi.pykeen.fit_new(model, factory, new=["e4"], epochs=5)
     before, after = (one.entity_representations[0]().detach() for one in (model, trained))
     assert (before != after).any(1).nonzero().flatten().tolist() == [4]
     for new in ([], 0, ENTITIES, ["cup"]):
@@ -780,15 +809,14 @@ def test_probabilities_with_inverses_are_fitted_to_entities_inserted_as_the_new_
     inverse: Any,
 ) -> None:
     model = model_of("distmult", {}, inverse)
-    done = isi.pykeen.compute_rows(
-        model, inverse, NEW, initializer="map", options={"strength": 0.2}
-    )
-    draws = done.hide()
+    how = {"initializer": "map", "options": {"strength": 0.2}}
+    done = isi.pykeen.insert(model, inverse, NEW, **how).rows
+    draws = done.details.test.hide(done.details.most_hidden)
     assert draws is not None
     plain = INITIALIZERS.get("map")
-    both_ways = Method(unpack_first(plain, done.model), done.options, why="")
-    assert done.curves == fit_curves(draws, both_ways)
-    assert done.curves != fit_curves(draws, Method(plain, done.options, why=""))
+    both_ways = Method(unpack_first(plain, done.details.model), done.details.options, why="")
+    assert done.details.curves == fit_curves(draws, both_ways)
+    assert done.details.curves != fit_curves(draws, Method(plain, done.details.options, why=""))
 
 
 @pytest.mark.parametrize(
@@ -806,9 +834,6 @@ def test_a_model_in_a_wrapper_is_taken_out_of_it(wrap: Any, factory: Any) -> Non
     assert isinstance(larger, ERModel)
     for name, values in expected.state_dict().items():
         torch.testing.assert_close(larger.state_dict()[name], values)
-    done = isi.pykeen.compute_rows(wrap(model), factory, NEW, initializer="mean")
-    assert isi.pykeen.enlarge(wrap(model), factory, done)[0].num_entities == larger.num_entities
-    assert isinstance(isi.pykeen.fit_new(wrap(larger), more, NEW, epochs=1), ERModel)
     before = [values.clone() for values in larger.state_dict().values()]
     isi.pykeen.train_on(wrap(larger), more, epochs=1)  # in place
     assert any(

@@ -89,9 +89,8 @@ def test_vectors_and_answers_are_those_of_the_model(
         assert [each.score for each in by_rank] == sorted(listed.values(), reverse=True)
     initializer = "neighbour_mean" if name == "rescal" else "map"
     live.insert("cup", FACTS, initializer=initializer)
-    done = isi.pykeen.compute_rows(
-        model, known, FACTS, new=["cup"], initializer=initializer, margin=0.0
-    )
+    how = {"new": ["cup"], "initializer": initializer, "margin": 0.0}
+    done = isi.pykeen.insert(model, known, FACTS, **how).rows
     np.testing.assert_allclose(live.inserted["cup"].vector, done.entities[-1], atol=1e-6)
     assert live.now.entities[:ENTITIES].tobytes() == live.base.entities.tobytes()
     np.testing.assert_allclose(live.now.entities[:ENTITIES], done.entities[:ENTITIES], rtol=1e-6)

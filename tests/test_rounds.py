@@ -46,8 +46,10 @@ def test_without_triples_between_new_entities_there_is_one_step() -> None:
 def test_neither_the_order_of_triples_nor_of_names_matters(order: list[int]) -> None:
     names = ["mug", "cup", "saucer", "spoon"]
     triples = [*TRIPLES, ("saucer", "in", "cup"), ("spoon", "on", "saucer")]
-    expected = call(new=names, triples=triples)
-    done = call(new=[names[place] for place in order], triples=triples[::-1])
+    how = {"initializer": "map"}
+    expected = call(new=names, triples=triples, **how)
+    ordered = [names[place] for place in order]
+    done = call(new=ordered, triples=triples[::-1], **how)
     for row, place in enumerate(order):
         np.testing.assert_allclose(
             done.entities[ENTITIES + row], expected.entities[ENTITIES + place], rtol=1e-3, atol=1e-4
@@ -101,7 +103,7 @@ def test_a_new_relation_ranks_its_own_triples_first() -> None:
         model="distmult",
         known_triples=triples[~of_new],
     )
-    assert (done.new, done.new_relations, done.relations.shape) == ([], [4], (5, 6))
+    assert (done.details.new, done.details.new_relations, done.relations.shape) == ([], [4], (5, 6))
     np.testing.assert_array_equal(done.relations[:4], theta.relation[0, :4])
     assert "new relations: 4" in repr(done)
     assert done.report() == []
@@ -143,10 +145,11 @@ def test_a_relations_row_is_what_a_general_minimizer_finds() -> None:
 def test_an_entity_and_a_relation_may_arrive_together() -> None:
     triples = [*TRIPLES, ("mug", "holds", "e3"), ("e5", "holds", "e6"), ("cup", "owns", "e1")]
     done = call(triples=triples, new_relations=["holds", "owns"])
-    assert done.relation_names is not None
-    assert [*done.relation_names[-2:]] == ["holds", "owns"]
+    names = done.details.labels.names
+    assert names is not None
+    assert [*names[-2:]] == ["holds", "owns"]
     assert done.entities[ENTITIES:].any(1).all()
-    assert done.relations[done.new_relations].any(1).all()
+    assert done.relations[done.details.new_relations].any(1).all()
     assert np.isfinite(done.relations).all()
     without = call()
     assert not np.allclose(done.entities[ENTITIES:], without.entities[ENTITIES:])

@@ -156,8 +156,8 @@ def test_insertion_knows_the_loss_that_is_named(loss: str) -> None:
     one = theta()
     given = one.entity[0].numpy(), one.relation[0].numpy(), [(ENTITIES, 0, 1), (2, 1, ENTITIES)]
     how = {"new": 1, "model": "complex", "known_triples": TRIPLES, "initializer": "map"}
-    done = isi.insert(*given, **how, loss=loss)
-    assert done.scale.loss == loss
+    done = isi.insert(*given, **how, trained_with=loss)
+    assert done.details.scale.training.name == loss
     logistic = isi.insert(*given, **how)
     assert (done.vectors == logistic.vectors).all() == (loss == "logistic")
 
@@ -169,9 +169,11 @@ def test_an_unknown_loss_is_decided_and_then_as_if_named() -> None:
     known = [(h, (h + t) % 3, t) for h, t in zip(heads.flat, tails.flat, strict=True)]
     how = {"new": 1, "model": "complex", "known_triples": known}
     decided = isi.insert(*given, **how)
-    named = isi.insert(*given, **how, loss=decided.scale.loss)
+    named = isi.insert(*given, **how, trained_with=decided.details.method.trained_with)
     assert decided.selection is not None
-    assert {each.trained_with for each in decided.selection.candidates} == {decided.scale.loss}
+    assert {each.trained_with for each in decided.selection.candidates} == {
+        decided.details.scale.training.name
+    }
     assert (decided.vectors == named.vectors).all()
 
 
@@ -193,7 +195,6 @@ def test_the_loss_of_a_model_of_pykeen_is_read(loss: str, model: str, expected: 
     trained = models.model_resolver.make(
         model, triples_factory=factory, embedding_dim=4, loss=loss, random_seed=0
     )
-    done = isi.pykeen.compute_rows(
-        trained, factory, [("new", "r0", "e1")], new=["new"], initializer="map"
-    )
-    assert done.scale.loss == expected
+    facts = [("new", "r0", "e1")]
+    done = isi.pykeen.insert(trained, factory, facts, new=["new"], initializer="map").rows
+    assert done.details.scale.training.name == expected

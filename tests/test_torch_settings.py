@@ -12,7 +12,7 @@ import torch
 import isi
 from isi.live.embedding import LiveEmbedding
 from isi.models.losses import Loss
-from tests.small_embedding import KNOWN_TRIPLES, fit, named
+from tests.small_embedding import named
 from tests.small_live import KNOWN
 
 FACTS = [(f"thing {a}", "near", f"thing {b}") for a in range(8) for b in range(8) if (a + b) % 3]
@@ -55,13 +55,15 @@ def state() -> list[object]:
 
 def insertion() -> list[Any]:
     done = isi.insert(**NAMED)
-    return [done.vectors, done.embedding.entity.numpy(), done.report(), done.interference()]
+    return [done.vectors, done.details.embedding.entity.numpy(), done.report(), done.interference()]
 
 
 def training_of_new_rows() -> list[Any]:
-    done = isi.insert(**NAMED, initializer="mean")
     losses: list[Loss] = ["logistic", "softmax"]
-    return [fit(done, loss=loss, epochs=2, known_triples=KNOWN_TRIPLES)[0] for loss in losses]
+    return [
+        isi.insert(**NAMED, initializer="mean", trained_with=loss).train(epochs=2).vectors
+        for loss in losses
+    ]
 
 
 def home() -> list[Any]:
@@ -98,8 +100,8 @@ def trained_by_pykeen() -> tuple[Any, Any]:
 
 def of_pykeen() -> list[Any]:
     model, factory = trained_by_pykeen()
-    larger, more = isi.pykeen.insert(model, factory, LATER)
-    fitted = isi.pykeen.fit_new(larger, more, new=["mug"], epochs=2, early_stopping=False)
+    inserted = isi.pykeen.insert(model, factory, LATER)
+    larger, fitted = inserted.model, inserted.train(epochs=2).model
     live = isi.from_pykeen(model, factory)
     live.insert("mug", {"near": "thing 1"})
     made = [each for part in (larger, fitted, live.model) for each in part.parameters()]

@@ -246,7 +246,7 @@ def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], mod
         initializer="mean",
     )
     head, relation, tail = torch.cartesian_prod(torch.arange(7), torch.arange(3), torch.arange(7)).T
-    ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
+    ours = done.details.embedding.score(head[None], relation[None], tail[None])[0] - options.get(
         "margin", 0.0
     )
     torch.testing.assert_close(

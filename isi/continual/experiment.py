@@ -96,7 +96,9 @@ class ContinualExperiment(Section):
     training: ChainTraining
     seeds: Count
     most_tests: Count | None  #: test triples of a snapshot that are ranked; null: all
-    initializers: dict[Name, dict[str, Any]]  #: with options; ``default``: the chosen one
+    #: with options, of which ``initializer`` names another one than the key; ``default``: the chosen
+    #: one
+    initializers: dict[Name, dict[str, Any]]
     strategies: dict[Name, dict[str, Any]]  #: with options
     #: which strategies follow which initializer
     pairs: Literal["all"] | dict[Name, Literal["all"] | Names]
@@ -127,13 +129,18 @@ class ContinualExperiment(Section):
         """The first embedding of each seed."""
         return [Chain(experiment, (seed,)) for seed in range(self.seeds)]
 
+    def initializer_of(self, key: str) -> tuple[str, dict[str, Any]]:
+        """The initializer and the options of a key of ``initializers``."""
+        options = dict(self.initializers[key])
+        return options.pop("initializer", key), options
+
     def growth(self, chain: Chain) -> Growth:
         """How a chain grows."""
         assert chain.initializer and chain.strategy  # noqa: S101, PT018
-        is_default = chain.initializer == DEFAULT
+        initializer, options = self.initializer_of(chain.initializer)
         return Growth(
-            initializer=None if is_default else chain.initializer,
-            options={} if is_default else self.initializers[chain.initializer],
+            initializer=None if initializer == DEFAULT else initializer,
+            options=options,
             strategy=chain.strategy,
             strategy_options=self.strategies[chain.strategy],
             loss=self.training.loss,
@@ -176,12 +183,14 @@ def check_experiment(entry: ContinualExperiment, key: str) -> None:
         raise InputError("", f"{key}.timeline", expected)
     with at("", f"{key}.dimension"):
         entry.make_model(f"{key}.model").width(entry.dimension)
-    for name, options in entry.initializers.items():
-        if name != DEFAULT:
-            place = f"{key}.initializers.{name}"
-            options_of(name, {**INITIALIZERS.get(name, place).defaults, **options}, place)
+    for name in entry.initializers:
+        place = f"{key}.initializers.{name}"
+        initializer, options = entry.initializer_of(name)
+        if initializer != DEFAULT:
+            defaults = INITIALIZERS.get(initializer, place).defaults
+            options_of(initializer, {**defaults, **options}, place)
         elif options:
-            raise InputError("", f"{key}.initializers.{name}", "expected no options")
+            raise InputError("", place, "expected no options")
     for name, options in entry.strategies.items():
         check_name(name, STRATEGIES, f"{key}.strategies")
         keywords(STRATEGIES[name], options, f"{key}.strategies.{name}")

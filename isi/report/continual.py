@@ -35,11 +35,6 @@ MEASURES = {
 }
 
 
-def name_of(initializer: str) -> str:
-    """The display name of an initializer, or of the choice among them."""
-    return DEFAULT if initializer == DEFAULT else label(initializer)
-
-
 @dataclass(frozen=True, eq=False)
 class ContinualRuns:
     """The tables of one experiment."""
@@ -59,6 +54,15 @@ class ContinualRuns:
     @property
     def title(self) -> str:
         return self.settings.title
+
+    def name_of(self, key: str) -> str:
+        """The display name of an initializer of params, or of the choice among them."""
+        initializer, options = self.settings.initializer_of(key)
+        if key == DEFAULT:
+            return DEFAULT
+        if key == initializer:
+            return label(key)
+        return ", ".join([label(initializer), *(f"{name} {options[name]}" for name in options)])
 
     @property
     def model(self) -> str:

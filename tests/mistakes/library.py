@@ -1,6 +1,4 @@
-"""Mistakes in the arguments of ``isi.insert``,
-``isi.fit_new`` and of the methods of ``Inserted``.
-"""
+"""Mistakes in the arguments of ``isi.insert`` and of the methods of ``Inserted``."""
 
 from pathlib import Path
 from typing import Any
@@ -123,17 +121,9 @@ INSERT_CASES = [
     *wrong("seed", -1, "a"),
 ]
 
-FIT_CASES = [
-    *wrong("triples", [("e1", "in", "e2")], [], None),
-    *wrong("known_triples", TRIPLES),
-    *wrong("new", 0, 14, ["cup", "mug"]),
+TRAIN_CASES = [
     *wrong("epochs", 0, "ten"),
-    *wrong("all_epochs", -1, 1),
-    Called("a learning rate below 0", {"learning_rate": -1.0}, "fit_new|learning_rate"),
-    Called("a learning rate with which it diverges", {"learning_rate": 1e30}, "fit_new"),
-    Called("a ratio of none", {"ratio": 0}, "fit_new|ratio"),
-    *wrong("model", "rotate", place="margin"),
-    *wrong("seed", 1.5),
+    Called("an option that there is not", {"rate": 1.0}, "rate"),
 ]
 
 REPORT_CASES = wrong("nearest", -1, "all")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Canvas
 
 from isi import config
 from isi.continual.experiment import DEFAULT
-from isi.report.continual import MEASURES, ContinualRuns, name_of
+from isi.report.continual import MEASURES, ContinualRuns
 from isi.report.data import Results
 from isi.report.figures import panels
 from isi.report.section import Content, Contents
@@ -54,7 +54,7 @@ def _at_a_glance(runs: ContinualRuns) -> dict[str, Any]:
         "new tests: Xavier": inserted[BASELINE][at_once],
         "new tests: default": inserted[DEFAULT][at_once],
         "new tests: best named": inserted[best][at_once],
-        "best named": name_of(best),
+        "best named": runs.name_of(best),
         "D of the default": inserted[DEFAULT][harm],
         "base test: before": inserted[DEFAULT][MEASURES["base_before"][1]],
         "base test: default": inserted[DEFAULT][base],
@@ -68,11 +68,11 @@ def grown(results: Results) -> Contents:
     """Each initializer with each strategy: a table, R[i, j], and gain against harm."""
     for place, runs in enumerate(results.continual):
         rows = [
-            _names(*chain) | {name: row[name] for _, name in MEASURES.values()}
+            _names(runs, *chain) | {name: row[name] for _, name in MEASURES.values()}
             for chain, (_, row) in zip(runs.chains, runs.measures.iterrows(), strict=True)
         ]
         figures = {"matrix": _matrices(runs), "gain_and_harm": _gain_and_harm(runs)}
-        numbers = {"runs": runs, "first": place == 0, "shown": name_of(runs.chains[0][0])}
+        numbers = {"runs": runs, "first": place == 0, "shown": runs.name_of(runs.chains[0][0])}
         yield Content(numbers, {"grown": rows}, figures, f"_{runs.name}", runs.title)
 
 
@@ -106,14 +106,15 @@ def faults(results: Results) -> Contents:
         yield Content(tables={"faults": rows})
 
 
-def _names(initializer: str, strategy: str) -> dict[str, Any]:
-    return {"initializer": name_of(initializer), "strategy": STRATEGIES.get(strategy, strategy)}
+def _names(runs: ContinualRuns, initializer: str, strategy: str) -> dict[str, Any]:
+    of_strategy = STRATEGIES.get(strategy, strategy)
+    return {"initializer": runs.name_of(initializer), "strategy": of_strategy}
 
 
 def _by_name(runs: ContinualRuns, values: pd.DataFrame) -> dict[str, dict[Any, Any]]:
     """Values of each chain, by its name."""
     rows = zip(runs.chains, values.iterrows(), strict=True)
-    return {", ".join(_names(*chain).values()): row.to_dict() for chain, (_, row) in rows}
+    return {", ".join(_names(runs, *chain).values()): row.to_dict() for chain, (_, row) in rows}
 
 
 def _beside(
@@ -162,7 +163,7 @@ def _matrices(runs: ContinualRuns) -> Canvas:
 
 def _gain_and_harm(runs: ContinualRuns) -> Canvas:
     """MRR about new tests against what the base test loses, a mark for each initializer and
-    strategy.
+    strategy; a line joins one initializer with several options: its frontier.
     """
     canvas, (axes,) = panels(1, 1, 4.6)
     initializers, strategies = (
@@ -170,6 +171,7 @@ def _gain_and_harm(runs: ContinualRuns) -> Canvas:
     )
     colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
     gain, before, after = (MEASURES[name][1] for name in ("trained", "base_before", "base"))
+    frontiers: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for (initializer, strategy), (_, row) in zip(
         runs.chains, runs.measures.iterrows(), strict=True
     ):
@@ -177,9 +179,13 @@ def _gain_and_harm(runs: ContinualRuns) -> Canvas:
         marker = _MARKERS[strategies.index(strategy) % len(_MARKERS)]
         harm = row[before].mean - row[after].mean
         axes.plot(harm, row[gain].mean, ls="", marker=marker, color=colour, ms=6)
+        dial = runs.settings.initializer_of(initializer)[0], strategy
+        frontiers.setdefault(dial, []).append((harm, row[gain].mean))
+    for frontier in frontiers.values():
+        axes.plot(*zip(*sorted(frontier), strict=True), color="#777777", lw=0.8, zorder=1)
     for place, initializer in enumerate(initializers):
         colour = colours[place % len(colours)]
-        axes.plot([], [], ls="", marker="s", color=colour, label=name_of(initializer))
+        axes.plot([], [], ls="", marker="s", color=colour, label=runs.name_of(initializer))
     for place, strategy in enumerate(strategies):
         marker = _MARKERS[place % len(_MARKERS)]
         name = STRATEGIES.get(strategy, strategy)
