@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 #: after training with logistic loss and with another one. The first one whose data are given and
 #: that supports the model is always a candidate.
 AFTER_LOGISTIC, AFTER_OTHERS = ("map", "soft_es", "mean"), ("fold_in", "soft_es", "mean")
+WITH_WORDS = "soft_hybrid"  #: Where training starts if there are words.
 #: Plain means, which cost little: they are candidates, too.
 MEANS = ("soft_rs", "er_avg", "soft_hybrid", "soft_es", "mean")
 PAIRS = 2**29  #: Maximum number of word similarities of entity pairs.
@@ -191,7 +192,15 @@ def preferred(
     names = AFTER_LOGISTIC if loss and _may_be_logistic(loss) else AFTER_OTHERS
     initializer = next(suited[name] for name in names if name in suited)
     why = "the best for " + " and ".join(["words"] * has_words + ["triples"] * has_triples)
-    return Method(initializer, dict(initializer.defaults), why, loss or "logistic")
+    return Method(initializer, defaults_of(initializer, has_words), why, loss or "logistic")
+
+
+def defaults_of(initializer: Registered, has_words: bool) -> dict[str, object]:
+    """Default options; training starts from words, too, if there are any."""
+    options = dict(initializer.defaults)
+    if initializer.starts_from and has_words:
+        options[initializer.starts_from] = WITH_WORDS
+    return options
 
 
 def _may_be_logistic(loss: Loss | TrainingLoss | None) -> bool:
@@ -314,8 +323,8 @@ def ordered_settings(initializers: Sequence[Registered], test: HoldOut) -> list[
     cheap = [each for each in others if each.cost not in ("newton", "trained")]
     dear = [each for each in others if each not in cheap]
     cheap.sort(key=lambda each: work_of(each, test))
-    settings = [(each, dict(each.defaults)) for each in (first, *cheap)]
-    settings += [(each, dict(each.defaults)) for each in dear]
+    has_words = test.words is not None
+    settings = [(each, defaults_of(each, has_words)) for each in (first, *cheap, *dear)]
     for each in (first, *cheap, *dear):
         settings += with_other_options(each, test)
     return settings
@@ -327,7 +336,8 @@ def with_other_options(initializer: Registered, test: HoldOut) -> list[Setting]:
     """
     if initializer.needs == ("words",) and test.numbers.any():
         return []
-    return [(initializer, {**initializer.defaults, **each}) for each in initializer.calibration]
+    defaults = defaults_of(initializer, test.words is not None)
+    return [(initializer, {**defaults, **each}) for each in initializer.calibration]
 
 
 def value(candidate: Candidate, harm: float) -> float:
