@@ -148,9 +148,10 @@ def test_names_ids_and_tables_of_triples_give_the_same_in_their_order_with_dupli
     assert done.probability([]).shape == (0,)
 
 
-@pytest.mark.parametrize("changed", [{"calibrate": False}, {"initializer": "map"}, {"budget": 0}])
+@pytest.mark.parametrize("changed", [{"choose": False}, {"initializer": "map"}, {"budget": 0}])
 def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, Any]) -> None:
-    done, chosen, named = (insert(**options) for options in (changed, {}, {"initializer": "map"}))
+    done, chosen = insert(**changed), insert()
+    named = insert(initializer=done.initializer)
     assert done.selection is None
     draws, others = done.hide(), chosen.hide()
     assert draws is not None

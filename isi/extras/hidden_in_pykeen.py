@@ -31,8 +31,8 @@ from isi.experiment.grid import GridPoints
 from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
 from isi.graph.vocabulary import Vocabulary
-from isi.insertion.fit import fit_new
 from isi.insertion.result import Inserted
+from isi.models.losses import loss_named
 from isi.params import check_names
 from isi.pykeen import compute_rows, enlarge, read_model, warm
 from isi.tables import paths
@@ -87,7 +87,7 @@ def hidden_in(
         model, result = case.enlarged(split.ids.insert_triples(number), **options)
         row = {"method": name, "initializer": result and result.initializer, "told": number}
         seconds.append(row | {"seconds": time.process_time() - start})
-        row["trained_with"] = result and result.method.trained_with
+        row["trained_with"] = result and loss_named(result.method.trained_with).name
         estimate = estimated_loss(result) if name == "insert" else None
         measured = split.evaluate(model, earlier=pairs).measures()
         for measures in measured.to_dict("records"):
@@ -103,7 +103,7 @@ def estimated_loss(result: Inserted | None) -> float | None:
     """
     if result is None or result.selection is None:
         return None
-    return result.selection.expected["loss"]
+    return result.selection.expected["harm"]
 
 
 @contextmanager
@@ -169,19 +169,7 @@ class Case:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
             result = replace(result, vectors=fresh.entity[0, known:].numpy())
         if then == "new_rows":
-            entities, _ = fit_new(
-                result.entities,
-                result.relations,
-                insert_triples,
-                new=len(result.new),
-                model=result.model,
-                known_triples=self.train.mapped_triples,
-                loss=result.method.trained_with,
-                early_stopping=not pykeen_rows,  # else random rows with few facts stay random
-                epochs=self.settings.epochs,
-                seed=self.seed,
-            )
-            result = replace(result, vectors=entities[known:])
+            result = result.train(self.settings.epochs)
         model, _ = enlarge(self.model, self.train, result)
         if then == "all_rows":
             torch.manual_seed(self.seed)
