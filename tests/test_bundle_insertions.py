@@ -14,7 +14,7 @@ import isi
 from isi.errors import InputError
 from isi.live.bundle import Fact
 from isi.live.embedding import LiveEmbedding
-from isi.live.groups import TOLERANCE
+from isi.live.groups import HARM
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import (
     KINDS,
@@ -76,7 +76,7 @@ def of_stove(
     part = LiveEmbedding(live.base.part(rows))
     facts = [fact for fact in facts if {fact[0], fact[2]} & {*part.base.entity_names}]
     words = None if word is None else np.array([*np.array(WORDS)[rows], word], np.float32)
-    options |= {"words": words, "kinds": [*part.base.kinds, "object"]}
+    options |= {"words": words, "kinds": [*part.base.kinds, "object"], "trained_with": "logistic"}
     row: np.ndarray = by_library(part, facts, ["stove"], **options).entities[-1]
     return row
 
@@ -101,7 +101,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
         row = bare.inserted[name]
         assert row.conditions.facts == min(number, 3)  # four are served by the choice for three
         if name in ("n2", "n3"):
-            expected = by_library(bare, facts, [name], loss="logistic", harm=TOLERANCE)
+            expected = by_library(bare, facts, [name], trained_with="logistic", harm=HARM)
             chosen = expected.initializer, expected.options, expected.why
             assert (row.initializer, row.options, row.why) == chosen
             assert row.vector.tobytes() == expected.entities[-1].tobytes()

@@ -80,7 +80,9 @@ def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
         torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0
     )
     if expected.indicators is not None:
-        assert done.details.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
+        assert done.details.indicators == [
+            row.nonzero()[:, 0].tolist() for row in expected.indicators[0]
+        ]
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16])

@@ -168,7 +168,8 @@ def test_ranks_are_those_of_candidates_scored_one_by_one(
     done, old = last_of_a_row(seed, model, known, linked), original or FIRST
     measured = done.interference(held_out, original=original, show=100)
     listed, added = (
-        [tuple(row) for row in part.tolist()] for part in (done.details.known_triples, done.details.insert_triples)
+        [tuple(row) for row in part.tolist()]
+        for part in (done.details.known_triples, done.details.insert_triples)
     )
     queried = dict.fromkeys(listed if held_out is None else held_out)
     queries = [

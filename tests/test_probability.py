@@ -153,7 +153,10 @@ def test_without_a_choice_the_same_known_entities_are_hidden(changed: dict[str, 
     given = changed, {}, {"initializer": "map"}
     done, chosen, named = (insert(trained_with="logistic", **each) for each in given)
     assert done.selection is None
-    draws, others = done.details.test.hide(done.details.most_hidden), chosen.details.test.hide(chosen.details.most_hidden)
+    draws, others = (
+        done.details.test.hide(done.details.most_hidden),
+        chosen.details.test.hide(chosen.details.most_hidden),
+    )
     assert draws is not None
     assert others is not None
     assert torch.equal(draws.context.novel, others.context.novel)

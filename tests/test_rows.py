@@ -70,7 +70,7 @@ def theta(model: Model | None = None, entities: int = ENTITIES) -> Embedding:
 
 
 def objective(of: Embedding, task: Task, recipe: Recipe) -> Objective:
-    tables = Tables.of(of, task.moving, recipe.negatives is not None)
+    tables = Tables.of(of, task.moving, recipe)
     return Objective(of.model, tables, task, recipe)
 
 
@@ -208,7 +208,7 @@ def test_no_part_in_earlier_facts(earlier: Earlier | None) -> None:
 
 @pytest.mark.parametrize("chosen", [EXACT, recipe("margin")], ids=["softmax", "margin"])
 def test_earlier_facts_are_drawn_alike(chosen: Recipe) -> None:
-    known = known_queries(ComplEx(), Tables.of(theta(), NEW), EARLIER, TAIL, chosen)
+    known = known_queries(ComplEx(), Tables.of(theta(), NEW, chosen), EARLIER, TAIL, chosen)
     drawn = torch.cat([known.draw(np.random.default_rng(seed)) for seed in range(2000)])
     assert len(drawn) == 2000 * len(known.given)
     of_fact = torch.stack([known.relation, known.given], 1)[drawn]
@@ -223,7 +223,7 @@ def test_of_many_earlier_facts_a_sample_knows_all_its_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(rows, "MOST_EARLIER", 2)
-    known = known_queries(ComplEx(), Tables.of(theta(), NEW), EARLIER, TAIL, EXACT)
+    known = known_queries(ComplEx(), Tables.of(theta(), NEW, EXACT), EARLIER, TAIL, EXACT)
     by_hand, facts = ByHand(theta(), EXACT), EARLIER.tolist()
     assert known.number == len(facts)
     assert list(zip(known.relation.tolist(), known.given.tolist(), strict=True)) == [(0, 0), (2, 5)]
@@ -249,8 +249,8 @@ def test_fixed_answers_that_are_kept_give_the_gradients_of_all_answers(tails_onl
 def test_cubes_and_a_penalty_are_added() -> None:
     of, facts = theta(DistMult()), Facts(torch.tensor([[0, 1, 2], [3, 0, 4]]), torch.ones(2))
 
-    def penalty(entity: Tensor, relation: Tensor) -> Tensor:
-        return 2 * entity[1].sum() + relation[3].sum()
+    def penalty(tables: Tables) -> Tensor:
+        return 2 * tables.all_entities()[1].sum() + tables.all_relations()[3].sum()
 
     entity, relation = of.entity[0].double(), of.relation[0].double()
     cubes = entity[[0, 3, 2, 4]].abs().pow(3).sum() + relation[[1, 0]].abs().pow(3).sum()
@@ -259,7 +259,7 @@ def test_cubes_and_a_penalty_are_added() -> None:
     assert loss(of, Task(facts), with_cubes) == pytest.approx(expected)
     for moving in (Moving(), NEW):
         held = loss(of, Task(facts, moving, penalty=penalty), with_cubes)
-        more = penalty(entity, relation).item()
+        more = penalty(Tables.of(of, moving, with_cubes)).item()
         assert held == pytest.approx(expected + more, rel=1e-5)
 
 
