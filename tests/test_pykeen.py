@@ -1,7 +1,7 @@
 """``isi.pykeen.insert`` against PyKEEN itself: scores, ranks, saving and further training."""
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 

@@ -11,8 +11,7 @@ from torch.nn.functional import softplus
 
 import isi
 from isi.initializers.scale import LOGISTIC, _known_and_corrupted, fit_scale
-from isi.insertion.hidden import TRIED
-from isi.models.losses import LOSSES, Loss, TrainingLoss, loss_named
+from isi.models.losses import LOSSES, Loss, TrainingLoss
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.init_contexts import DIMENSION, ENTITIES, TRIPLES
