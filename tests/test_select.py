@@ -329,6 +329,31 @@ def test_measures_are_those_of_a_loop_over_queries(share: float) -> None:
     assert 0 < measured.harm < measured.h_old < 0.9
 
 
+def test_without_allowed_harm_a_candidate_that_does_none_is_selected() -> None:
+    """Zero vectors rank below all right answers, and are useless."""
+    own("origin", lambda context: torch.zeros(*context.novel.shape, DIMENSION))
+    choice = of(own("loud", loud), INITIALIZERS.get("origin"), harm=0.0)
+    assert choice.selected.initializer == "origin"
+    assert choice.selected.harm == 0.0
+    # whatever it answers, no candidate that harms by .04 is better than one that does no harm
+    assert value(candidate(1.0, 0.041), 0.0) < value(candidate(0.0, 0.0), 0.0)
+
+
+def test_harm_is_measured_on_validation_triples_where_there_are_enough() -> None:
+    held, rest = TRIPLES[::4], np.delete(TRIPLES, np.s_[::4], 0)
+    test = HoldOut(THETA, rest, NUMBERS, None, None, 0, validation=held)
+    draws, by_training = test.hide(12), replace(test, validation=held[:5]).hide(12)
+    assert draws is not None
+    assert by_training is not None
+    assert (draws.are_trained, by_training.are_trained) == (False, True)
+    asked = {tuple(each) for each in draws.earlier.triples[draws.earlier.counted].tolist()}
+    assert asked <= set(map(tuple, held.tolist()))
+    noisy = own("loud", loud)
+    measured = draws.measure(noisy, {})
+    assert measured is not None
+    assert measured.harm == pytest.approx(measured.h_old - measured.h_cur)
+
+
 def test_a_choice_is_made_once_for_an_embedding_and_numbers_of_facts() -> None:
     made = list[int]()
 

@@ -41,9 +41,8 @@ def insert_rows(
     as ``isi.insert`` computes them from triples with known entities.
 
     A float32 table is not copied: ``np.load(file, mmap_mode="r")`` is read in a few passes from
-    start to end, and otherwise only at the rows that the initializer needs. With ``softmax`` there
-    are more passes, one for some of the queries about new entities. Memory beyond the table grows
-    with E + K, not with E · d.
+    start to end, and otherwise only at the rows that the initializer needs. Memory beyond the table
+    grows with E + K, not with E · d.
 
     Args:
         entities: vectors of the known entities, shape (E, d), float32 (other floats are copied to
