@@ -102,7 +102,7 @@ def test_an_initializer_is_chosen_once_for_each_number_of_facts_as_by_the_librar
         assert row.conditions.facts == min(number, 3)  # four are served by the choice for three
         if name in ("n2", "n3"):
             expected = by_library(bare, facts, [name], trained_with="logistic", harm=HARM)
-            chosen = expected.initializer, expected.options, expected.why
+            chosen = expected.initializer, expected.details.options, expected.details.why
             assert (row.initializer, row.options, row.why) == chosen
             assert row.vector.tobytes() == expected.entities[-1].tobytes()
     assert bare.home.read("SELECT facts, words FROM choice") == [(2, 0), (3, 0)]

@@ -768,7 +768,7 @@ def test_a_function_of_before_says_what_to_type_and_serves(factory: Any) -> None
     before, after = (one.entity_representations[0]().detach() for one in (larger, trained))
     assert (before != after).any(1).nonzero().flatten().tolist() == [ENTITIES, ENTITIES + 1]
     for new in (["cup", "mug"], [ENTITIES, "mug"], 2):
-        with pytest.warns(DeprecationWarning):
+        with pytest.warns(DeprecationWarning, match="train"):
             again = isi.pykeen.fit_new(larger, more, new=new, epochs=3)
         assert torch.equal(again.entity_representations[0](), after)
 

@@ -181,7 +181,7 @@ def test_a_loss_by_hand(name: str, tails_only: bool, moving: Moving) -> None:
 def test_the_part_in_earlier_facts_is_a_sum_over_them_and_new_entities(
     name: str, tails_only: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def each(known: KnownQueries, _: np.random.Generator) -> Tensor:
+    def each(known: KnownQueries, _: np.random.Generator, most: int) -> Tensor:  # noqa: ARG001
         number = known.total.diff(prepend=torch.zeros(1)).long()
         return torch.arange(len(number)).repeat_interleave(number)
 
@@ -209,7 +209,7 @@ def test_no_part_in_earlier_facts(earlier: Earlier | None) -> None:
 @pytest.mark.parametrize("chosen", [EXACT, recipe("margin")], ids=["softmax", "margin"])
 def test_earlier_facts_are_drawn_alike(chosen: Recipe) -> None:
     known = known_queries(ComplEx(), Tables.of(theta(), NEW, chosen), EARLIER, TAIL, chosen)
-    drawn = torch.cat([known.draw(np.random.default_rng(seed)) for seed in range(2000)])
+    drawn = torch.cat([known.draw(np.random.default_rng(seed), 100) for seed in range(2000)])
     assert len(drawn) == 2000 * len(known.given)
     of_fact = torch.stack([known.relation, known.given], 1)[drawn]
     for triple in EARLIER.tolist():

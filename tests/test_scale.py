@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 
 import isi
 from isi.initializers.scale import LOGISTIC, _known_and_corrupted, fit_scale
-from isi.models.losses import LOSSES, Loss, TrainingLoss
+from isi.models.losses import LOSSES, Loss, TrainingLoss, loss_named
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.init_contexts import DIMENSION, ENTITIES, TRIPLES
@@ -51,7 +51,7 @@ def test_insertion_knows_the_loss_that_is_named(loss: Loss | TrainingLoss) -> No
     given = one.entity[0].numpy(), one.relation[0].numpy(), [(ENTITIES, 0, 1), (2, 1, ENTITIES)]
     how = {"new": 1, "model": "complex", "known_triples": TRIPLES, "initializer": "map"}
     done = isi.insert(*given, **how, trained_with=loss)
-    assert done.details.scale.training.name == loss
+    assert done.details.scale.training == loss_named(loss)
     logistic = isi.insert(*given, **how)
     assert (done.vectors == logistic.vectors).all() == (loss == "logistic")
 

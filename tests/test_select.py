@@ -206,9 +206,10 @@ def test_the_choice_depends_on_the_arguments_alone() -> None:
 def test_without_calibration_the_first_of_the_listed_initializers_is_used(
     changed: dict[str, Any],
 ) -> None:
-    done = insert(trained_with="logistic", **changed)
+    done = insert(**{"trained_with": "logistic", **changed})
     assert done.selection is None
-    preferred = "map" if changed.get("trained_with", "logistic") == "logistic" else "fold_in"
+    is_logistic = changed.get("trained_with", "logistic") == "logistic"
+    preferred = "map" if is_logistic else "fold_in"
     assert done.initializer == changed.get("initializer", preferred)
 
 

@@ -96,8 +96,8 @@ class ContinualExperiment(Section):
     training: ChainTraining
     seeds: Count
     most_tests: Count | None  #: test triples of a snapshot that are ranked; null: all
-    #: with options, of which ``initializer`` names another one than the key; ``default``: the chosen
-    #: one
+    #: with options, of which ``initializer`` names another one than the key; ``default``: the
+    #: chosen one
     initializers: dict[Name, dict[str, Any]]
     strategies: dict[Name, dict[str, Any]]  #: with options
     #: which strategies follow which initializer
