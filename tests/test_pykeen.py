@@ -354,11 +354,11 @@ def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
         known_triples=apart[1],
     )
     once, twice = (
-        next(each.known_ends for each in done.selection.candidates if each.initializer == "fold_in")
+        next(each.known_ends for each in done.selection.candidates if each.initializer == "soft_rs")
         for done in (facts_once, facts_twice)
         if done.selection
     )
-    assert twice > 1.3 * facts_twice.selection.random_mrr  # type: ignore[union-attr]
+    assert twice > 1.2 * facts_twice.selection.random_mrr  # type: ignore[union-attr]
     assert once < 1.1 * facts_once.selection.random_mrr  # type: ignore[union-attr]
 
 
