@@ -96,8 +96,8 @@ def insert(
     """Insert ``new`` entities with ten insert triples each into a random ComplEx;
     median seconds of a core.
 
-    ``triples``: number of known triples; ``what``: ``fit_new`` (100 epochs), or an initializer, of
-    a table in memory or in a ``file``. Peak memory includes tables, triples and pages of the file.
+    ``triples``: number of known triples; ``what``: an initializer, of a table in memory or in a
+    ``file``; ``fold_in`` after training with cross-entropy. Peak memory includes tables, triples and pages of the file.
     """
     import tempfile
 
@@ -130,16 +130,9 @@ def insert(
     for _ in range(rounds + 1):  # the first one also imports modules
         start = time.process_time()
         given: dict[str, Any] = {"new": new, "model": "complex", "known_triples": known}
-        if name == "fit_new":
-            isi.fit_new(
-                np.concatenate([tables[0], np.zeros((new, DIMENSION), np.float32)]),
-                tables[1],
-                insert_triples,
-                new=new,
-                model="complex",
-                epochs=100,
-            )
-        elif place:
+        if name == "fold_in":
+            given["trained_with"] = "softmax"
+        if place:
             insert_rows(*tables, insert_triples, **given, initializer=name)
         else:
             isi.insert(*tables, insert_triples, **given, initializer=name)
