@@ -97,7 +97,8 @@ def insert(
     median seconds of a core.
 
     ``triples``: number of known triples; ``what``: an initializer, of a table in memory or in a
-    ``file``; ``fold_in`` after training with cross-entropy. Peak memory includes tables, triples and pages of the file.
+    ``file``; ``fold_in`` after training with cross-entropy. Peak memory includes tables, triples
+    and pages of the file.
     """
     import tempfile
 
