@@ -19,7 +19,7 @@ from isi.evaluation.platt import PlattCurve
 from isi.graph.vocabulary import ids_by_name
 from isi.initializers.scale import fit_scale
 from isi.insertion.api import insert_request
-from isi.insertion.hidden import HoldOut
+from isi.insertion.hidden import HIDDEN, HoldOut
 from isi.insertion.probability import Curves, fit_curves
 from isi.insertion.relations import fit_relations
 from isi.insertion.request import InsertRequest, KnownEmbedding
@@ -326,6 +326,7 @@ class EntityGroups:
         number, words, warnings = conditions.facts, conditions.words, list[str]()
         with usual_torch():
             test = self._hold_out(number, words)
+            selection = None
             if conditions.initializer is None:
                 method, selection = select(test, number > 0, words, harm=HARM, budget=BUDGET)
                 warnings = list(selection.warnings) if selection else []
@@ -334,7 +335,8 @@ class EntityGroups:
                 options = dict(conditions.options)
                 method = named(conditions.initializer, options, base.model, entities)
                 method = replace(method, trained_with=base.manifest.trained_with or "logistic")
-            draws = replace(test, loss=method.trained_with).hide()
+            most = selection.most_hidden if selection else HIDDEN
+            draws = replace(test, loss=method.trained_with).hide(most)
             curves = None if draws is None else fit_curves(draws, method)
         return Choice(
             method.initializer.name,
