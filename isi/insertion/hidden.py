@@ -34,7 +34,7 @@ from isi.models.stack import Embedding
 from isi.random import stream
 
 ONE_IN = 10  #: At most one in so many known entities is hidden at a time.
-#: Insertions come in rows: harm is that of so many new entities at least, or of a tenth.
+#: Insertions come in rows: harm is that of so many new entities at least.
 ROW = 12
 #: The losses that are tried where that of training is unknown.
 TRIED: tuple[Loss, ...] = ("logistic", "softmax", "margin")
@@ -268,7 +268,7 @@ class HoldOut:
             return None
         graph = trained_session(self.triples, self.theta0, self.kinds).graph
         context = self._context(graph, torch.from_numpy(novel), inserted)
-        share = max(min(tenth, ROW), len(self.numbers)) / together
+        share = max(ROW, len(self.numbers)) / together
         are_trained = queried is self.triples
         # all known triples are right answers, whether they were trained on or not
         every = np.concatenate([queried, self.validation if are_trained else self.triples])
