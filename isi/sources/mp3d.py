@@ -25,7 +25,7 @@ Tally = tuple[str | None, str | None, str, str, int]
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 
 
-class Vocabulary(Section):
+class Categories(Section):
     """Categories to omit (``structure``), and AI2-THOR's name of a category where
     it differs (``same_as``).
     """
@@ -61,7 +61,7 @@ def mine(
     Adds to ``counts`` the instances that remain after each of ``STEPS``. ``vocabulary`` is a file,
     not part of params, since DVC parses all params for every stage.
     """
-    words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
+    words = config.check(config.read(vocabulary), Categories, "", vocabulary)
     for batch in batches:
         observed = Counter[tuple[str | None, str, str | None, str]]()
         for scene, instance, region, category, count in batch:
