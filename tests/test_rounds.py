@@ -65,9 +65,8 @@ def test_an_entity_that_only_a_new_one_knows_is_inserted_from_it() -> None:
 
     def score(of: Any, head: np.ndarray) -> float:
         relation = torch.from_numpy(of.relations[0]).float()
-        return float(
-            of.model.score(torch.from_numpy(head).float(), relation, torch.from_numpy(mug).float())
-        )
+        ends = (torch.from_numpy(vector).float() for vector in (head, mug))
+        return float(of.details.model.score(next(ends), relation, next(ends)))
 
     assert score(done, spoon) > score(done, alone.entities[ENTITIES])
 

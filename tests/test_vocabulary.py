@@ -21,7 +21,7 @@ PARTS = {
 #: Words that must not be a whole name.
 WHOLE = {
     "approach", "at_once", "cell", "cells", "drawing", "every", "found", "given", "held", "how",
-    "keep", "listed", "meet", "news", "nothing", "one", "own", "placed", "pull", "rates", "some",
+    "keep", "listed", "meet", "news", "nothing", "one", "own", "placed", "rates", "some",
     "what",
 }  # fmt: skip
 #: Words that must not name an argument or a local, since they do not describe the value.

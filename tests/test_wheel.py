@@ -222,7 +222,7 @@ def test_an_import_of_isi_loads_nothing_else(empty: Empty) -> None:
 
 def test_insertion_works_in_the_empty_environment(empty: Empty) -> None:
     (code,) = blocks("isi-kge.md", "python")
-    assert "map" in empty.run("python", "-c", code)
+    assert "fold_in" in empty.run("python", "-c", code)
 
 
 def test_commands_work_in_the_empty_environment(empty: Empty, tmp_path: Path) -> None:

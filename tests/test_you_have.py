@@ -143,10 +143,9 @@ def test_a_page_runs_as_it_stands(
             assert named & right
             assert len(right.intersection(scope["answers"][:5])) >= 3
     elif "done" in scope:
-        assert (scope["done"].names.of(-1 % len(scope["done"].entities)), scope["done"].new) == (
-            "espresso machine",
-            [len(scope["done"].entities) - 1],
-        )
+        done = scope["done"]
+        assert done.entity_names[-1] == "espresso machine"
+        assert done.details.new == [len(done.entities) - 1]
     elif "home" in scope:
         assert (
             list(scope["home"].inserted) == list(isi.open("home").inserted) == ["espresso machine"]

@@ -170,6 +170,8 @@ def checked_request(known: KnownEmbedding, request: InsertRequest) -> Checked:
     number = len(rows)
     are_ids = known.numbers_are_ids
     known_names = Vocabulary("entity", known.entity_names, number, numbers_are_ids=are_ids)
+    if request.new is None:
+        raise InputError("argument 'new'", "", "expected names of new entities, or their number")
     names = known_names.with_new(request.new, "new")
     added = names.number - number
     given = arguments.checked_arguments(

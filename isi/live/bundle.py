@@ -7,13 +7,15 @@ order of ids, ``relations.tsv`` names, ``triples.tsv`` the known triples by name
 databases, such a folder was a home, too (``isi.live.convert``).
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
@@ -23,9 +25,11 @@ from safetensors.numpy import load, save
 from isi.config import LARGEST, Name, Option, Seed
 from isi.errors import InputError, at, short
 from isi.graph.vocabulary import Vocabulary, ids_by_name
-from isi.models.losses import Loss, TrainingLoss
 from isi.names import check_text, name_fault
 from isi.tables.io import atomically
+
+if TYPE_CHECKING:
+    from isi.models.losses import Loss, TrainingLoss
 
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
@@ -67,6 +71,18 @@ class WordSource(Record):
     model: Text | None
 
 
+#: ``isi.models.losses.LOSSES``: that module takes a second to import, and many commands need none.
+LossName = Literal["logistic", "softmax", "margin", "self-adversarial"]
+
+
+class StoredLoss(Record):
+    """The fields of ``isi.models.losses.TrainingLoss``."""
+
+    name: LossName
+    margin: float
+    temperature: float
+
+
 class Manifest(Record):
     """Description of an embedding: model, source of words, origin."""
 
@@ -74,8 +90,22 @@ class Manifest(Record):
     model_options: dict[str, Option]
     words: WordSource | None
     #: the loss that it was trained with; None: unknown
-    trained_with: Loss | TrainingLoss | None = "logistic"
+    trained_with: LossName | StoredLoss | None = "logistic"
     made: dict[str, Any]  #: how it was trained, or the files that it was imported from; free form
+
+    @property
+    def loss(self) -> Loss | TrainingLoss | None:
+        """``trained_with`` as the library takes it."""
+        if not isinstance(self.trained_with, StoredLoss):
+            return self.trained_with
+        from isi.models.losses import TrainingLoss
+
+        return TrainingLoss(**self.trained_with.model_dump())
+
+
+def stored_loss(loss: Loss | TrainingLoss | None) -> LossName | StoredLoss | None:
+    """A loss of training as a manifest keeps it."""
+    return loss if loss is None or isinstance(loss, str) else StoredLoss(**vars(loss))
 
 
 class NewEntity(Record):

@@ -231,7 +231,7 @@ class EntityGroups:
             kinds=self._kind_ids([member.kind for member in members.values()]),
             initializer=choice.initializer,
             options=choice.options,
-            trained_with=base.manifest.trained_with or choice.trained_with,
+            trained_with=base.manifest.loss or choice.trained_with,
             seed=conditions.seed,
             entity_keys=np.array([crc32(name.encode()) for name in members], np.int64),
             confidence=list(facts.values()) if doubtful else None,
@@ -281,7 +281,7 @@ class EntityGroups:
         theta = replace(
             now.embedding, relation=torch.cat([known, torch.zeros_like(known[:, :1])], 1)
         )
-        scale = fit_scale(base.embedding, known_triples, base.manifest.trained_with or "logistic")
+        scale = fit_scale(base.embedding, known_triples, base.manifest.loss or "logistic")
         fitted = fit_relations(
             theta, len(base.entities), number, triples, known_triples, scale=scale
         )
@@ -334,7 +334,7 @@ class EntityGroups:
             else:
                 options = dict(conditions.options)
                 method = named(conditions.initializer, options, base.model, entities)
-                method = replace(method, trained_with=base.manifest.trained_with or "logistic")
+                method = replace(method, trained_with=base.manifest.loss or "logistic")
             most = selection.most_hidden if selection else HIDDEN
             draws = replace(test, loss=method.trained_with).hide(most)
             curves = None if draws is None else fit_curves(draws, method)
@@ -386,7 +386,7 @@ class EntityGroups:
             base.words if words else None,
             base.kind_ids,
             seed=0,
-            loss=base.manifest.trained_with,
+            loss=base.manifest.loss,
         )
 
 

@@ -24,7 +24,15 @@ from isi.columns import TRIPLE
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.arguments import array_of, checked_model, naming_argument
-from isi.live.bundle import Bundle, Manifest, check_numbers, checked_names, split_rows, triple_ids
+from isi.live.bundle import (
+    Bundle,
+    Manifest,
+    check_numbers,
+    checked_names,
+    split_rows,
+    stored_loss,
+    triple_ids,
+)
 from isi.live.loaded import LoadedEmbedding
 from isi.models.losses import Loss, TrainingLoss
 from isi.models.model import MODELS
@@ -134,7 +142,7 @@ def bundle_of(
         model_name=model,
         model_options={name: vars(checked)[name] for name in options},
         words=None,
-        trained_with=loss,
+        trained_with=stored_loss(loss),
         made={"imported": labels.form, "files": digests},
     )
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples

@@ -59,7 +59,7 @@ class EnlargedModel:
     Example:
         >>> new = isi.pykeen.insert(model, factory, [("mug", "in", "kitchen")], choose=False)
         >>> new.initializer, new.harm, new.vectors.shape
-        ('map', None, (1, 4))
+        ('fold_in', None, (1, 4))
         >>> new.model.num_entities, new.factory.entity_to_id["mug"]
         (5, 4)
         >>> trained = new.train(epochs=2)

@@ -11,7 +11,7 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from isi.errors import InputError
 from isi.graph.graph import RELATION
 from isi.insertion.inverses import pack
-from isi.live.bundle import Manifest
+from isi.live.bundle import Manifest, stored_loss
 from isi.live.embedding import LiveEmbedding
 from isi.live.home import Home
 from isi.live.loaded import LoadedEmbedding
@@ -127,7 +127,7 @@ def from_pykeen(
         model_name=name or "pykeen",
         model_options=options,
         words=None,
-        trained_with=loss_of(model, read.model),
+        trained_with=stored_loss(loss_of(model, read.model)),
         made={},
     )
     triples = np.unique(known.mapped_triples.numpy(), axis=0)

@@ -264,8 +264,8 @@ def loss_of(model: PykeenModel, read: Model) -> Loss | TrainingLoss | None:
     """The loss that a model was trained with, of the scores of ``read``; None for one that is not
     known here; its name if its settings are the usual ones.
     """
-    found = _loss_of(unwrapped(model).loss, read)
-    return found.name if found and found == loss_named(found.name) else found
+    loss = _loss_of(unwrapped(model).loss, read)
+    return loss.name if loss and loss == loss_named(loss.name) else loss
 
 
 def _loss_of(loss: Any, read: Model) -> TrainingLoss | None:

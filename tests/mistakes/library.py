@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import torch
 
 from isi.errors import short
 from isi.models.distance import TransE
@@ -35,12 +34,11 @@ INSERT_CASES = [
         "entities",
         None,
         RAGGED,
-        torch.ones(12, 8, requires_grad=True),
         ENTITIES.astype(int),
         ENTITIES + 1j,
         ENTITIES[0],
-        np.ones((12, 8), np.float32),
     ),
+    *wrong("entities", np.ones((12, 8), np.float32), initializer="map_mean"),
     *wrong("entities", np.where(np.eye(12, 8) == 1, NAN, ENTITIES), place="row 0"),
     *wrong("entities", ENTITIES * np.float32(1e30), initializer="map_mean"),
     *wrong("entities", ENTITIES.astype(float) * 1e300, initializer="mean"),
@@ -123,7 +121,7 @@ INSERT_CASES = [
 
 TRAIN_CASES = [
     *wrong("epochs", 0, "ten"),
-    Called("an option that there is not", {"rate": 1.0}, "rate"),
+    Called("an option that there is not", {"speed": 1.0}, "speed"),
 ]
 
 REPORT_CASES = wrong("nearest", -1, "all")
