@@ -36,7 +36,8 @@ from isi.names import plain
 #: Numbers of facts for which an initializer is selected. That for the largest one serves entities
 #: with more.
 PREPARED = (0, 1, 2, 3, 5, 8)
-HARM, BUDGET = 0.01, 3.0  #: Of the selection.
+#: Of the selection: a home gets many entities, one after another.
+HARM, BUDGET = 0.005, 3.0
 NO_WORDS = PhraseVector(None, "this embedding has no word vectors", None, None)
 
 
