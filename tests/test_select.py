@@ -340,6 +340,17 @@ def test_without_allowed_harm_a_candidate_that_does_none_is_selected() -> None:
     assert value(candidate(1.0, 0.041), 0.0) < value(candidate(0.0, 0.0), 0.0)
 
 
+def test_training_starts_in_the_comparison_where_it_starts_in_an_insertion() -> None:
+    draws = hold_out().hide(12)
+    assert draws is not None
+    trained = INITIALIZERS.get("fold_in")
+    first = draws.insert(trained, trained.defaults)
+    assert first is not None
+    near = draws.starting_at(torch.randn_like(first[1])).insert(trained, trained.defaults)
+    assert near is not None
+    assert torch.equal(first[1], near[1])
+
+
 def test_harm_is_measured_on_validation_triples_where_there_are_enough() -> None:
     held, rest = TRIPLES[::4], np.delete(TRIPLES, np.s_[::4], 0)
     test = HoldOut(THETA, rest, NUMBERS, None, None, 0, validation=held)

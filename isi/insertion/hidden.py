@@ -130,9 +130,12 @@ class HiddenDraws:
         """The checked options, and the vectors of the hidden entities, (M, n, d);
         None if not all are finite.
         """
+        context = self.context
+        if initializer.starts_from:  # of its own, as in an insertion
+            context = replace(context, start=None)
         try:
             options = options_of(initializer.name, given, "initializer")
-            return options, initializer.initialize(self.context, options).vectors
+            return options, initializer.initialize(context, options).vectors
         except (InputError, NoRelationMap):
             return None
 
