@@ -43,11 +43,12 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@python -m stages.check_params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
+	@python tools/repro.py --force --single-item tables report   # they show what the readings gave
 	@python -m tools.hidden
 
 continual: $(CHECKED)  ## run the third pipeline, which needs no other: graphs that grow, with a page of its own (BENCHMARKS="FBinc-S entity_transe" for some, BENCHMARKS=all for all)
 	@python tools/repro.py $(if $(filter all,$(BENCHMARKS)),continual/dvc.yaml:grow,$(addprefix continual/dvc.yaml:grow@,$(shell echo "$(BENCHMARKS)" | tr 'A-Z-' 'a-z_')))
-	@python tools/repro.py --single-item continual/dvc.yaml:report_continual
+	@python tools/repro.py --single-item continual/dvc.yaml:tables_continual continual/dvc.yaml:report_continual
 
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)

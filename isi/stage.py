@@ -31,10 +31,11 @@ class StageContext:
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Turn ``body(context, **names)`` into the command of its DVC stage;
-    the docstring of its module is the help.
+    """Turn ``body(context, **names)`` into the command of its DVC stage; the docstring of its
+    module is the help. A body without parameters reads no params.
     """
-    name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
+    parameters = list(inspect.signature(body).parameters)
+    name, arguments = body.__name__, parameters[1:]
     description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 
     def main() -> None:
@@ -45,7 +46,10 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
             parser.add_argument(argument)
         names = vars(parser.parse_args())
         with errors_in_one_line(name, "`dvc repro` goes on from here"):
-            body(context_of(name, names), **names)
+            if parameters:
+                body(context_of(name, names), **names)
+            else:
+                body()
 
     return main
 

@@ -1,17 +1,13 @@
-"""Render the page of the second pipeline: tables, figures and the HTML page."""
+"""Draw the page of the second pipeline, and its figures, from its tables."""
 
-from isi.report import data
-from isi.report.page import Page
-from isi.report.sections.run import what_was_run
-from isi.stage import StageContext, stage
+from isi.report import page
+from isi.stage import stage
 from isi.tables import paths
 
 
 @stage
-def report_beyond(context: StageContext) -> None:
-    results = data.with_beyond(data.read(context.params, what_was_run(context.params)))
-    Page.of("beyond").write(paths.REPORTS / "beyond", results)
-    print(f"report: {paths.REPORTS / 'beyond' / 'index.html'}")
+def report_beyond() -> None:
+    print(f"report: {page.write('beyond', paths.REPORTS)}")
 
 
 if __name__ == "__main__":

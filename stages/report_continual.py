@@ -1,17 +1,13 @@
-"""Render the page of graphs that grow: tables, figures and the HTML page."""
+"""Draw the page of the third pipeline, and its figures, from its tables."""
 
-from isi.report.continual import read
-from isi.report.data import Results
-from isi.report.page import Page
-from isi.stage import StageContext, stage
+from isi.report import page
+from isi.stage import stage
 from isi.tables import paths
 
 
 @stage
-def report_continual(context: StageContext) -> None:
-    results = Results(context.params, {}, {}, continual=read(context.continual))
-    Page.of("continual").write(paths.REPORTS / "continual", results)
-    print(f"report: {paths.REPORTS / 'continual' / 'index.html'}")
+def report_continual() -> None:
+    print(f"report: {page.write('continual', paths.REPORTS)}")
 
 
 if __name__ == "__main__":

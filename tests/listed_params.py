@@ -46,7 +46,8 @@ def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     """
     context, keys = context_of(stage, names), listed(stage, names)
     params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
-    continual = [key.removeprefix("continual.") for key in keys[paths.CONTINUAL_PARAMS]]
+    listed_here = keys[paths.CONTINUAL_PARAMS]
+    continual = [key.removeprefix("continual").removeprefix(".") for key in listed_here]
     return replace(
         context,
         params=params,

@@ -1,25 +1,61 @@
-"""What the explorer has of a small graph, and the scores of an entity by Python."""
+"""What the picture and the explorer have of a small graph, a page of them alone,
+and the scores of an entity by Python.
+"""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import torch
+from jinja2 import Environment, PackageLoader
 
+from isi.analyses.demonstration import COMPUTED, Explored, Options, payload, picture
 from isi.experiment.train import train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
-from isi.params import Params
-from isi.report.explorer import COMPUTED, Explored
+from isi.report.explorer import script
 from tests import small_grid
-from tests.reports import small_params
 from tests.small_graphs import points_of
 
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup",
          "cup board", "mug", "pan", "pot", "sofa", "shelf"]  # fmt: skip
+PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark"><title>Demonstration</title>
+<style>{% include "style.css" %}</style></head><body><main><h1>Page</h1>
+{% include "picture.html" %}<h3>Try it</h3>{% include "explorer.html" %}</main></body></html>"""
 
 
-def small() -> tuple[Explored, pd.Series, Params]:
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is shown, with what the demonstration is computed from."""
+
+    explored: Explored
+    kinds: pd.Series
+    options: Options
+    root: int
+    fraction: float
+
+    @property
+    def data(self) -> dict[str, Any]:
+        return payload(self.explored, self.kinds, self.options, self.root, self.fraction)
+
+    def write(self, path: Path) -> Path:
+        """Write a page with the picture and the explorer alone, and return its path."""
+        environment = Environment(loader=PackageLoader("isi.report"), autoescape=True)
+        text = environment.from_string(PAGE).render(
+            picture=picture(self.explored, self.options),
+            explorer=self.data,
+            explorer_script=script(),
+            question="{}?".format,
+        )
+        path.write_text(text, encoding="utf-8")
+        return path
+
+
+def small() -> Shown:
     """Three of 14 entities are new; one has no word vector; one new entity has no facts."""
     points = points_of(small_grid.GRAPH, 3, [5])
     points = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] < 2])
@@ -27,13 +63,11 @@ def small() -> tuple[Explored, pd.Series, Params]:
     joint = train_stack(points.all_known, small_grid.LEARNING).theta
     words = small_grid.WORDS.copy()
     words[[points.novel[0, 0, 1], 4]] = 0
-    params = small_params(["home"])
     listed = {name: INITIALIZERS.get(name, name).defaults for name in COMPUTED}
     changed = {"ers": {"k": 3, "candidates": 5}, "es": {"k": 3}, "rs": {"k": 4}}
-    params = params.model_copy(update={"initializers": {**listed, **changed}})
     named = replace(points, graph=replace(points.graph, entities=NAMES))
     kinds = pd.Series([f"kind {kind}" for kind in points.graph.kinds.tolist()])
-    return Explored(named, result.theta, joint, words), kinds, params
+    return Shown(Explored(named, result.theta, joint, words), kinds, {**listed, **changed}, 0, 0.5)
 
 
 def scores(embedding: Embedding, entity: int) -> np.ndarray:

@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 from contextlib import chdir
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,7 @@ import yaml
 from isi.continual import run
 from isi.continual.along import Step
 from isi.continual.experiment import COSTS, FAULTS, MATRIX, Chain
-from isi.params import load, load_continual
-from isi.report.continual import ContinualRuns
-from isi.report.data import Results
-from isi.report.sections import continual as sections
+from isi.params import load_continual
 from isi.tables import paths
 from tests import small_continual, stage_run
 from tests.small_continual import NAME
@@ -130,71 +126,16 @@ def test_finished_steps_are_read_and_those_of_other_settings_are_not(
     assert steps == ["tiny, er_avg, replay, seed 0", "tiny, er_avg, replay, seed 1"]
 
 
-def test_the_page_has_tables_figures_and_faults(one: tuple[Path, dict[str, bytes]]) -> None:
+def test_tables_are_made_of_what_was_grown(one: tuple[Path, dict[str, bytes]]) -> None:
     with chdir(one[0]):
-        stage_run.run("report_continual")
-        folder = paths.REPORTS / "continual"
-        table = pd.read_csv(folder / "tables" / f"grown_{NAME}.csv")
-        faults = pd.read_csv(folder / "tables" / "faults.csv")
-        page = (folder / "index.html").read_text(encoding="utf-8")
-        figures = {path.name for path in (folder / "figures").glob("*.svg")}
+        stage_run.run("tables_continual")
+        folder = paths.REPORTS / "continual" / "tables"
+        table = pd.read_csv(folder / f"grown_{NAME}.csv")
+        made = {path.stem for path in folder.glob("*.csv")}
+    assert made == {"matrices", f"grown_{NAME}", "faults"}  # nobody publishes any of this timeline
     assert list(table["initializer"]) == ["ERAvg", "ERAvg", "default"]
-    assert table.notna().all().all()
+    assert table.notna().all(axis=None)
     assert len(set(table["base test, before"])) == 1
-    assert len(faults) == 4
-    assert figures == {f"matrix_{NAME}.svg", f"gain_and_harm_{NAME}.svg"}
-    assert "Graphs that grow" in page
-    assert "Published numbers" not in page  # nobody publishes any of this timeline
-
-
-def test_published_numbers_stand_beside_ours_with_protocol_and_model(
-    one: tuple[Path, dict[str, bytes]],
-) -> None:
-    with chdir(one[0]):
-        (settings,) = load_continual().values()
-        entity = settings.model_copy(update={"timeline": "ENTITY"})
-        runs = ContinualRuns.read(NAME, entity)
-        results = Results(load(), {}, {}, continual=[runs])
-        (content,) = sections.published_numbers(results)
-    for name, protocol in (("after_last", "incde"), ("interference", "current")):
-        rows = pd.DataFrame(content.tables[name])
-        assert {"benchmark", "method", "model", "source", "protocol"} < set(rows)
-        ours = rows[rows["source"] == "this run"]
-        assert len(ours) == len(runs.chains) == 3
-        assert set(ours["model"]) == {"complex, d = 4"}
-        assert set(rows["protocol"]) == {protocol}
-    last = pd.DataFrame(content.tables["after_last"]).set_index("method")
-    assert last.loc["IncDE", ["mrr", "hits@1", "hits@10"]].tolist() == pytest.approx(
-        [25.3, 15.1, 44.8]
-    )
-
-
-def test_the_page_opens_with_the_default_against_random_vectors(
-    one: tuple[Path, dict[str, bytes]],
-) -> None:
-    with chdir(one[0]):
-        (settings,) = load_continual().values()
-        runs = ContinualRuns.read(NAME, settings)
-        params = load()
-    assert not list(sections.carried(Results(params, {}, {}, continual=[runs])))  # no Xavier
-    changes = {"initializers": {"xavier": {}, "default": {}}, "pairs": "all"}
-    changes["strategies"] = {"insert": {}}
-    matrix, costs = (
-        frame.assign(initializer=frame["initializer"].replace("er_avg", "xavier"))
-        for frame in (runs.matrix, runs.costs)
-    )
-    renamed = replace(
-        runs, settings=settings.model_copy(update=changes), matrix=matrix, costs=costs
-    )
-    (content,) = sections.carried(Results(params, {}, {}, continual=[renamed]))
-    (row,) = content.tables["carried"]
-    at_once, base = "new tests, at once", "base test, in the end"
-    measured = runs.measures
-    assert row["new tests: Xavier"].mean == measured.loc["er_avg", "insert"][at_once].mean
-    assert row["new tests: default"].mean == measured.loc["default", "insert"][at_once].mean
-    assert row["base test: default"].mean == measured.loc["default", "insert"][base].mean
-    assert row["best named"] == "Xavier"
-    assert "base test: Xavier, all rows trained" not in row
 
 
 def test_dvc_runs_the_pipeline_and_runs_nothing_again(tmp_path: Path, dvc: Dvc) -> None:
@@ -208,12 +149,13 @@ def test_dvc_runs_the_pipeline_and_runs_nothing_again(tmp_path: Path, dvc: Dvc) 
     target = str(paths.CONTINUAL_PIPELINE)
     assert stages_run(dvc(tmp_path, "repro", target)) == {
         f"{target}:grow@{NAME}",
+        f"{target}:tables_continual",
         f"{target}:report_continual",
     }
     assert (tmp_path / "reports/continual/index.html").exists()
     lock = yaml.safe_load((tmp_path / target).with_name("dvc.lock").read_text(encoding="utf-8"))
     (of_folder,) = (
-        dep for dep in lock["stages"]["report_continual"]["deps"] if dep["path"] == "data/continual"
+        dep for dep in lock["stages"]["tables_continual"]["deps"] if dep["path"] == "data/continual"
     )
     assert of_folder["nfiles"] == 4  # without the parts of a killed run
     assert list((tmp_path / PARTS).glob("*.parquet"))

@@ -16,7 +16,7 @@ from isi.initializers.api import INITIALIZERS, initializer, options_of
 from isi.initializers.paper import mean
 from isi.params import Params, check_params, load
 from isi.tables import paths
-from tests.reports import small_params
+from tests.small_params import small_params
 from tools.workspace import DROP, change_all
 
 

@@ -21,7 +21,7 @@ from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
 from isi.live.bundle import read
-from isi.report import stats
+from isi.report.tables.estimates import combined
 from tests.small_pipeline import EXPERIMENTS, INITIALIZERS, SMALL, Dvc, dvc, set_param, stages_run
 from tools import workspace
 
@@ -40,8 +40,8 @@ ANALYSES = (
     "train_final",
 )
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
-#: sweeps, the report.
-STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 1
+#: sweeps, what the page demonstrates, the tables, the report.
+STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 3
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -178,7 +178,7 @@ def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
         "filter == 'learned'"
     )
     assert set(parts["model"]) == {*INITIALIZERS, "joint"}
-    sums = stats.combined(parts, ["model", "size", "seed", "scope"])
+    sums = combined(parts, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query(
             "epoch == 0 and queries > 0"
@@ -207,8 +207,9 @@ def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
     drawn = re.findall(r'<figure id="figure-(\w+)"', page)
-    assert {"answer", "figure3a_immediate", "figure3b_curves", "figure4_transfer"} <= {*drawn}
-    assert len(drawn) == len({*drawn}) == 1 + 10  # of the answer, and of the first experiment
+    assert {"answer", "figure1_trajectory", "figure3a_immediate", "figure3b_curves"} <= {*drawn}
+    assert len(drawn) == len({*drawn}) == 11
+    assert 'id="picture"' in page
     assert not re.search("src=|<link", page)
     differences = pd.read_csv(folder / "reports/tables/differences.csv")
     assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
@@ -341,7 +342,12 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
     folder: Path, dvc: Dvc
 ) -> None:
     insertion = {f"insert@ai2thor-{name}" for name in INITIALIZERS}
-    of_es = {"break_down_queries@ai2thor", "trace_trajectory@ai2thor", "rank_affordances@transfer"}
+    of_es = {
+        "break_down_queries@ai2thor",
+        "trace_trajectory@ai2thor",
+        "rank_affordances@transfer",
+        "demonstrate",
+    }
     edits: dict[str, tuple[object, set[str]]] = {
         "initializers.es.k": (
             3,
@@ -374,7 +380,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
             *of_es,
         },
         "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
-        "isi/report/sections/__init__.py": set(),
+        "isi/report/figures.py": set(),
         "isi/errors.py": set(),
         "isi/cli/__init__.py": set(),
     }
@@ -394,12 +400,12 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
                     stages[key].add(stage)
 
     def dependents(changed: str) -> set[str]:
-        """All stages, except the report, that depend on a changed param or path."""
+        """All stages, except those of the report, that depend on a changed param or path."""
         return {
             stage
             for key, names in stages.items()
             if re.match(rf"{re.escape(key)}([./]|$)", changed)
-            for stage in names - {"report"}
+            for stage in names - {"tables", "report"}
         }
 
     assert {key: dependents(key) for key in edits} == {
@@ -414,7 +420,9 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
     names = {stage: stage.addressing for stage in graph if ":" not in stage.addressing}
     for stage, name in names.items():
         after = {names[other] for other in nx.ancestors(graph, stage) if other in names} - {
-            "report"
+            "demonstrate",
+            "tables",
+            "report",
         }
         experiment = name.partition("@")[2].split("-")[0]
         if experiment in EXPERIMENTS and not name.startswith("mine"):

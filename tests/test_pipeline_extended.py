@@ -57,7 +57,7 @@ MODULES = {
     "initializer": "isi/initializers/nearest.py",
     "model": "isi/models/transh.py",
     "source": "isi/sources/notebook.py",
-    "section": "isi/report/sections/query_counts.py",
+    "table": "isi/report/tables/query_counts.py",
     "stage": "stages/count_triples.py",
 }
 
@@ -80,11 +80,8 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc:
     workspace.make(tmp_path, changes)
     for addition, name in MODULES.items():
         (tmp_path / name).write_text(documented.code(f"own {addition}"), encoding="utf-8")
-    replace_once(
-        tmp_path / "isi/report/templates/pages.yaml",
-        " run.run]",
-        " query_counts.query_counts, run.run]",
-    )
+    entry, before = documented.block("own table entry", "yaml"), "    - name: left_out\n"
+    replace_once(tmp_path / "isi/report/items.yaml", before, f"{entry}{before}")
     stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     replace_once(tmp_path / "dvc.yaml", "\nplots:\n", f"\n{stage}\nplots:\n")
     table = "\n".join(["head,relation,tail,count", *NOTEBOOK])
@@ -102,7 +99,7 @@ def test_what_a_user_adds_goes_from_its_files_to_the_report(tmp_path: Path, dvc:
     joint = load_file(tmp_path / "data/embeddings/notebook/joint.safetensors")
     assert joint["relation"].shape[1:] == (2, 16)  # TransH's rows are twice as long
     assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")
-    assert (tmp_path / "reports/tables/queries.csv").stat().st_size
+    assert (tmp_path / "reports/tables/query_counts.csv").stat().st_size
     assert "Number of queries" in (tmp_path / "reports/index.html").read_text(encoding="utf-8")
     counts = pd.read_parquet(tmp_path / "data/analyses/triple_counts/notebook.parquet").set_index(
         "entity"

@@ -20,7 +20,7 @@ from isi.experiment.insert import with_vectors
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select
-from isi.report.stats import combined
+from isi.report.tables.estimates import combined
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 POINT = ["model", "size", "seed", "scope", "filter"]

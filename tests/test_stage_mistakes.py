@@ -195,7 +195,8 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
             "data/graph/ai2thor/entities.parquet: missing: run `dvc repro build_graph@ai2thor`",
         ),
         ("insert ai2thor es", "missing: run `dvc repro "),
-        ("report", "missing: run `dvc repro "),
+        ("tables", "missing: run `dvc repro "),
+        ("report", "reports/tables: missing: run `dvc repro tables`"),
     ],
 )
 def test_a_stage_before_its_inputs_names_the_stage_that_makes_them(
@@ -214,8 +215,8 @@ def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.Monkey
             "insert@transfer-es_permuted",
         ),
         (VARIANT_RUNS.path(variant="insert_triples_0"), "beyond/dvc.yaml:vary@insert_triples_0"),
-        (Path("reports/metrics.json"), "report"),
-        (Path("reports/tables/differences.csv"), "report"),
+        (Path("reports/metrics.json"), "tables"),
+        (Path("reports/tables/differences.csv"), "tables"),
         (Path("data/runs"), None),
         (Path("/data/runs"), None),
         (Path("gone"), None),

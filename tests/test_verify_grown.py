@@ -39,7 +39,7 @@ def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small_continual.lay_out(folder, initializers=INITIALIZERS, pairs=PAIRS)
     with chdir(folder):
         stage_run.run(f"grow {NAME}")
-        stage_run.run("report_continual")
+        stage_run.run("tables_continual")
         write_published()
     return folder
 

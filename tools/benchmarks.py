@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from isi.report.figures import STYLE
 from isi.training.batches import DENSE_LIMIT
 from tools.docs import BENCHMARKS, write_table
+from tools.figures import STYLE
 
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
 

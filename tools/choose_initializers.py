@@ -39,9 +39,9 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
-from isi.report.figures import STYLE, panels, rendered
 from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
+from tools.figures import STYLE, rendered
 
 Setting = tuple[str, dict[str, Any]]
 #: MRR* in scope novel; entity MRR* of its queries that give a novel entity; loss of MRR* of earlier
@@ -254,7 +254,8 @@ def frontier(table: pd.DataFrame) -> Figure:
     """Gain about hidden entities against loss of earlier triples for every setting that
     loses at most three points.
     """
-    canvas, (axes,) = panels(1, 1, 5.5)
+    canvas = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = canvas.subplots()
     gain, _, loss = MEASURES
     (least, most), lowest = (-0.1, 3), 50
     for name, rows in table[table[loss].between(least, most) & (table[gain] >= lowest)].groupby(

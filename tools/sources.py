@@ -27,11 +27,11 @@ from matplotlib.figure import Figure
 
 from isi.config import Name, check, read
 from isi.errors import InputError
-from isi.report.figures import STYLE, rendered
 from isi.sources import Source
 from isi.tables import paths
 from tools import make_houses
 from tools.docs import BENCHMARKS, write_table
+from tools.figures import STYLE, rendered
 
 TRIPLE = ["head", "relation", "tail"]
 #: Name and number of the random houses; the training set of ProcTHOR-10K has the same number.

@@ -1,13 +1,12 @@
 /* What the vectors answer: a summary, indicators, and answers with rank and mark, side by side with the joint model. */
 import { at, fixed, html } from "./elements.js";
 import { dialOf } from "./state.js";
-import { insertion, mrrStarsOfDraws, queriesOf, relationalRanks } from "./insertion.js";
+import { insertion, queriesOf, relationalRanks } from "./insertion.js";
 import { RANDOM } from "./initializers.js";
-import { length } from "./linear_algebra.js";
 
-/** @import { Fact, World } from "./data.js" */
+/** @import { Fact, Subject, World } from "./data.js" */
 /** @import { Insertion, Query } from "./insertion.js" */
-/** @import { State } from "./state.js" */
+/** @import { Choice, State } from "./state.js" */
 
 const FIRST = 6, MOST_ROWS = 18, MOST_TRUE = 8, LEAST_QUERIES = 4;
 
@@ -27,8 +26,6 @@ export function drawAnswers(world, state, shown, point) {
   const open = Math.max(answered, least);
   const nodes = groups.map(({ node }) => node), vain = nodes.slice(open);
   at("answers", HTMLElement).replaceChildren(...nodes.slice(0, open));
-  at("marks", HTMLElement).hidden = subject.id < 0;
-  at("own-marks", HTMLElement).hidden = subject.id >= 0;
   if (vain.length) {
     const folded = document.querySelector("#explorer-box .ex-vain"), text = answered ? "Questions without a true answer" : "More questions";
     const others = html("details", { class: "ex-vain" }, html("summary", {}, text), ...vain);
@@ -44,33 +41,31 @@ export function asked(world, { relation, isTail }, own, other) {
 }
 
 /** @param {World} world @param {State} state @param {Insertion[]} columns @param {string[]} names */
-function drawSummary(world, { subject, given, choices }, columns, names) {
-  const lengths = subject.before.known.map((id) => length(world.theta0.entity[id]));
-  const usual = lengths.reduce((sum, one) => sum + one, 0) / lengths.length, left = subject.facts.length - given.length;
-  /** @param {number} number */
-  const meanOfDraws = (number) => {
-    const { name } = choices[number], values = RANDOM.includes(name) ? mrrStarsOfDraws(world, subject, given, name) : [];
-    if (!values.length) return "";
-    const mean = fixed((100 * values.reduce((a, b) => a + b)) / values.length, 1);
-    return choices[number].dial ? `; mean of ${values.length} draws ${mean}` : `; the median of ${values.length} draws, whose mean is ${mean}`;
-  };
-  at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar, length: own }, number) => html("div", { class: style(number) },
-    html("dt", {}, names[number]), html("dd", {}, ...(mrrStar === null ? [] : [html("strong", {}, fixed(100 * mrrStar, 1))]),
-      ` ${number < 2 ? `length ${fixed(own, 1)}${meanOfDraws(number)}` : "trained with its training facts"}`))));
-  const usualLength = `Known vectors have a mean length of ${fixed(usual, 1)}`;
-  at("name", HTMLElement).textContent = left ? "MRR* of this insertion" : "No MRR*: no true answer is left to rank";
-  at("status", HTMLElement).textContent = left
-    ? `Over ${left} true ${left === 1 ? "fact" : "facts"} of ${subject.name} that the initializers are not given, with the other `
-      + `end hidden; 100 is perfect. ${usualLength}; a long one scores high against everything.`
-    : `${subject.facts.length ? `All known facts of ${subject.name} are given` : `No fact of ${subject.name} is known`}. ${usualLength}.`;
+function drawSummary(world, { subject, choices }, columns, names) {
+  const test = subject.facts.filter((_, place) => !subject.offered.includes(place)), tests = test.length;
+  at("numbers", HTMLElement).replaceChildren(...columns.map(({ mrrStar }, number) => {
+    const name = choices[number]?.name, about = RANDOM.includes(name) ? drawn(world, subject, choices[number]) : "";
+    return html("div", { class: style(number) }, html("dt", {}, names[number]),
+      html("dd", {}, ...(mrrStar === null ? [] : [html("strong", {}, fixed(100 * mrrStar, 1))]), about));
+  }));
+  at("name", HTMLElement).textContent = tests ? "MRR* of this insertion" : "No MRR*: there is no test fact";
+  at("status", HTMLElement).textContent = tests
+    ? `Over the test ${tests === 1 ? "fact" : `set, ${tests} facts`} of ${subject.name} that ${tests === 1 ? "is" : "are"} never offered, with the other end `
+      + "hidden among all known entities; 100 is perfect. What you give changes the vector, never the test set."
+      + (columns.length > 2 ? ` The joint model was trained with ${test.filter(({ split }) => !split).length} of them.` : "")
+    : `${subject.name} has no fact but those that you may give.`;
+  at("lengths", HTMLElement).textContent = `Distance from the centre: ${columns.map(({ place }, number) => `${names[number]} ${fixed(place[0], 1)}`).join(", ")}.`;
 }
+
+/** @param {World} world @param {Subject} subject @param {Choice} choice */
+const drawn = (world, { id }, { name, dial }) => (name === "xavier" && dial === 1 && world.random.has(id) ? "the median of 50 draws" : `draw ${dial}`);
 
 /** What changed since ``before``, and MRR* now, in words that are read out. @param {World} world @param {State} state
  * @param {Insertion[]} shown @param {State} before */
 export function summaryOf(world, { subject, given, choices }, shown, before) {
   const labelled = choices.map(({ name }, number) => {
     const range = dialOf(world, name), label = world.initializers.find((one) => one.name === name)?.label ?? name;
-    return range ? `${label}, ${range.label} ${shown[number].dial}` : label;
+    return range ? `${label}, ${range.label} ${choices[number].dial}` : label;
   });
   const changes = choices.flatMap((choice, number) => (choice === before.choices[number] ? [] : [`now ${labelled[number]}`]));
   const added = given.filter((place) => !before.given.includes(place)), removed = before.given.filter((place) => !given.includes(place));
@@ -91,24 +86,25 @@ const style = (number) => ["ex-first", "ex-second", "ex-third"][number];
 function indicatorTable(world, { subject, given, choices }, one, label, number, point) {
   const heading = html("h5", {}, label), total = one.weights?.filter(Boolean).length ?? 0;
   if (!one.weights) return html("div", { class: style(number) }, heading, html("p", {}, "Random: it has no indicators."));
+  if (!one.indicators.length) {
+    const lack = !one.fallback ? "By its definition" : subject.cosines ? "No fact" : given.length ? "No word for it" : "No word for it, no fact";
+    return html("div", { class: style(number) }, heading, html("p", {}, `${lack}: the mean of all ${total} known entities.`));
+  }
   const ranks = relationalRanks(world, subject, given), even = new Set(one.indicators.map(({ weight }) => weight)).size < 2;
   /** @param {number} id how near it is, for entities of equal weight */
   const near = (id) => (ranks && choices[number].name !== "es" ? -(ranks.get(id) ?? 0) : subject.cosines?.[id] ?? 0);
   const order = one.indicators.slice().sort((a, b) => b.weight - a.weight || near(b.id) - near(a.id));
   const rows = order.slice(0, MOST_ROWS).map(({ id, weight }) => {
-    const button = html("button", { type: "button", "data-entity": id }, world.names[id]);
-    const row = html("tr", { "data-entity": id }, html("th", { scope: "row" }, button),
+    const row = html("tr", { "data-entity": id }, html("th", { scope: "row" }, world.names[id]),
       ...(even ? [] : [html("td", {}, `${fixed(100 * weight, 0)} %`)]),
       html("td", {}, subject.cosines && world.worded[id] ? fixed(subject.cosines[id], 2) : "–"),
-      html("td", {}, ranks ? String(ranks.get(id)) : "–"));
+      html("td", { class: "ex-extra" }, ranks ? String(ranks.get(id)) : "–"));
     row.addEventListener("pointerenter", () => point(id));
     row.addEventListener("pointerleave", () => point(-1));
-    button.addEventListener("focus", () => point(id));
-    button.addEventListener("blur", () => point(-1));
-    button.addEventListener("click", () => point(id));
     return row;
   });
-  const heads = ["entity", ...(even ? [] : ["weight"]), "words", "relations"].map((head) => html("th", { scope: "col" }, head));
+  const heads = ["entity", ...(even ? [] : ["weight"]), "words", "relations"]
+    .map((head) => html("th", { scope: "col", ...(head === "relations" ? { class: "ex-extra" } : {}) }, head));
   const table = html("table", {}, html("caption", { class: "hidden" }, `Indicators of ${label}`),
     html("thead", {}, html("tr", {}, ...heads)), html("tbody", {}, ...rows));
   const notes = total > rows.length ? [html("p", {}, `${total} entities in all.`)] : [];
@@ -127,14 +123,13 @@ function answerList(world, { subject, given }, query, one, label, number) {
   const shown = lines.slice(0, FIRST + MOST_TRUE), rest = lines.length - shown.length;
   return html("div", { class: style(number) }, html("p", { class: "ex-by" }, label), html("ol", {}, ...shown.map(({ id, rank, fact }) => {
     const words = fact === undefined ? [world.names[id]]
-      : [html("strong", {}, `✓ ${world.names[id]}`), " ", markOf(subject.facts[fact], given.includes(fact))];
+      : [html("strong", {}, `✓ ${world.names[id]}`), " ", markOf(subject, given, fact)];
     return html("li", { value: rank, "data-entity": id }, ...words);
   })), ...(rest ? [html("p", {}, `and ${rest} more true ones below`)] : []));
 }
 
-/** @param {Fact} fact @param {boolean} given */
-function markOf({ triple, split }, given) {
-  if (triple < 0 && !given) return html("span", { class: "ex-mark" }, "not given");
-  if (given) return html("span", { class: "ex-mark ex-given" }, "given");
-  return html("span", { class: split ? "ex-mark ex-held" : "ex-mark" }, split ? "held out" : "trained");
+/** @param {Subject} subject @param {number[]} given @param {number} fact its place */
+function markOf({ offered }, given, fact) {
+  if (given.includes(fact)) return html("span", { class: "ex-mark ex-given" }, "given");
+  return html("span", { class: offered.includes(fact) ? "ex-mark" : "ex-mark ex-held" }, offered.includes(fact) ? "not given" : "test");
 }

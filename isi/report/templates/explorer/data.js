@@ -8,11 +8,12 @@
  * @typedef {{entity: Float64Array[], map: Float64Array[]}} Embedding */
 /** JSON of the page; arrays of numbers are base64.
  * @typedef {{
- *   seed: number, model: string, scalars: number, dimension: number, names: string[], kinds: string[], kind: number[],
- *   relations: string[], known: number[], novel: number[], theta0: string, map: string, cosines: string,
- *   worded: number[], triples: number[][], given: Object<string, number[]>, joint: string, jointScale: number,
- *   jointMap: string, jointPlaces: number[][], plane: string, shown: number,
- *   fitted: number, initializers: {name: string, label: string, options: Object<string, number>}[], start: number,
+ *   size: number, seed: number, model: string, scalars: number, dimension: number, names: string[], kinds: string[],
+ *   kind: number[], relations: string[], known: number[], novel: number[], start: number, theta0: string, map: string,
+ *   cosines: string, worded: number[], triples: number[][], given: Object<string, number[]>,
+ *   random: Object<string, string>, joint: string, jointScale: number, jointMap: string, jointPlaces: number[][],
+ *   fitted: number, projection: string, share: number,
+ *   initializers: {name: string, label: string, options: Object<string, number>}[],
  * }} Payload */
 /** @typedef {ReturnType<typeof decode>} World */
 
@@ -41,9 +42,10 @@ export function decode(payload) {
   const worded = names.map(() => false);
   for (const id of payload.worded) worded[id] = true;
   const joint = numbers(payload.joint, Int16Array).map((value) => value * payload.jointScale);
-  const [centre, ...axes] = rows(numbers(payload.plane, Float32Array), dimension);
+  const [centre, axis] = rows(numbers(payload.projection, Float32Array), dimension);
+  const random = new Map(Object.entries(payload.random).map(([id, text]) => [Number(id), numbers(text, Float32Array)]));
   return {
-    ...payload, cosines, worded, centre, axes,
+    ...payload, cosines, worded, centre, axis, random,
     triples: payload.triples.map(([head, relation, tail, count, split]) => ({ head, relation, tail, count, split })),
     theta0: { entity, map: rows(numbers(payload.map, Float32Array), dimension) },
     joint: { entity: rows(joint, dimension), map: rows(numbers(payload.jointMap, Float32Array), dimension) },
@@ -53,8 +55,8 @@ export function decode(payload) {
 /** What is known before an insertion: D⁰ without the entity that is inserted.
  * @typedef {{known: number[], eligible: boolean[], trained: Triple[], triples: Triple[]}} Before */
 /** An entity to insert; ``id``: -1 for a reader's own; ``cosines``: of its words with those of each entity, or null;
- * ``given``: places in ``facts`` of what is ticked at first.
- * @typedef {{id: number, name: string, kind: number, cosines: Float64Array | null, facts: Fact[], given: number[],
+ * ``offered``: places in ``facts`` of what may be given; the others are the test facts.
+ * @typedef {{id: number, name: string, kind: number, cosines: Float64Array | null, facts: Fact[], offered: number[],
  *   before: Before}} Subject */
 
 /** @type {WeakMap<World, Map<number, Before>>} */
@@ -75,6 +77,13 @@ export function beforeOf(world, id) {
   return made.get(key);
 }
 
+/** The known entities that known triples have at the end that is asked for. @param {Before} before
+ * @param {{relation: number, isTail: boolean}} query ``isTail``: the new entity is the tail */
+export function candidates({ known, triples }, query) {
+  const there = new Set(triples.flatMap(({ head, relation, tail }) => (relation === query.relation ? [query.isTail ? head : tail] : [])));
+  return known.filter((id) => there.has(id));
+}
+
 /** An entity of the graph. @param {World} world @param {number} id @returns {Subject} */
 export function subjectOf(world, id) {
   const before = beforeOf(world, id), there = new Set(before.known);
@@ -86,7 +95,7 @@ export function subjectOf(world, id) {
   const given = world.given[id] ?? [];
   return {
     id, name: world.names[id], kind: world.kind[id], cosines: world.worded[id] ? world.cosines[id] : null, facts,
-    given: facts.flatMap(({ triple }, place) => (given.includes(triple) ? [place] : [])), before,
+    offered: facts.flatMap(({ triple }, place) => (given.includes(triple) ? [place] : [])), before,
   };
 }
 
@@ -122,7 +131,7 @@ export function ownSubject(world, name, facts) {
   const { id: near, sure } = nearestByName(world, name), number = world.kinds.map((_, kind) => world.kind.filter((k) => k === kind).length);
   return {
     id: -1, name, kind: !sure ? number.indexOf(Math.max(...number)) : world.kind[near],
-    cosines: near < 0 ? null : world.cosines[near], facts, given: facts.map((_, place) => place),
+    cosines: near < 0 ? null : world.cosines[near], facts, offered: facts.map((_, place) => place),
     before: beforeOf(world, -1),
   };
 }

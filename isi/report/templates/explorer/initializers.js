@@ -5,7 +5,7 @@ import { allKnown, meanOfFirst, relationalScore, softmax, topK } from "./similar
 
 /** @import { Fact, Subject, World } from "./data.js" */
 /** @import { Result } from "./similarity.js" */
-/** ``dial``: k of ES, RS and ERS; number of the draw of Xavier and IU.
+/** ``dial``: k of ES, RS and ERS; number of the draw of Xavier and IU; the first one of Xavier is that of the run, if there is one.
  * @typedef {(world: World, subject: Subject, facts: Fact[], options: Object<string, number>, dial: number) => Result
  * } Initializer */
 
@@ -15,8 +15,8 @@ export const RANDOM = ["xavier", "iu"];
 /** @type {Object<string, Initializer>} */
 const INITIALIZERS = {
   xavier: (world, subject, facts, options, draw) => {
-    const bound = 6 / Math.sqrt(world.dimension);
-    return random(uniform("xavier", subject.name, draw, world.dimension).map((value) => value * 2 * bound - bound));
+    const bound = 6 / Math.sqrt(world.dimension), first = world.random.get(subject.id);
+    return random(draw === 1 && first ? first : uniform("xavier", subject.name, draw, world.dimension).map((value) => value * 2 * bound - bound));
   },
   iu: (world, subject, facts, options, draw) => {
     const { low, high } = ranges(world, subject);

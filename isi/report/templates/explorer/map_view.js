@@ -1,28 +1,29 @@
-/* The map: known entities, both vectors with lines from their indicators, and the joint model's vector. */
-import { at, fill, svg } from "./elements.js";
+/* The map: known entities, both vectors with lines from their indicators, and the joint model's vector, each at its
+   distance from the centre and its place along the first principal axis. */
+import { at, fill, fixed, svg } from "./elements.js";
 import { placeOf } from "./insertion.js";
 
 /** @import { World } from "./data.js" */
 /** @import { Insertion } from "./insertion.js" */
 /** @import { State } from "./state.js" */
 
-const [WIDTH, HEIGHT, MARGIN] = [640, 460, 56], REACH = 30, MOST_LINES = 40;
+const [WIDTH, HEIGHT, LEFT, EDGE] = [640, 460, 40, 16], REACH = 30, MOST_LINES = 40, FONT = 12;
 
 /** @param {World} world */
 export function makeMap(world) {
   const drawing = document.getElementById("explorer-map"), name = at("map-name", HTMLElement);
   if (!(drawing instanceof SVGSVGElement)) throw new Error("no map");
-  const layer = Object.fromEntries(["lines", "dots", "vectors", "labels"].map((part) => [part, svg("g", { class: `ex-${part}` })]));
+  const layer = Object.fromEntries(["axes", "lines", "dots", "vectors", "labels"].map((part) => [part, svg("g", { class: `ex-${part}` })]));
   const known = world.names.map((_, id) => svg("circle", { class: "ex-dot", "data-entity": id, r: 3 }));
   const joint = svg("path", { class: "ex-joint", d: "M0 -8l6.5 8l-6.5 8l-6.5 -8z" });
   const vectors = [svg("circle", { class: "ex-vector ex-first", r: 8 }), svg("rect", { class: "ex-vector ex-second", x: -7, y: -7, width: 14, height: 14 })];
   const ring = svg("circle", { class: "ex-ring", r: 9, visibility: "hidden" });
-  /** @type {Map<string, SVGPathElement>} */
-  const lines = new Map();
+  const raw = world.theta0.entity.map((v) => placeOf(world, v));
+  const usual = world.known.reduce((sum, id) => sum + raw[id][0], 0) / world.known.length;
   let places = /** @type {number[][]} */ ([]), listed = /** @type {number[]} */ ([]), active = -1;
   layer.dots.append(...known, ring);
   layer.vectors.append(joint, ...vectors);
-  drawing.append(layer.lines, layer.dots, layer.vectors, layer.labels);
+  drawing.append(...Object.values(layer));
 
   /** @param {number} id */
   function point(id) {
@@ -56,96 +57,66 @@ export function makeMap(world) {
 
   /** @param {State} state @param {Insertion[]} shown */
   function draw({ subject }, shown) {
-    const jointPlace = subject.id < 0 ? [] : [world.jointPlaces[subject.id]], raw = world.theta0.entity.map((v) => placeOf(world, v));
-    const at = [...shown.map(({ vector }) => placeOf(world, vector)), ...jointPlace], means = shown.flatMap(lined);
-    const onto = means.length ? fitted([...means.map((id) => raw[id]), ...shown.flatMap((one, number) => (one.weights ? [at[number]] : [])), ...jointPlace])
-      : fitted([...subject.before.known.map((id) => raw[id]), ...at]);
+    const size = FONT * Math.max(1, 1 / (drawing?.getScreenCTM()?.a || 1)); // of text: 12 px on the screen
+    const ends = [...shown.map(({ place }) => place), ...(subject.id < 0 ? [] : [world.jointPlaces[subject.id]])];
+    const all = [...world.known.map((id) => raw[id]), ...ends], bottom = HEIGHT - 2.6 * size;
+    const [far, low, high] = [Math.max(...all.map(([x]) => x)), ...[Math.min, Math.max].map((end) => end(...all.map(([, y]) => y)))];
+    /** @param {number[]} place */
+    const onto = ([x, y]) => [LEFT + (x / far) * (WIDTH - LEFT - EDGE), bottom - EDGE - ((y - low) / (high - low)) * (bottom - 2 * EDGE)]
+      .map((value) => Math.round(10 * value) / 10);
     places = raw.map(onto);
-    listed = subject.before.known.filter((id) => places[id].join() === inside(places[id]).join());
-    const visible = new Set(listed);
-    known.forEach((dot, id) => {
-      fill(dot, { cx: places[id][0], cy: places[id][1], visibility: visible.has(id) ? "visible" : "hidden" }, []);
-    });
-    const ends = at.map((place) => inside(onto(place)));
+    listed = subject.before.known;
+    const there = new Set(listed);
+    known.forEach((dot, id) => fill(dot, { cx: places[id][0], cy: places[id][1], visibility: there.has(id) ? "visible" : "hidden" }, []));
+    const marks = ends.map(onto);
     [...vectors, joint].forEach((mark, number) => {
-      mark.setAttribute("visibility", ends[number] ? "visible" : "hidden");
-      if (ends[number]) mark.style.transform = `translate(${ends[number][0]}px, ${ends[number][1]}px)`;
+      mark.setAttribute("visibility", marks[number] ? "visible" : "hidden");
+      if (marks[number]) mark.style.transform = `translate(${marks[number].map((value) => `${value}px`).join()})`;
     });
-    drawLines(shown, ends);
-    drawLabels(shown, ends);
-    if (active >= 0) point(visible.has(active) ? active : -1);
+    drawAxes(far, low, high, onto, size, bottom);
+    layer.lines.replaceChildren(...shown.flatMap((one, number) => lined(one).map(({ id, weight }) => svg("path", {
+      class: number ? "ex-second" : "ex-first", d: `M${places[id].join(" ")}L${marks[number].join(" ")}`, opacity: Math.min(1, 0.25 + weight * 2) }))));
+    drawNames([...new Set(shown.flatMap(lined).map(({ id }) => id))], size, bottom);
+    if (active >= 0) point(there.has(active) ? active : -1);
   }
 
-  /** @param {Insertion[]} shown @param {number[][]} ends */
-  function drawLines(shown, ends) {
-    const kept = new Set();
-    shown.forEach(({ indicators }, number) => {
-      if (indicators.length > MOST_LINES) return;
-      for (const { id, weight } of indicators) {
-        const key = `${number} ${id}`, d = `M${places[id].join(" ")}L${ends[number].join(" ")}`;
-        const line = lines.get(key) ?? svg("path", { class: number ? "ex-second" : "ex-first" });
-        line.style.opacity = String(Math.min(1, 0.25 + weight * 2));
-        line.setAttribute("d", d);
-        if (!lines.has(key)) layer.lines.append(line);
-        lines.set(key, line);
-        kept.add(key);
-      }
-    });
-    for (const [key, line] of lines) {
-      if (!kept.has(key)) { line.remove(); lines.delete(key); }
-    }
+  /** @param {number} far @param {number} low @param {number} high @param {(place: number[]) => number[]} onto @param {number} size
+   * @param {number} bottom */
+  function drawAxes(far, low, high, onto, size, bottom) {
+    /** @param {number} x @param {number} y @param {string} anchor @param {string} text */
+    const text = (x, y, anchor, text) => svg("text", { x, y, "text-anchor": anchor, "font-size": size }, text), [average] = onto([usual, 0]);
+    layer.axes.replaceChildren(
+      svg("path", { d: `M${LEFT} ${EDGE}V${bottom}H${WIDTH - EDGE}` }), svg("path", { class: "ex-usual", d: `M${average} ${EDGE}V${bottom}` }),
+      ...ticks(0, far).map((value) => text(onto([value, 0])[0], bottom + size * 1.1, "middle", shortest(value))),
+      ...ticks(low, high).map((value) => text(LEFT - 5, onto([0, value])[1] + size / 3, "end", shortest(value))),
+      text(WIDTH - EDGE, bottom + size * 2.2, "end", "distance from the centre →"), text(2, size, "start", "↑ first principal axis"),
+      text(average + 4, bottom - 5, "start", `known vectors: ${fixed(usual, 1)} on average`));
   }
 
-  /** Names of indicators, beside their points, else where there is room, with a line to the point.
-   * @param {Insertion[]} shown @param {number[][]} ends */
-  function drawLabels(shown, ends) {
-    const zoom = Math.max(1, 1.08 / (drawing?.getScreenCTM()?.a || 1)), line = 12.5 * zoom;
-    const taken = ends.map(([x, y]) => ({ left: x - 9, right: x + 9, top: y - 9, bottom: y + 9 }));
-    const ids = [...new Set(shown.flatMap(lined))];
-    for (const id of ids) taken.push(around(places[id], 4, 4));
-    layer.labels.replaceChildren(...ids.sort((a, b) => places[a][1] - places[b][1]).flatMap((id) => {
-      const [x, y] = places[id], half = 3.1 * zoom * world.names[id].length;
-      const away = x < ends[0][0] ? -1 : 1; // from the vector: its lines are on the other side
-      for (const [right, down] of SPOTS.map(([far, low]) => [away * far, low])) {
-        const centre = [x + right * line + Math.sign(right) * (half + 6), y + down * line], box = around(centre, half, line / 2);
-        if (box.left < 0 || box.right > WIDTH || box.top < 0 || box.bottom > HEIGHT || taken.some((one) => overlap(one, box))) continue;
-        taken.push(box);
-        const text = svg("text", { x: centre[0], y: centre[1] + line * 0.3, "text-anchor": "middle", "font-size": 11 * zoom }, world.names[id]);
-        const nearby = Math.hypot(right, down) < 1.1, to = [Math.min(Math.max(x, box.left), box.right), Math.min(Math.max(y, box.top + 3), box.bottom - 3)];
-        return nearby ? [text] : [svg("path", { class: "ex-leader", d: `M${x} ${y}L${to.join(" ")}` }), text];
-      }
-      return [];
-    }));
+  /** Names of indicators in a column right of them, each with a line to its point, as many as fit. @param {number[]} ids
+   * @param {number} size @param {number} bottom */
+  function drawNames(ids, size, bottom) {
+    const line = 1.15 * size, shown = ids.slice(0, Math.floor(bottom / line) - 2).sort((a, b) => places[a][1] - places[b][1]);
+    const longest = Math.max(...shown.map((id) => world.names[id].length)), edge = Math.max(...shown.map((id) => places[id][0]));
+    const left = Math.min(edge + 3 * size, WIDTH - 0.56 * size * longest);
+    const heights = shown.map((id) => places[id][1]);
+    heights.forEach((height, row) => { heights[row] = Math.max(height, line + size, row ? heights[row - 1] + line : 0); });
+    for (let row = heights.length - 1; row >= 0; row--) heights[row] = Math.min(heights[row], bottom - line * (heights.length - row));
+    layer.labels.replaceChildren(...shown.flatMap((id, row) => [
+      svg("path", { class: "ex-leader", d: `M${places[id].join(" ")}L${left - 4} ${heights[row]}` }),
+      svg("text", { x: left, y: heights[row] + size / 3, "font-size": size }, world.names[id])]));
   }
   return { draw, point };
 }
 
-/** How far a spot is; one towards the vector counts as a line farther. @param {number[]} spot */
-const farness = ([right, down]) => Math.hypot(right, down) + Number(right < 0) * 1.1;
-
-/** Where a name may stand, in lines of text from its point, first right of it, away from the vector: nearest first. */
-const SPOTS = [0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20].flatMap((far) => (far ? [-1, -0.5, 0, 0.5, 1].flatMap((down) => [[far, far * down], [-far, far * down]])
-  .concat([[0, far], [0, -far]]) : [[0.01, 0], [-0.01, 0]])).sort((a, b) => farness(a) - farness(b));
-
-/** @typedef {{left: number, right: number, top: number, bottom: number}} Box */
-/** @param {number[]} centre @param {number} half @param {number} tall @returns {Box} */
-const around = ([x, y], half, tall) => ({ left: x - half, right: x + half, top: y - tall, bottom: y + tall });
-
-/** @param {Box} a @param {Box} b */
-const overlap = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
-
-/** Ids of the indicators that have lines. @param {Insertion} shown */
-const lined = ({ indicators }) => (indicators.length > MOST_LINES ? [] : indicators.map(({ id }) => id));
-
-/** The nearest place within the drawing. @param {number[]} place */
-const inside = ([x, y]) => [Math.min(Math.max(x, 10), WIDTH - 10), Math.min(Math.max(y, 10), HEIGHT - 10)];
-
-/** From places on the map to the drawing, as large as it can be. @param {number[][]} places */
-function fitted(places) {
-  const [low, high] = [Math.min, Math.max].map((end) => [0, 1].map((axis) => end(...places.map((place) => place[axis]))));
-  const room = [WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN];
-  const scale = Math.min(...room.map((size, axis) => size / (high[axis] - low[axis] || 1)));
-  /** @param {number[]} place */
-  return ([x, y]) => [WIDTH / 2 + scale * (x - (low[0] + high[0]) / 2), HEIGHT / 2 - scale * (y - (low[1] + high[1]) / 2)]
-    .map((value) => Math.round(10 * value) / 10);
+/** Four to eight round numbers between two. @param {number} low @param {number} high */
+function ticks(low, high) {
+  const power = 10 ** Math.floor(Math.log10((high - low) / 3 || 1)), step = power * ([5, 2].find((one) => one * power * 3 <= high - low) ?? 1);
+  return Array.from({ length: Math.floor(high / step) - Math.ceil(low / step) + 1 }, (_, place) => (Math.ceil(low / step) + place) * step);
 }
+
+/** @param {number} value */
+const shortest = (value) => String(Number(value.toPrecision(3))).replace("-", "−");
+
+/** The indicators that have lines. @param {Insertion} shown */
+const lined = ({ indicators }) => (indicators.length > MOST_LINES ? [] : indicators);

@@ -1,8 +1,5 @@
 /* Random numbers of the page: they follow from the initializer, the entity's name and the number of the draw alone. */
 
-/** Draws of a random initializer that the page offers. */
-export const DRAWS = 50;
-
 /** ``size`` numbers in [0, 1). @param {string} initializer @param {string} entity @param {number} draw
  * @param {number} size */
 export function uniform(initializer, entity, draw, size) {

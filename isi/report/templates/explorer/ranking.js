@@ -1,4 +1,4 @@
-/* Answers to (entity, relation, ?) and (?, relation, entity), and MRR* over the facts that were not given. */
+/* Answers to (entity, relation, ?) and (?, relation, entity), and MRR* over the test facts. */
 import { dot } from "./linear_algebra.js";
 import { transform, transformTail } from "./model.js";
 
@@ -19,22 +19,21 @@ export function scores(world, embedding, vector, id, relation, isTail) {
 /** The known entities, best first; ties: lower id. @param {Float64Array} score @param {number[]} known */
 export const ranked = (score, known) => known.slice().sort((a, b) => score[b] - score[a] || a - b);
 
-/** MRR* over the facts that were not given, with the entity given and the other end hidden; null if there are none.
- * @param {World} world @param {Subject} subject @param {number[]} given places in the subject's facts
- * @param {(relation: number, isTail: boolean) => Float64Array} scoreOf
+/** MRR* over the test facts, with the entity given and the other end hidden; null if there are none.
+ * @param {World} world @param {Subject} subject @param {(relation: number, isTail: boolean) => Float64Array} scoreOf
  * @returns {number | null} */
-export function mrrStar(world, subject, given, scoreOf) {
+export function mrrStar(world, subject, scoreOf) {
   /** @type {Map<number, number[]>} */
   const byRelation = new Map();
   subject.facts.forEach((fact, place) => {
-    if (given.includes(place)) return;
+    if (subject.offered.includes(place)) return;
     const { relation, isTail, other, count } = fact, score = scoreOf(relation, isTail);
     const tie = TIE * score.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
     let trueRank = 1, rank = 1;
     const left = new Set([other]);
     subject.facts.forEach((one, at) => {
       if (one.relation !== relation || one.isTail !== isTail || one.other === other) return;
-      if (given.includes(at) || one.count === count) left.add(one.other);
+      if (subject.offered.includes(at) || one.count === count) left.add(one.other);
       else if (one.count > count) trueRank += 1;
     });
     for (const id of subject.before.known) {

@@ -1,18 +1,18 @@
 /* What is shown, as it stands in the address: #explorer/NAME/FIRST/SECOND/GIVEN/FACTS. */
 import { ownSubject, subjectOf } from "./data.js";
 import { RANDOM } from "./initializers.js";
-import { DRAWS } from "./random.js";
 
 /** @import { Fact, Subject, World } from "./data.js" */
-/** An initializer and its dial: k, or the number of a draw (0: the median one). @typedef {{name: string, dial: number}} Choice */
+/** An initializer and its dial: k, or the number of a draw. @typedef {{name: string, dial: number}} Choice */
 /** @typedef {{subject: Subject, given: number[], choices: Choice[]}} State */
 
 const OWN = "+"; // before the name of a reader's own entity
+const DRAWS = 999;
 
 /** @param {World} world @param {string} name @returns {{label: string, least: number, most: number, usual: number} | null} */
 export function dialOf(world, name) {
   const options = world.initializers.find((one) => one.name === name)?.options ?? {};
-  if (RANDOM.includes(name)) return { label: "draw", least: 1, most: DRAWS, usual: 0 };
+  if (RANDOM.includes(name)) return { label: "draw", least: 1, most: DRAWS, usual: 1 };
   return "k" in options ? { label: "k", least: 1, most: options.candidates ?? 30, usual: options.k } : null;
 }
 
@@ -21,7 +21,7 @@ export const choiceOf = (world, name) => ({ name, dial: dialOf(world, name)?.usu
 
 /** @param {World} world @param {State} state */
 export function address(world, { subject, given, choices }) {
-  const usual = given.join() === subject.given.join(), own = subject.id < 0;
+  const usual = given.join() === subject.offered.join(), own = subject.id < 0;
   return ["#explorer", (own ? OWN : "") + encodeURIComponent(subject.name),
     ...choices.map(({ name, dial }) => (dial === choiceOf(world, name).dial ? name : `${name}~${dial}`)),
     ...(usual && !own ? [] : [given.join(".")]),
@@ -35,8 +35,8 @@ export function parse(world, text, state) {
   const [section, name, first, second, given, facts] = text.split("/");
   if (section !== "#explorer") return null;
   const subject = subjectNamed(world, name ?? "", facts ?? "") ?? state.subject;
-  const places = given === undefined ? subject.given : given.split(".").filter(Boolean).map(Number);
-  const mayBeGiven = places.every((place) => subject.facts[place]?.split === 0);
+  const places = given === undefined ? subject.offered : given.split(".").filter(Boolean).map(Number);
+  const mayBeGiven = places.every((place) => subject.offered.includes(place));
   const choices = [first, second].map((part, number) => {
     const [by = "", dial] = (part ?? "").split("~"), range = dialOf(world, by);
     if (!world.initializers.some((one) => one.name === by)) return state.choices[number];
@@ -44,7 +44,7 @@ export function parse(world, text, state) {
     if (!range || !wanted) return choiceOf(world, by);
     return { name: by, dial: Math.min(Math.max(wanted, range.least), range.most) };
   });
-  return { subject, given: mayBeGiven ? places : subject.given, choices };
+  return { subject, given: mayBeGiven ? places : subject.offered, choices };
 }
 
 /** @param {World} world @param {string} text @param {string} facts @returns {Subject | null} */

@@ -1,0 +1,315 @@
+"""What the tables are made from: the pipeline's outputs, read as they are needed.
+
+One frame has the runs of an experiment, of a variant or of another graph: columns model, size,
+seed, session, epoch, scope, the measures in [0, 1] and the number of queries.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import pandas as pd
+
+from isi import config
+from isi.evaluation.query_sets import epochs_to_convergence
+from isi.report.tables.estimates import (
+    Names,
+    cells_of,
+    combined,
+    difference,
+    over_seeds,
+    where,
+)
+from isi.tables import paths
+from isi.tables.io import opening
+
+if TYPE_CHECKING:
+    from isi.params import ExperimentOf, Params
+
+JOINT = "joint"
+#: The model without insertion: Θ⁰, fine-tuned.
+FINETUNE_ONLY = "finetune_only"
+#: The paper's baseline, the reference of all gains.
+BASELINE = "xavier"
+#: Role of the novel entity in a query of scope ``novel``, with its header.
+DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
+
+
+def read(path: str | Path) -> pd.DataFrame:
+    """A Parquet table with plain strings; ``InputError`` if it is missing or broken."""
+    with opening(Path(path), "a Parquet table", ValueError):
+        frame = pd.read_parquet(path)
+    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+
+
+@dataclass(frozen=True, eq=False)
+class Models:
+    """Labels, roles and descriptions of initializers and of the other models, by name."""
+
+    labels: Mapping[str, str]
+    roles: Mapping[str, str]
+    descriptions: Mapping[str, str]
+
+    @classmethod
+    def of(cls, registered: pd.DataFrame) -> Self:
+        """From a table with columns name, label, role and description."""
+        rows = registered.fillna("").set_index("name")
+        names = list(map(str, rows.index))
+        labels, roles, descriptions = (
+            dict(zip(names, map(str, rows[column]), strict=True))
+            for column in ("label", "role", "description")
+        )
+        others = {JOINT: "Joint", FINETUNE_ONLY: "Nothing inserted"}
+        return cls(others | labels, roles, descriptions)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """From the file of the pipeline."""
+        with opening(path, "a table of initializers", ValueError):
+            return cls.of(pd.read_csv(path))
+
+    def of_role(self, models: Iterable[str], *roles: str) -> list[str]:
+        """The models among some with one of the roles, in order."""
+        return [name for name in models if self.roles.get(name) in roles]
+
+    def isi(self, models: Iterable[str]) -> list[str]:
+        """The initializers that the paper proposes."""
+        return self.of_role(models, "isi")
+
+    def contenders(self, models: Iterable[str]) -> list[str]:
+        """The initializers under test: all but controls."""
+        return self.of_role(models, "paper", "isi", "baseline", "own")
+
+    def labelled(self, frame: pd.DataFrame, *columns: str) -> pd.DataFrame:
+        """The frame with labels in place of names in some columns."""
+        shown = {name: frame[name].astype(object).replace(self.labels) for name in columns}
+        return frame.assign(**shown)
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Runs of initializers and of the joint model on one graph, under the same conditions."""
+
+    name: str
+    title: str
+    models: Models
+    initializers: list[str]
+    runs: pd.DataFrame
+    queries: pd.DataFrame | None  #: the query breakdown; None where it was not run
+    margin: float
+    max_epochs: int
+    finetuned: list[str] = field(default_factory=list)
+
+    def of_size(self, size: int | None) -> Self:
+        """Only the runs and queries that insert ``size`` entities."""
+        queries = None if self.queries is None else where(self.queries, size=size)
+        return replace(self, runs=where(self.runs, size=size), queries=queries)
+
+    @property
+    def rows(self) -> list[str]:
+        """The initializers, then the joint model."""
+        return [*self.initializers, JOINT]
+
+    @property
+    def methods(self) -> list[str]:
+        """The initializers that the paper proposes."""
+        return self.models.isi(self.initializers)
+
+    @cached_property
+    def immediate(self) -> pd.DataFrame:
+        """Runs right after insertion, before any further training."""
+        return where(self.runs, epoch=0)
+
+    def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+        """``epochs_to_convergence`` of runs, session by session, against the joint models of the
+        same session.
+        """
+        joint, sessions = where(self.runs, model=JOINT), list[pd.DataFrame]()
+        for session in sorted(set(runs["session"])) or [1]:
+            rows = where(runs, session=session)
+            target = where(joint, session=session)
+            epochs = epochs_to_convergence(rows, target, self.margin, self.max_epochs, by)
+            sessions.append(epochs.assign(session=session))
+        return pd.concat(sessions, ignore_index=True)
+
+    @cached_property
+    def convergence(self) -> pd.DataFrame:
+        """Epochs to convergence: rows by model, scope, size, seed and session."""
+        listed = self.finetuned or self.initializers
+        return self.converged(self.runs[self.runs["model"].isin(listed)], ["model"])
+
+    def epochs(self, scope: str) -> pd.Series:
+        """Mean epochs to convergence by model."""
+        means: pd.Series = where(self.convergence, scope=scope).groupby("model")["epochs"].mean()
+        return means
+
+    @cached_property
+    def directed(self) -> pd.DataFrame:
+        """Entity MRR* in [0, 1] about novel entities by direction (in column ``scope``), model,
+        size and seed; empty without a query breakdown.
+        """
+        columns = ["scope", "model", "size", "seed", "session", "mrr_star_entity"]
+        if self.queries is None or self.queries.empty:
+            return pd.DataFrame(columns=columns)
+        rows = where(self.queries, scope="novel", filter="learned", hidden=["head", "tail"])
+        rows = where(rows, novel=list(DIRECTIONS)).drop(columns="scope")
+        rows = rows.rename(columns={"novel": "scope"})
+        measured = combined(rows, ["scope", "model", "size", "seed"])
+        return measured.assign(session=1)[columns]
+
+    def means(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
+        """Mean (points) of a measure right after insertion, with its interval: rows by model,
+        column ``mean``. Scope ``given``: entity MRR* with the novel entity given.
+        """
+        rows, measure = self._measured(scope, measure)
+        means = over_seeds(where(rows, scope=scope), ["model"], {measure: "mean"})
+        return means.loc[[model for model in self.rows if model in means.index]].dropna(
+            subset="mean"
+        )
+
+    def by_run(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
+        """The same by session, size and seed (rows) and model (columns)."""
+        rows, measure = self._measured(scope, measure)
+        return 100 * cells_of(rows, self.rows, scope, measure)
+
+    def _measured(self, scope: str, measure: str) -> tuple[pd.DataFrame, str]:
+        if scope in DIRECTIONS:
+            return self.directed, "mrr_star_entity"
+        return self.immediate, measure
+
+    def minus(self, scope: str, first: str, second: str) -> dict[str, float]:
+        """MRR* (points) of ``first`` minus that of ``second``, right after insertion."""
+        cells = self.by_run(scope)
+        return difference(cells[first], cells[second])
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment(Runs):
+    """The runs of one experiment of params, with its other tables."""
+
+    params: "Params | Any" = None
+    suffix: str = ""  #: of the names of its tables; empty for the first experiment
+
+    @classmethod
+    def read(cls, params: "Params", models: Models, name: str) -> Self:
+        """The tables of an experiment; ``InputError`` where one is missing or broken."""
+        initializers = params.initializers_of(name)
+        settings = params.experiments[name]
+        runs = _of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
+        breakdown = Path(f"data/analyses/query_breakdown/{name}.parquet")
+        ran = name in params.query_breakdown.experiments
+        return cls(
+            name=name,
+            title=settings.title,
+            models=models,
+            initializers=initializers,
+            runs=runs,
+            queries=read(breakdown) if ran else None,
+            margin=params.convergence.margin,
+            max_epochs=params.finetuning.max_epochs,
+            finetuned=[each for each in initializers if each not in settings.immediate_only],
+            params=params,
+            suffix="" if name == next(iter(params.experiments)) else f"_{name}",
+        )
+
+    @property
+    def settings(self) -> "ExperimentOf":
+        """The entry of the experiment in params."""
+        settings: ExperimentOf = self.params.experiments[self.name]
+        return settings
+
+    def table(self, place: str) -> pd.DataFrame:
+        """A table of the experiment; ``{}`` in its place stands for the name."""
+        return read(place.format(self.name))
+
+    def analysis(self, section: str) -> pd.DataFrame | None:
+        """The results of an analysis of one file; None where it was not run for this experiment."""
+        study = self.params.studies[section]
+        if self.name not in study.experiments:
+            return None
+        places = {
+            "affordances": "affordances",
+            "cross_validation": "cross_validation",
+            "finetune_only": "finetune_only",
+        }
+        return read(f"data/analyses/{places[section]}/{self.name}.parquet")
+
+    def swept(self, section: str, folder: str, names: Names) -> pd.DataFrame | None:
+        """The same for an analysis with a file for each initializer."""
+        if self.name not in self.params.studies[section].experiments[:1]:
+            return None
+        return _of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
+
+    @cached_property
+    def entities(self) -> pd.DataFrame:
+        """The entities; row numbers are ids."""
+        return self.table("data/graph/{}/entities.parquet")
+
+    @cached_property
+    def triples(self) -> pd.DataFrame:
+        """The unique triples with their counts."""
+        return self.table("data/graph/{}/triples.parquet")
+
+    @cached_property
+    def inserted(self) -> pd.DataFrame:
+        """The inserted entities of each initializer, with what was measured about each."""
+        return _of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
+
+    @property
+    def curve_size(self) -> int | None:
+        """The first size of ``full_curves`` that was run; None if none was."""
+        sizes = self.settings.sessions.sizes
+        return next((size for size in self.settings.full_curves.sizes if size in sizes), None)
+
+    @cached_property
+    def curves(self) -> pd.DataFrame:
+        """Runs at ``curve_size`` of the initializers with full curves, of the joint model, and of
+        Θ⁰ that is fine-tuned without insertion; empty without any.
+        """
+        listed = self.settings.full_curves.initializers
+        names = [name for name in self.finetuned if listed == "all" or name in listed]
+        rows = where(self.runs, size=self.curve_size, model=[*names, JOINT])
+        alone = self.analysis("finetune_only")
+        if not names or rows.empty:
+            return rows.head(0)
+        if alone is None:
+            return rows
+        alone = where(alone, size=self.curve_size, scope="known_closed")
+        return pd.concat([rows, alone.assign(model=FINETUNE_ONLY)], ignore_index=True)
+
+
+def _of_models(place: str, names: Names) -> pd.DataFrame:
+    """The files of some models below each other; the column ``model`` has the name."""
+    return pd.concat([read(place.format(name)).assign(model=name) for name in names])
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """All experiments of params, with the paper's numbers."""
+
+    params: "Params"
+    paper: Mapping[str, Any]
+    vocabulary: Mapping[str, Any]
+    models: Models
+    experiments: list[Experiment]
+
+    @classmethod
+    def read(cls, params: "Params") -> Self:
+        """Read what all tables need; the rest is read when it is needed."""
+        models = Models.read(paths.DATA / "analyses" / "initializers.csv")
+        experiments = [Experiment.read(params, models, name) for name in params.experiments]
+        paper = config.read(paths.PAPER)
+        vocabulary = config.read(paths.PAPER.with_name("vocabulary.yaml"))
+        return cls(params, paper, vocabulary, models, experiments)
+
+    @property
+    def standalone(self) -> list[Experiment]:
+        """Experiments whose entities all come from one source."""
+        return [each for each in self.experiments if not each.settings.graph.extend]
+
+    @property
+    def extended(self) -> list[Experiment]:
+        """Experiments that insert entities of a second source (``graph.extend``)."""
+        return [each for each in self.experiments if each.settings.graph.extend]

@@ -1,0 +1,238 @@
+"""Means over runs, their intervals over seeds, and differences with tests.
+
+An estimate takes three columns: its name, ``NAME low`` and ``NAME high``. Seeds are the units that
+vary: intervals are Student's t over seeds, at 95 %.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtr, stdtrit
+
+Names = Sequence[str]  #: Of models, scopes or columns, in order.
+#: Columns that identify a run of an initializer.
+CELL = ["session", "size", "seed"]
+#: MRR* and its halves, with their headers.
+HALVES = {
+    "mrr_star": "MRR*",
+    "mrr_star_entity": "entity half",
+    "mrr_star_relation": "relation half",
+}
+#: Ends of the names of an estimate's columns.
+ENDS = ("", " low", " high")
+#: A difference is significant where its corrected p is below this.
+LEVEL = 0.05
+
+
+def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:
+    """The rows with these values in their columns; a list or tuple: any of them."""
+    for column, value in values.items():
+        listed = value if isinstance(value, list | tuple) else [value]
+        rows = rows[rows[column].isin(listed)]
+    return rows
+
+
+def over_seeds(
+    rows: pd.DataFrame, by: Names, columns: Mapping[str, str], scale: float = 100.0
+) -> pd.DataFrame:
+    """Means × ``scale`` of ``columns`` (name to new name) by group, with intervals over seeds.
+
+    The mean is over all rows, and seeds may have different numbers of them: its error is that of a
+    ratio of two sums over seeds, to first order. With equal numbers it is Student's interval of the
+    seeds' means. Nulls are left out; one seed alone has no interval.
+    """
+    levels = list(by)
+    of_seeds = rows.groupby([*levels, "seed"], observed=True)[list(columns)]
+    totals, numbers = of_seeds.sum(), of_seeds.count()
+    groups = totals.groupby(level=levels, observed=True)
+    counts = numbers.groupby(level=levels, observed=True)
+    means = groups.sum() / counts.sum()
+    errors = totals - numbers * (groups.transform("sum") / counts.transform("sum"))
+    squares = (errors**2).groupby(level=levels, observed=True).sum()
+    seeds = (numbers > 0).groupby(level=levels, observed=True).sum()
+    error = np.sqrt(squares * seeds / (seeds - 1).clip(lower=1)) / counts.sum()
+    around = error * _quantile(seeds.to_numpy())
+    parts = dict[str, pd.Series]()
+    for column, name in columns.items():
+        parts[name] = scale * means[column]
+        parts[f"{name} low"] = scale * (means[column] - around[column])
+        parts[f"{name} high"] = scale * (means[column] + around[column])
+    return pd.DataFrame(parts)
+
+
+def _quantile(seeds: Any) -> Any:
+    """The 97.5 % quantile of Student's t for a number of seeds; NaN for one."""
+    return stdtrit(np.where(np.asarray(seeds) > 1, np.asarray(seeds) - 1, np.nan), 0.975)
+
+
+def relative(cells: pd.DataFrame, base: pd.DataFrame, sign: int = 1) -> tuple[float, float, float]:
+    """Per cent by which means over seeds (rows) exceed those of a reference, averaged over grid
+    points (columns), with its interval; with ``sign`` -1: per cent below the reference.
+
+    A seed's part in a ratio of means is taken to first order. Nulls are left out.
+    """
+    cells = cells.reindex(index=base.index, columns=base.columns)
+    means, bases = cells.mean(), base.mean()
+    ratios = means / bases
+    mean = float((sign * (ratios - 1)).mean())
+    seeds = len(base)
+    shares = [cells.notna().mean(), base.notna().mean()]
+    parts = (cells - means) / shares[0] - ratios * (base - bases) / shares[1]
+    errors = (parts / bases).fillna(0).mean(axis=1)
+    around = np.nan
+    if seeds > 1:
+        around = np.sqrt((errors**2).sum() / (seeds * (seeds - 1))) * float(_quantile(seeds))
+    return 100 * mean, 100 * (mean - around), 100 * (mean + around)
+
+
+def improvements(immediate: pd.DataFrame, scope: str, base: str = "xavier") -> pd.DataFrame:
+    """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes
+    (section 6.1); columns ``gain`` and its bounds, rows by model.
+    """
+    cells = where(immediate, scope=scope).pivot_table(
+        "mrr_star", "seed", ["model", "size"], dropna=False
+    )
+    if base not in cells:
+        return pd.DataFrame(columns=["gain", "gain low", "gain high"], dtype=float)
+    rows = {
+        str(model): relative(pd.DataFrame(cells[model]), pd.DataFrame(cells[base]))
+        for model in cells.columns.unique("model")
+    }
+    return pd.DataFrame.from_dict(
+        rows, orient="index", columns=["gain", "gain low", "gain high"]
+    ).dropna(subset="gain")
+
+
+def drops(immediate: pd.DataFrame) -> pd.DataFrame:
+    """Interference by initializer: per cent by which MRR* in ``known`` is below MRR* in
+    ``known_closed``; columns ``drop`` and its bounds.
+    """
+    rows = dict[str, tuple[float, float, float]]()
+    for model, of_model in immediate[immediate["model"] != "joint"].groupby("model"):
+        cells = of_model.pivot_table("mrr_star", "seed", "scope")
+        if {"known", "known_closed"} <= set(cells):
+            known = cells[["known"]].set_axis(["mrr_star"], axis=1)
+            closed = cells[["known_closed"]].set_axis(["mrr_star"], axis=1)
+            rows[str(model)] = relative(known, closed, sign=-1)
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["drop", "drop low", "drop high"])
+
+
+def combined(rows: pd.DataFrame, by: Names) -> pd.DataFrame:
+    """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
+
+    The entity half is a mean over relations, weighted by observations, of the mean over a
+    relation's head and tail queries. A half without queries is null; then MRR* is null. ``rows``:
+    of the query breakdown.
+    """
+    weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
+    of_relations = rows["hidden"] == "relation"
+    groups = weighted[~of_relations].groupby(list(dict.fromkeys([*by, "relation"])), observed=True)
+    sums, weight = groups[["total", "queries"]].sum(), groups["observations"].first()
+    shares = pd.DataFrame({"mean": weight * sums["total"] / sums["queries"], "weight": weight})
+    shares = shares.groupby(level=list(by)).sum()
+    relations = weighted[of_relations].groupby(list(by), observed=True)[["total", "queries"]].sum()
+    entity, relation = shares["mean"] / shares["weight"], relations["total"] / relations["queries"]
+    halves = pd.DataFrame({"mrr_star_entity": entity, "mrr_star_relation": relation})
+    halves["mrr_star"] = halves.mean(axis=1, skipna=False)
+    return halves[list(HALVES)].reset_index()
+
+
+def difference(first: pd.Series, second: pd.Series) -> dict[str, float]:
+    """First minus second, paired by seed: the mean, its interval, p of the paired t-test, the
+    number of seeds, and of those that differ.
+
+    Both are indexed by ``CELL`` and averaged by seed; rounded to 1e-9, so that ties do not depend
+    on the order of sums.
+    """
+    values = (first - second).dropna().groupby(level="seed").mean().to_numpy(float).round(9)
+    seeds = len(values)
+    result = {
+        "difference": np.nan,
+        "difference low": np.nan,
+        "difference high": np.nan,
+        "p": np.nan,
+    }
+    if seeds:
+        result["difference"] = float(values.mean()) + 0.0  # no -0
+    if seeds > 1:
+        error = float(values.std(ddof=1) / np.sqrt(seeds))
+        around = error * float(_quantile(seeds))
+        result["difference low"] = result["difference"] - around
+        result["difference high"] = result["difference"] + around
+        if error > 0:
+            result["p"] = float(2 * stdtr(seeds - 1, -abs(values.mean()) / error))
+    return result | {"seeds": seeds, "of these differ": int(np.count_nonzero(values))}
+
+
+def compare(measures: Mapping[str, pd.DataFrame], models: Names, first: Names) -> pd.DataFrame:
+    """All pairs of models in each measure (a frame with a row for each run and a column for each
+    model), with Holm's correction within a measure; models in ``first`` come first in a pair.
+    """
+    rows = list[dict[str, Any]]()
+    for measure, cells in measures.items():
+        of_measure = list[dict[str, Any]]()
+        for pair in combinations(models, 2):
+            left, right = sorted(pair, key=lambda name: name not in first)
+            names = {"measure": measure, "first": left, "second": right}
+            of_measure.append(names | difference(cells[left], cells[right]))
+        corrected = holm(np.array([row["p"] for row in of_measure]))
+        for row, p in zip(of_measure, corrected.tolist(), strict=True):
+            rows.append(row | {"p (Holm)": p})
+    order = ["measure", "first", "second", "difference", "difference low", "difference high"]
+    return pd.DataFrame(rows, columns=[*order, "p", "p (Holm)", "seeds", "of these differ"])
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """Holm's step-down correction of m values of p:
+    the i-th smallest times (m − i + 1), made monotone, at most 1.
+
+    NaN (nothing to test) counts as 1 among the m and stays NaN.
+    """
+    known = np.nan_to_num(p, nan=1.0)
+    order = known.argsort(kind="stable")
+    corrected = np.empty(len(p))
+    corrected[order] = np.maximum.accumulate(known[order] * np.arange(len(p), 0, -1)).clip(max=1)
+    return np.where(np.isnan(p), np.nan, corrected)
+
+
+def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
+    """Epochs to convergence by group: mean with interval, standard deviation, median, and per cent
+    of runs without convergence with interval.
+    """
+    means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
+    lost = convergence.assign(lost=~convergence["converged"])
+    never = over_seeds(lost, by, {"lost": "unconverged %"})
+    groups = convergence.groupby(list(by))["epochs"]
+    middle = pd.DataFrame({"std": groups.std(ddof=1), "median": groups.median()})
+    return pd.concat([means, middle, never], axis=1)
+
+
+def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.DataFrame:
+    """Values of ``column`` in one scope: a row for each session, size and seed, a column for each
+    model.
+    """
+    shown = where(rows, scope=scope)
+    return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
+
+
+def wide(estimates: pd.DataFrame, column: str, names: Mapping[str, str]) -> dict[str, float]:
+    """One row with the estimate ``column`` of each model (the index), under the model's label."""
+    row = dict[str, float]()
+    for model in estimates.index:
+        for end in ("", " low", " high"):
+            if f"{column}{end}" in estimates:
+                row[f"{names[model]}{end}"] = estimates.loc[model, f"{column}{end}"]
+    return row
+
+
+def under(estimates: pd.DataFrame, group: str) -> pd.DataFrame:
+    """The same columns under the header of a group."""
+    return estimates.add_prefix(f"{group}: ") if group else estimates
+
+
+def named(estimates: Any, column: str, title: str) -> dict[str, Any]:
+    """The estimate ``column`` of a frame or a row, with its bounds, under a title."""
+    return {f"{title}{end}": estimates[f"{column}{end}"] for end in ENDS}

@@ -1,0 +1,382 @@
+"""Beyond the paper: what brings this run nearer to the paper, stronger initializers, fewer insert
+triples, other words, embedding models and graphs.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import pandas as pd
+
+from isi import config
+from isi.evaluation.query_sets import CONVERGING
+from isi.report.tables.data import BASELINE, JOINT, Experiment, Models, Runs, read
+from isi.report.tables.estimates import combined, difference, named, over_seeds, where, wide
+from isi.report.tables.registry import Frames, table
+from isi.report.tables.results import by_label, table2
+from isi.tables import paths
+
+if TYPE_CHECKING:
+    from isi.analyses.variants import Variant
+    from isi.params import Beyond, Params
+
+#: The initializer with which all others are compared, paired by seed.
+REFERENCE = "ers"
+#: Pairs of initializers that are compared on each graph, with the novel entity given.
+PAIRS = (
+    ("ers", BASELINE),
+    ("ers", "kind_mean"),
+    ("es", "es_permuted_kinds"),
+    ("soft_hybrid", "ers"),
+    ("map", "soft_hybrid"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class VariantRuns(Runs):
+    """The runs of a variant on one experiment, or on a graph of the second pipeline."""
+
+    variant: "Variant | Any" = None
+    key: str = ""  #: of the variant in params
+    #: those of a graph; empty for a variant
+    entities: pd.DataFrame = field(default_factory=pd.DataFrame)
+    triples: pd.DataFrame = field(default_factory=pd.DataFrame)
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """The runs of the second pipeline, and the experiments with which they are compared."""
+
+    paper: Mapping[str, Any]
+    experiments: list[Experiment]  #: whose entities all come from one source
+    variants: list[VariantRuns]
+    graphs: list[VariantRuns]
+
+    @classmethod
+    def read(cls, params: "Params", beyond: "Beyond", models: Models) -> Self:
+        """The experiments, and the variants and graphs that were run."""
+        experiments = [
+            Experiment.read(params, models, name)
+            for name, settings in params.experiments.items()
+            if not settings.graph.extend
+        ]
+        variants, graphs = list[VariantRuns](), list[VariantRuns]()
+        for key, variant in beyond.variants.items():
+            place = Path("data/beyond", key)
+            if place.with_suffix(".queries.parquet").exists():
+                runs = read(place.with_suffix(".parquet"))
+                queries = read(place.with_suffix(".queries.parquet"))
+                for experiment in experiments:
+                    if experiment.name in variant.experiments:
+                        made = _runs_of(experiment, params, key, variant, runs, queries)
+                        variants += [made] if len(made.runs) else []
+        for key, graph in beyond.graphs.items():
+            folder = Path("data/beyond/graphs", key)
+            if (folder / "queries.parquet").exists():
+                runs, queries, entities, triples = (
+                    read(folder / f"{name}.parquet")
+                    for name in ("runs", "queries", "entities", "triples")
+                )
+                named = replace(experiments[0], name=key, title=graph.title)
+                made = _runs_of(named, params, key, graph.variant(key), runs, queries)
+                graphs.append(replace(made, entities=entities, triples=triples))
+        return cls(config.read(paths.PAPER), experiments, variants, graphs)
+
+    def variants_of(self, group: str) -> list[VariantRuns]:
+        """The variants of one group."""
+        return [runs for runs in self.variants if runs.variant.group == group]
+
+    @property
+    def all_graphs(self) -> list[Experiment | VariantRuns]:
+        """The graphs of the experiments, then the others; none without others."""
+        return [*self.experiments, *self.graphs] if self.graphs else []
+
+    @property
+    def compared(self) -> list[Runs]:
+        """Runs of the same size and initializers on every graph; none without other graphs."""
+        listed = list[Runs]()
+        for experiment in self.experiments if self.graphs else []:
+            like = self.graphs[0].variant
+            ran = experiment.initializers
+            names = [name for name in like.initializers if name in ran]
+            listed.append(replace(experiment.of_size(like.size), initializers=names))
+        return [
+            runs for runs in (*listed, *self.graphs) if len(runs.runs) and runs.queries is not None
+        ]
+
+
+def _runs_of(
+    experiment: Runs,
+    params: "Params",
+    key: str,
+    variant: "Variant",
+    runs: pd.DataFrame,
+    queries: pd.DataFrame,
+) -> VariantRuns:
+    """The rows of an experiment or graph in a variant's tables."""
+    of_experiment = where(runs, experiment=experiment.name)
+    ran = set(of_experiment["model"])
+    changed = variant.changes.get("finetuning.max_epochs", params.finetuning.max_epochs)
+    return VariantRuns(
+        name=experiment.name,
+        title=experiment.title,
+        models=experiment.models,
+        initializers=[name for name in variant.initializers if name in ran],
+        runs=of_experiment,
+        queries=where(queries, experiment=experiment.name),
+        margin=params.convergence.margin,
+        max_epochs=int(changed),
+        variant=variant,
+        key=key,
+    )
+
+
+# From this run to the paper
+
+
+@table("beyond")
+def causes(results: Further) -> pd.DataFrame | None:
+    """Causes of the gap to the paper: a row for each changed setting, then the paper."""
+    variants, first = results.variants_of("causes"), results.experiments[0]
+    methods = first.models.isi(first.finetuned)
+    if not variants or first.curve_size is None or BASELINE not in first.finetuned or not methods:
+        return None
+    rows = [
+        _cause(first, methods, title, now, later)
+        for title, now, later in _conditions(results, variants)
+    ]
+    paper = results.paper["convergence"]["epochs"]
+    epochs = pd.Series({name: numbers["mean"] for name, numbers in paper.items()})
+    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
+    theirs = _cause(first, methods, "the paper", pd.Series(dtype=float), epochs)
+    return pd.DataFrame([*rows, theirs | {"gain %": gains.reindex(methods).mean()}])
+
+
+def _cause(
+    runs: Runs, methods: list[str], title: str, now: pd.Series, later: pd.Series
+) -> dict[str, Any]:
+    """A row of causes: Xavier, and the mean of ISI; ``now``: MRR*, ``later``: epochs, by model."""
+    base, xavier = now.get(BASELINE, np.nan), runs.models.labels[BASELINE]
+    of_isi = now.reindex(methods).mean(skipna=False)
+    return {
+        "row": title,
+        "joint": now.get(JOINT, np.nan),
+        xavier: base,
+        "ISI": of_isi,
+        "gain %": 100 * (of_isi / base - 1),
+        f"epochs: {xavier}": later.get(BASELINE, np.nan),
+        "epochs: ISI": later.reindex(methods).mean(skipna=False),
+    }
+
+
+def _conditions(
+    results: Further, variants: Iterable[VariantRuns]
+) -> Iterator[tuple[str, pd.Series, pd.Series]]:
+    """Titles with MRR* and epochs by model: of the first graph two sizes, entity MRR* and a filter
+    of all true triples; then of variants and of other graphs.
+    """
+    first, none = results.experiments[0], pd.Series(dtype=float)
+    size, largest = first.curve_size, max(first.settings.sessions.sizes)
+    main = first.of_size(size)
+    yield f"this run, {size} novel entities", _mrr_star(main), main.epochs("all")
+    if largest != size:
+        share = 100 * largest / len(first.entities)
+        other = first.of_size(largest)
+        title = f"{largest} novel entities, {share:.0f} % of all"
+        yield title, _mrr_star(other), other.epochs("all")
+    yield "entity prediction alone", _mrr_star(main, "mrr_star_entity"), none
+    if main.queries is not None:
+        true = where(main.queries, scope="all", filter="true")
+        means = combined(true, ["model", "size", "seed"]).groupby("model")["mrr_star"].mean()
+        yield "all true triples left out of the candidates", 100 * means, none
+    for runs in variants:
+        epochs = runs.epochs("all") if runs.variant.finetuned else none
+        yield f"{runs.variant.title} ({runs.title})", _mrr_star(runs), epochs
+    for experiment in results.experiments[1:]:
+        if size in experiment.settings.sessions.sizes:
+            of_size = experiment.of_size(size)
+            title = f"{experiment.title}, {size} novel entities"
+            yield title, _mrr_star(of_size), of_size.epochs("all")
+
+
+def _mrr_star(runs: Runs, measure: str = "mrr_star") -> pd.Series:
+    """Mean MRR* (points) over all queries right after insertion, by model."""
+    means: pd.Series = where(runs.immediate, scope="all").groupby("model")[measure].mean()
+    return 100 * means
+
+
+def _with_curves(results: Further) -> list[VariantRuns]:
+    causes = results.variants_of("causes")
+    return [runs for runs in causes if runs.variant.full_curves]
+
+
+@table("beyond")
+def convergence(results: Further) -> Frames:
+    """Table 2 of the variants with full curves, beside the paper's."""
+    paper = results.paper["convergence"]["epochs"]
+    return {
+        f"convergence_{runs.key}_{runs.name}": table2(runs, paper) for runs in _with_curves(results)
+    }
+
+
+@table("beyond")
+def curves(results: Further) -> Frames:
+    """Figure 3b of the variants with full curves: MRR* (points) by epoch of fine-tuning."""
+    frames = dict[str, pd.DataFrame]()
+    for runs in _with_curves(results):
+        shown = where(runs.runs, scope=CONVERGING)
+        means = over_seeds(shown, ["model", "scope", "epoch"], {"mrr_star": "MRR*"})
+        listed = means.reindex(runs.rows, level="model").reset_index()
+        frames[f"curves_{runs.key}_{runs.name}"] = runs.models.labelled(listed, "model")
+    return frames
+
+
+# Other initializers, fewer insert triples, other words
+
+
+@table("beyond")
+def strong(results: Further) -> Frames:
+    """Initializers beyond the paper on each graph, sorted by entity MRR* with the novel entity
+    given.
+    """
+    frames = dict[str, pd.DataFrame]()
+    for runs in results.variants_of("baselines"):
+        given, cells = runs.means("given"), runs.by_run("given")
+        order = list(given["mean"].sort_values(ascending=False, kind="stable").index)
+        reference = cells.get(REFERENCE, pd.Series(np.nan, cells.index))
+        minus = {model: difference(cells[model], reference) for model in order}
+        columns = named(runs.means("all"), "mean", "all")
+        columns |= named(runs.means("novel"), "mean", "novel")
+        columns |= named(given, "mean", "novel entity given")
+        title = f"novel entity given, minus {runs.models.labels[REFERENCE]}"
+        columns |= named(pd.DataFrame(minus).T, "difference", title)
+        frames[f"strong_{runs.name}"] = by_label(runs, order, columns)
+    return frames
+
+
+@table("beyond")
+def n_insert_triples(results: Further) -> pd.DataFrame:
+    """Entity MRR* with the novel entity given by number of insert triples, on the first graph with
+    such runs.
+    """
+    variants, rows = results.variants_of("insert_triples"), list[dict[str, Any]]()
+    for runs in variants:
+        if runs.name == variants[0].name:
+            most = runs.variant.max_insert_triples
+            number = {"insert triples": "all" if most is None else str(most)}
+            rows.append(number | wide(runs.means("given"), "mean", runs.models.labels))
+    return pd.DataFrame(rows)
+
+
+@table("beyond")
+def other_words(results: Further) -> pd.DataFrame:
+    """Entity MRR* with the novel entity given by graph and kind of word vectors."""
+    return _by_graph(results.variants_of("words"), "given", "words")
+
+
+# Other embedding models and graphs
+
+
+#: Measures of the tables by graph, by the end of the table's name.
+_MEASURES = {"immediate": "novel", "novel_given": "given", "epochs": "epochs"}
+
+
+def _means(runs: Runs, measure: str) -> pd.DataFrame:
+    """MRR* in a scope by model, or epochs to convergence on held-out triples of the novel entities
+    by initializer.
+    """
+    if measure != "epochs":
+        return runs.means(measure)
+    heldout = where(runs.convergence, scope="novel_heldout")
+    means = over_seeds(heldout, ["model"], {"epochs": "mean"}, scale=1)
+    return means.loc[[name for name in runs.initializers if name in means.index]]
+
+
+def _by_graph(listed: Iterable[Runs], measure: str, variant: str = "") -> pd.DataFrame:
+    """A row of means by model for each of the runs, those of a graph below each other; the column
+    ``variant`` has the title of the variant.
+    """
+    rows = dict[str, list[dict[str, Any]]]()
+    for runs in listed:
+        row: dict[str, Any] = {"graph": runs.title}
+        if isinstance(runs, VariantRuns) and variant:
+            row[variant] = runs.variant.title
+        row |= wide(_means(runs, measure), "mean", runs.models.labels)
+        rows.setdefault(runs.name, []).append(row)
+    return pd.DataFrame([row for of_graph in rows.values() for row in of_graph])
+
+
+@table("beyond")
+def embeddings(results: Further) -> Frames:
+    """Other embedding models: MRR* and epochs by graph and model."""
+    variants = results.variants_of("embeddings")
+    return {
+        f"embeddings_{name}": _by_graph(variants, measure, "embedding")
+        for name, measure in _MEASURES.items()
+    }
+
+
+@table("beyond")
+def graphs_by(results: Further) -> Frames:
+    """MRR* and epochs on all graphs, with sessions of the same size."""
+    compared = results.compared
+    return {f"graphs_{name}": _by_graph(compared, measure) for name, measure in _MEASURES.items()}
+
+
+@table("beyond")
+def graphs_gains(results: Further) -> pd.DataFrame:
+    """Differences of ``PAIRS`` in entity MRR* with the novel entity given, on all graphs."""
+    rows = list[dict[str, Any]]()
+    for runs in results.compared:
+        row: dict[str, Any] = {"graph": runs.title}
+        for first, second in PAIRS:
+            if {first, second} <= set(runs.rows):
+                points = runs.minus("given", first, second)
+                title = f"{runs.models.labels[first]} minus {runs.models.labels[second]}"
+                row |= {
+                    f"{title}{end}": points[f"difference{end}"] for end in ("", " low", " high")
+                }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@table("beyond")
+def graphs(results: Further) -> pd.DataFrame:
+    """The size of each graph, and the per cent of triples whose relation is that which the tail's
+    kind predicts.
+    """
+    rows = list[dict[str, Any]]()
+    for graph in results.all_graphs:
+        entities, triples = graph.entities, graph.triples
+        kinds = entities["kind"].value_counts()
+        predicted = relations_by_kind(entities, triples).max(axis=1).sum()
+        row = {
+            "graph": graph.title,
+            "observations": int(triples["count"].sum()),
+            "unique triples": len(triples),
+            "relations": triples["relation"].nunique(),
+            "entities": len(entities),
+            "kinds": ", ".join(f"{number} {kind}" for kind, number in kinds.items()),
+            "predicted by kind %": 100 * predicted / len(triples),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
+    """Number of unique triples: a row for each kind of tail, a column for each relation."""
+    kinds = triples["tail"].map(entities.set_index("entity")["kind"])
+    return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
+
+
+@table("beyond")
+def graphs_shared(results: Further) -> pd.DataFrame:
+    """The number of entity phrases that two graphs share."""
+    phrases = {graph.title: set(graph.entities["phrase"]) for graph in results.all_graphs}
+    rows = list[dict[str, Any]]()
+    for title, here in phrases.items():
+        shared = {other: len(here & there) for other, there in phrases.items()}
+        rows.append({"graph": title} | shared)
+    return pd.DataFrame(rows)

@@ -1,0 +1,504 @@
+"""The graphs, the choices of this run against others, and what was run and left out."""
+
+import platform
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from safetensors.numpy import load_file
+
+from isi.analyses.projection import Projection
+from isi.evaluation.query_sets import CONVERGING
+from isi.report.tables.data import JOINT, Experiment, Results, read
+from isi.report.tables.estimates import HALVES, over_seeds, where
+from isi.report.tables.forms import ANY_SIZE
+from isi.report.tables.registry import Frames, of_each_graph, table
+from isi.report.tables.results import TITLES, by_label, in_order
+from isi.tables import paths
+
+#: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
+#: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
+NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
+_PACKAGES = (
+    "dvc",
+    "gensim",
+    "matplotlib",
+    "numpy",
+    "pandas",
+    "procthor",
+    "pyarrow",
+    "scipy",
+    "torch",
+)
+#: Sections of params that the table of the run omits.
+UNUSED = {"compute", "recorder", "plots", "finetune_only", "final_model"}
+#: A value for each factor that cross-validation varies.
+Setting = Mapping[str, float]
+
+
+# The graphs
+
+
+@table("report")
+@of_each_graph
+def graph_totals(results: Results, experiment: Experiment) -> pd.DataFrame:
+    """Counts of the graph beside the paper's."""
+    paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
+    kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
+    ours = {
+        "observations": int(triples["count"].sum()),
+        "unique_triples": len(triples),
+        "entities": len(entities),
+        **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds},
+    }
+    rows = [(name.replace("_", " "), number, paper.get(name)) for name, number in ours.items()]
+    return pd.DataFrame(rows, columns=["", "this run", "paper"])
+
+
+@table("report")
+def table1_graph_statistics(results: Results) -> pd.DataFrame | None:
+    """Table 1: median counts per environment by room type, beside the paper's."""
+    source = results.standalone[0].settings.graph.source
+    observations = read(f"data/observations/{source}.parquet")
+    if not observations["scene"].notna().any():
+        return None
+    return table1(
+        observations, results.paper["graph"]["median_per_environment"], results.vocabulary
+    )
+
+
+def table1(
+    observations: pd.DataFrame, paper: Mapping[str, Any], vocabulary: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Median counts per environment by room type; relations have the paper's titles."""
+    rows, words = observations[observations["scene"].notna()], vocabulary["relations"]
+    counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
+    counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
+    counts["object types"] = rows.groupby("scene")["head"].nunique()
+    rooms = rows.groupby("scene")["room"].first()
+    lines = list[dict[str, Any]]()
+    for room in [*in_order(sorted(rooms.dropna().unique()), list(paper)), "all"]:
+        of_room = counts if room == "all" else counts[rooms == room]
+        line: dict[str, Any] = {"room": room}
+        for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
+            theirs = "entities" if name == "object types" else str(name)
+            line[str(name)] = float(value)
+            line[f"{theirs} (paper)"] = paper.get(room, {}).get(theirs, np.nan)
+        lines.append(line)
+    return pd.DataFrame(lines).dropna(axis=1, how="all")
+
+
+@table("report")
+def definition_leaks(results: Results) -> pd.DataFrame:
+    """Triples that word vectors could leak: the definition of one end names the other end."""
+    defined = pd.read_csv(paths.DEFINITIONS, comment="#", dtype=str, keep_default_na=False)
+    meaning = dict(zip(defined["phrase"], defined["definition"], strict=True))
+    triple, parts = ["source", "head", "relation", "tail", "count"], list[pd.DataFrame]()
+    for experiment in results.experiments:
+        triples = experiment.triples
+        phrase = experiment.entities.set_index("entity")["phrase"]
+        for end, other in (("head", "tail"), ("tail", "head")):
+            definition = triples[end].map(phrase).map(meaning)
+            named = triples[other].map(phrase)
+            rows = triples[triple].copy()
+            rows["defined end"] = end
+            rows["its definition"], rows["named"] = definition, named
+            parts.append(rows)
+    rows = pd.concat(parts).drop_duplicates([*triple[:-1], "defined end"])
+    rows = rows.dropna(subset=["its definition"])
+    leaks = [
+        names(text, phrase)
+        for text, phrase in zip(rows["its definition"], rows["named"], strict=True)
+    ]
+    return rows.loc[leaks].drop(columns="named").reset_index(drop=True)
+
+
+def names(text: str, phrase: str) -> bool:
+    """Whether a text contains a phrase, or the phrase with its first word regularly inflected."""
+    first, *rest = phrase.split()
+    stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
+    inflected = rf"(?:{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?|{re.escape(first)})"
+    pattern = r"\s+".join([inflected, *map(re.escape, rest)])
+    return re.search(rf"\b{pattern}\b", text) is not None
+
+
+# Training and choices
+
+
+@table("report")
+def training(results: Results) -> pd.DataFrame:
+    """Θ⁰ and the joint model: epochs, validation MRR* (points), coordinates in use (per cent)."""
+    rows = list[dict[str, Any]]()
+    for experiment in results.experiments:
+        for name in ("theta0", JOINT):
+            log = experiment.table(f"data/embeddings/{{}}/{name}.log.parquet")
+            groups = log.groupby(["size", "seed"])
+            best = log[log["kept"]].groupby(["size", "seed"]).last()
+            row: dict[str, Any] = {"experiment": experiment.name, "model": name}
+            row |= {"trained": groups.ngroups, "epochs": groups["epoch"].max().mean()}
+            row["best epoch"] = best["epoch"].mean()
+            for column, title in HALVES.items():
+                row[f"validation {title}"] = 100 * best[column].mean()
+            row["std"] = 100 * best["mrr_star"].std(ddof=1)
+            if name == JOINT and experiment.queries is not None:
+                used = experiment.table("data/analyses/query_breakdown/{}.used.parquet")
+                sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
+                for part, counts in sums.iterrows():
+                    row[f"{part} in use %"] = 100 * float(counts["used"] / counts["of"])
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def indicator_means(results: Results) -> pd.DataFrame | None:
+    """The sweep of indicator set sizes: means over seeds by model and k, a column for each scope
+    and measure; MRR* in points with its interval.
+    """
+    first, models = results.standalone[0], results.params.sweep.initializers
+    sweep = first.swept("sweep", "indicator_sweep", list(models))
+    if sweep is None:
+        return None
+    by = ["scope", "model", "k"]
+    epochs = first.converged(sweep, ["model", "k"])
+    now = over_seeds(where(sweep, epoch=0), by, {"mrr_star": "MRR*"})
+    later = over_seeds(epochs, by, {"epochs": "epochs"}, scale=1)
+    later["unconverged %"] = 100 * (1 - epochs.groupby(by)["converged"].mean())
+    parts = [now.loc[scope].add_prefix(f"{scope}: ") for scope in ("all", "novel")]
+    parts += [
+        later.loc[scope].add_prefix(f"{scope}: ")
+        for scope in CONVERGING
+        if scope in later.index.unique("scope")
+    ]
+    means = pd.concat(parts, axis=1)
+    return means.loc[[model for model in models if model in means.index.unique("model")]]
+
+
+@table("report")
+def sensitivity(results: Results) -> pd.DataFrame | None:
+    """Sensitivity to the indicator set size (Figures 2a and 2b)."""
+    means = indicator_means(results)
+    if means is None:
+        return None
+    named = results.models.labelled(means.reset_index(), "model")
+    return named.rename(columns={"model": "initializer", "k": "indicators"})
+
+
+@table("report")
+def indicator_sizes(results: Results) -> pd.DataFrame | None:
+    """The indicator set size that the paper's rule picks, beside those of this run and of the
+    paper.
+    """
+    means = indicator_means(results)
+    if means is None:
+        return None
+    rows, options = list[dict[str, Any]](), results.params.initializers
+    for model, size in picked_sizes(means).items():
+        of_model = means.loc[model]
+        mrr_star = of_model["novel: MRR*"]
+        rows.append(
+            {
+                "initializer": results.models.labels[model],
+                "this run": options.get(model, {}).get("k", nan),
+                "paper": results.paper["indicators"].get(model, nan),
+                "picked by the rule": size,
+                "at the picked number: MRR*": mrr_star[size],
+                "at the picked number: epochs": of_model.loc[size, "novel_heldout: epochs"],
+                "best MRR*": mrr_star.max(),
+                "best at": mrr_star.idxmax(),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
+    """The size that the paper's rule picks for each initializer from MRR* and epochs about novel
+    entities.
+    """
+    picked = dict[str, int]()
+    for model in means.index.unique("model"):
+        of_model = means.loc[model]
+        mrr_star = (of_model["novel: MRR*"] / 100).tolist()
+        epochs = of_model["novel_heldout: epochs"].tolist()
+        picked[model] = select_size(of_model.index.tolist(), mrr_star, epochs)
+    return picked
+
+
+def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
+    """The indicator set size that the paper's rule picks (section 5.3).
+
+    The paper "increased the indicator set size while the average number of epochs for three
+    neighboring sizes decreased by 1 epoch or the MRR* went 1% point below the best performance". We
+    grow while the average falls, and stop before MRR* is too low. Neighbours are those in the list:
+    the average is first compared between the second and the third size, and the last size is never
+    picked. The best performance is the best among smaller sizes. The first size is picked if MRR*
+    of the second is too low, or if there are fewer than three sizes.
+
+    Sizes ascend; ``mrr_star`` is immediate MRR* in [0, 1], ``epochs`` the mean epochs to
+    convergence, by size.
+    """
+    means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
+    picked = 0
+    for place in range(1, len(sizes) - 1):
+        # NaN counts as no gain
+        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS
+        if no_gain or mrr_star[place] < max(mrr_star[:place]) - LOSS:
+            break
+        picked = place
+    return sizes[picked]
+
+
+@table("report")
+def cross_validation(results: Results) -> pd.DataFrame | None:
+    """A row for each setting, this run's first: mean and deviation of MRR* over folds, and whose
+    choice it is.
+    """
+    rows = results.standalone[0].analysis("cross_validation")
+    settings = [setting.model_dump() for setting in results.params.settings]
+    if rows is None or _of_setting(rows, settings[0]).empty:
+        return None
+    lines, choice = list[dict[str, Any]](), settings[0]
+    chosen = {"this run": choice, "paper": results.paper["training"]}
+    for setting in settings:
+        folds, (lead, within) = _of_setting(rows, setting), _beside(rows, choice, setting)
+        measures = 100 * folds[list(HALVES)].mean()
+        line: dict[str, Any] = {name.replace("_", " "): value for name, value in setting.items()}
+        line |= {"MRR*": measures["mrr_star"], "std": 100 * folds["mrr_star"].std()}
+        line["entity half"] = measures["mrr_star_entity"]
+        line["relation half"] = measures["mrr_star_relation"]
+        line |= {"best epoch": folds["epoch"].mean(), "from the choice": lead}
+        line["beyond the folds' deviation"] = "no" if within else "yes"
+        line["choice of"] = ", ".join(who for who, best in chosen.items() if setting == best)
+        lines.append(line)
+    lines[0]["beyond the folds' deviation"] = ""
+    frame = pd.DataFrame(lines)
+    frame.attrs[ANY_SIZE] = [name.replace("_", " ") for name in choice]
+    return frame
+
+
+def _beside(rows: pd.DataFrame, choice: Setting, other: Setting) -> tuple[float, bool]:
+    """Mean MRR* of setting ``other`` minus that of ``choice``, in points; whether this is less
+    than the larger of their standard deviations over folds.
+    """
+    first, second = (_of_setting(rows, setting)["mrr_star"] for setting in (choice, other))
+    lead = float(100 * (second.mean() - first.mean()))
+    return lead, bool(abs(lead) < 100 * max(first.std(), second.std()))
+
+
+def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
+    return rows[(rows[list(setting)] == pd.Series(setting)).all(axis=1)]
+
+
+def best_setting(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
+    """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs;
+    NaN without folds.
+    """
+    others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
+    means = others.groupby(factor)["mrr_star"].mean().dropna()
+    top = list(means[means == means.max()].index)
+    if not top:
+        return nan, ""
+    if choice[factor] in top:
+        return float(choice[factor]), ""
+    lead, within = _beside(rows, choice, {**choice, factor: top[0]})
+    less = ", less than the folds deviate" if within else ""
+    return float(top[0]), f"{lead:+.1f} points from the choice of this run{less}"
+
+
+@table("report")
+def embedding_models(results: Results) -> pd.DataFrame | None:
+    """The joint model with each embedding model, whose training options were chosen on validation
+    triples.
+    """
+    study, first = results.params.compare_models, results.standalone[0]
+    rows = first.swept("compare_models", "models", list(study.models))
+    if rows is None:
+        return None
+    columns = {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
+    means, epochs = over_seeds(rows, ["model"], columns), rows.groupby("model")["epochs"].mean()
+    lines, shown = list[dict[str, Any]](), set[str]()
+    for name, model in study.models.items():
+        if name in means.index:
+            options = model.model_dump() | results.params.models[name]
+            line: dict[str, Any] = {"embedding": EMBEDDINGS.get(name, name)}
+            line |= {str(column): value for column, value in means.loc[name].items()}
+            line["epochs"] = epochs[name]
+            line |= {option.replace("_", " "): _plain(value) for option, value in options.items()}
+            shown |= {option.replace("_", " ") for option in options}
+            lines.append(line)
+    frame = pd.DataFrame(lines)
+    frame.attrs[ANY_SIZE] = sorted(shown)
+    return frame
+
+
+#: Display names of embedding models.
+EMBEDDINGS = {
+    "analogy": "ANALOGY",
+    "complex": "ComplEx",
+    "distmult": "DistMult",
+    "rotate": "RotatE",
+    "transe": "TransE",
+}
+
+
+def _plain(value: Any) -> Any:
+    return ("yes" if value else "no") if isinstance(value, bool) else value
+
+
+# One insertion (Figure 1)
+
+
+@table("report")
+def trajectory(results: Results) -> Frames:
+    """The path of one novel entity through fine-tuning: distances in all dimensions, and the places
+    of Figure 1.
+    """
+    first = results.standalone[0]
+    file = Path(f"data/analyses/trajectory/{first.name}.safetensors")
+    if first.name not in results.params.trajectory.experiments or not file.exists():
+        return {}
+    traces = load_file(file)
+    entities = first.entities["entity"].to_numpy()
+    known = traces["known"].astype(bool)
+    vectors = traces["theta0"][known]  # [N, d]
+    plane = Projection.of(vectors)
+    rows, places = list[dict[str, Any]](), list[pd.DataFrame]()
+    places.append(_places(plane.places(vectors), "", "known entity"))
+    for model in first.initializers:
+        if f"{model}.path" not in traces:
+            continue
+        path = traces[f"{model}.path"].astype(np.float64)
+        chosen = traces[f"{model}.indicators"].astype(bool)
+        label = results.models.labels[model]
+        if chosen.any() and model in first.methods:
+            places.append(_places(plane.places(traces["theta0"][chosen]), label, "indicator"))
+        places.append(_places(plane.places(path), label, "path"))
+        away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
+        rows.append(
+            {
+                "initializer": label,
+                "from the centre": away,
+                "from where training takes it": float(np.linalg.norm(path[-1] - path[0])),
+                "indicators": ", ".join(entities[chosen]),
+            }
+        )
+    return {"trajectory": pd.DataFrame(rows), "figure1_trajectory": pd.concat(places)}
+
+
+def _places(places: np.ndarray, label: str, kind: str) -> pd.DataFrame:
+    frame = pd.DataFrame(places, columns=["distance", "axis"])
+    frame.insert(0, "what", kind)
+    frame.insert(0, "initializer", label)
+    return frame
+
+
+# What was run
+
+
+@table("report")
+def run(results: Results) -> pd.DataFrame:
+    """Params and versions; no time, place, machine or hash of the code, so that equal results have
+    equal reports.
+    """
+    values = results.params.model_dump(exclude=UNUSED, exclude_unset=True)
+    rows = [(name, str(value)) for name, value in _flat(values)]
+    rows.append(("python", platform.python_version()))
+    rows += [(name, version(name)) for name in _PACKAGES]
+    return pd.DataFrame(rows, columns=["name", "value"])
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+@table("report")
+def left_out(results: Results) -> pd.DataFrame:
+    """Counts of sets without queries, and of entities without word vector, insert triples or
+    training triples, by experiment.
+    """
+    columns = {experiment.name: _left_out(experiment) for experiment in results.experiments}
+    return pd.DataFrame(columns).rename_axis("").reset_index()
+
+
+def _left_out(experiment: Experiment) -> dict[str, int]:
+    name = experiment.name
+    sets = where(experiment.immediate, model=experiment.initializers[0])
+    # the queries of known_closed are those of known
+    counted = sets[sets["scope"] != "known_closed"]
+    empty = (counted["queries"] == 0).groupby(counted["scope"]).sum()
+    splits = read(f"data/sessions/{name}/splits.parquet")
+    novel = read(f"data/sessions/{name}/novel.parquet")
+    triples = read(f"data/sessions/{name}/insert_triples.parquet")
+    given = triples[["size", "seed", "entity"]].drop_duplicates()
+    coverage = read(f"data/words/{name}/coverage.parquet")
+    counts = {f"sets without queries: {TITLES[str(scope)]}": int(n) for scope, n in empty.items()}
+    return counts | {
+        "entities without a word vector": int(coverage["served_by"].isin(["None", "nan"]).sum()
+                                              + coverage["served_by"].isna().sum()),
+        "inserted entities without insert triples": len(novel) - len(given),
+        "known entities without training triples, over all sets": orphans(
+            experiment.entities, experiment.triples, splits, novel
+        ),
+    }  # fmt: skip
+
+
+def orphans(
+    entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame, novel: pd.DataFrame
+) -> int:
+    """Number of known entities whose training triples all touch novel entities, summed over sizes
+    and seeds.
+    """
+    ids = {name: number for number, name in enumerate(entities["entity"])}
+    ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
+    lost = 0
+    for seed, of_seed in novel.groupby("seed"):
+        split = where(splits, seed=seed)
+        listed = ends[split["triple"]]
+        training_rows = (split["split"] == "train").to_numpy()
+        for _, cell in of_seed.groupby("size"):
+            is_novel = np.zeros(len(entities), bool)
+            is_novel[cell["entity"]] = True
+            trained = ~is_novel[listed].any(1) & training_rows
+            seen = np.zeros(len(entities), bool)
+            seen[listed.ravel()] = True
+            seen[listed[trained].ravel()] = False
+            lost += int((seen & ~is_novel).sum())
+    return lost
+
+
+@table("report")
+def ties(results: Results) -> pd.DataFrame:
+    """Number of competitors tied with the answer right after insertion."""
+    rows = list[pd.DataFrame]()
+    for experiment in results.experiments:
+        parts = [
+            read(f"data/runs/{experiment.name}/{name}.ties.parquet").assign(model=name)
+            for name in experiment.rows
+        ]
+        counts = pd.concat(parts).groupby(["model", "scope"])["ties"].sum().unstack("scope")
+        counts = counts.reindex(columns=["all", "novel"]).fillna(0).astype(int)
+        frame = by_label(experiment, experiment.rows, {str(name): counts[name] for name in counts})
+        frame.insert(0, "experiment", experiment.name)
+        rows.append(frame)
+    return pd.concat(rows, ignore_index=True)
+
+
+@table("report")
+def fallbacks(results: Results) -> pd.DataFrame:
+    """Number of inserted entities by experiment, initializer and fallback that was used."""
+    rows = list[pd.DataFrame]()
+    for experiment in results.experiments:
+        used = experiment.inserted.dropna(subset="fallback")
+        used = used[~used["fallback"].isin(["None", "nan"])]
+        counts = used.groupby(["model", "fallback"]).size().reset_index(name="inserted entities")
+        named = experiment.models.labelled(counts, "model")
+        named.insert(0, "experiment", experiment.name)
+        rows.append(named.rename(columns={"model": "initializer", "fallback": "fell back to"}))
+    return pd.concat(rows, ignore_index=True)

@@ -1,0 +1,24 @@
+"""Write the tables of the second pipeline: variants, and other graphs."""
+
+import pandas as pd
+
+from isi.initializers.api import INITIALIZERS
+from isi.report.tables import registry
+from isi.report.tables.data import Models
+from isi.report.tables.further import Further
+from isi.stage import StageContext, stage
+from isi.tables import paths
+
+
+@stage
+def tables_beyond(context: StageContext) -> None:
+    registered = [vars(INITIALIZERS.get(name)) for name in INITIALIZERS.names()]
+    models = Models.of(pd.DataFrame(registered))
+    results = Further.read(context.params, context.beyond, models)
+    folder = paths.REPORTS / "beyond" / "tables"
+    registry.write("beyond", results, folder)
+    print(f"tables: {folder}")
+
+
+if __name__ == "__main__":
+    tables_beyond()
