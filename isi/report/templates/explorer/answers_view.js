@@ -20,7 +20,7 @@ export function drawAnswers(world, state, shown, point) {
   at("indicators", HTMLElement).replaceChildren(...shown.map((one, number) =>
     indicatorTable(world, state, one, labels[number], number, point)));
   const groups = queriesOf(world, subject).map((query) => ({ query, node: html("div", { class: "ex-query" },
-    html("h5", {}, asked(world, query, subject.name, "?")),
+    html("h4", {}, asked(world, query, subject.name, "?")),
     html("div", { class: "ex-columns" }, ...columns.map((one, number) => answerList(world, state, query, one, names[number], number)))) }));
   const answered = groups.filter(({ query }) => query.true.size).length, least = answered && subject.id >= 0 ? 0 : LEAST_QUERIES;
   const open = Math.max(answered, least);
@@ -84,7 +84,7 @@ const style = (number) => ["ex-first", "ex-second", "ex-third"][number];
 /** @param {World} world @param {State} state @param {Insertion} one @param {string} label @param {number} number
  * @param {(id: number) => void} point */
 function indicatorTable(world, { subject, given, choices }, one, label, number, point) {
-  const heading = html("h5", {}, label), total = one.weights?.filter(Boolean).length ?? 0;
+  const heading = html("h4", {}, label), total = one.weights?.filter(Boolean).length ?? 0;
   if (!one.weights) return html("div", { class: style(number) }, heading, html("p", {}, "Random: it has no indicators."));
   if (!one.indicators.length) {
     const lack = !one.fallback ? "By its definition" : subject.cosines ? "No fact" : given.length ? "No word for it" : "No word for it, no fact";
