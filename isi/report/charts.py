@@ -181,9 +181,7 @@ def _name_ends(made: Panel, ends: Sequence[tuple[float, str]], names: Sequence[s
     if not ends:
         return
     low, high = axes.get_ylim()
-    box = axes.get_position()
-    height = box.height * made.canvas.get_size_inches()[1] * 72
-    width = box.width * WIDTH
+    height, width = _height(made), axes.get_position().width * WIDTH
     shares = sorted(((value - low) / (high - low), name) for value, name in ends)
     places = spread(np.array([share for share, _ in shares]), _GAP / height)
     for (share, name), place in zip(shares, places.tolist(), strict=True):
@@ -198,6 +196,12 @@ def _name_ends(made: Panel, ends: Sequence[tuple[float, str]], names: Sequence[s
                   **anywhere)  # fmt: skip
         axes.text(1 + 26 / width, place, _short(name), color=INK, fontsize=FONT - 1,
                   va="center_baseline", transform=axes.transAxes)  # fmt: skip
+
+
+def _height(made: Panel) -> float:
+    """The height of a panel's axes in pixels."""
+    height: float = made.axes.get_position().height * made.canvas.get_size_inches()[1] * 72
+    return height
 
 
 def _short(name: str) -> str:
@@ -325,7 +329,7 @@ def _keys(made: Panel, names: Sequence[str], strategies: Sequence[str]) -> None:
     rows += [(name, SOFT, PALETTE["strategies"].get(name, "o")) for name in strategies]
     width = axes.get_position().width * WIDTH
     for place, (name, colour, mark) in enumerate(rows):
-        height = 1 - place * _GAP / (axes.get_position().height * 340)
+        height = 1 - place * _GAP / _height(made)
         anywhere: dict[str, Any] = {"transform": axes.transAxes, "clip_on": False}
         axes.plot(1 + 12 / width, height, color=colour, marker=mark, ms=6, ls="", **anywhere)
         text = name if len(name) < 22 else f"{name[:20]}…"

@@ -82,13 +82,15 @@ def gain_and_cost(frame: pd.DataFrame) -> list[Panel]:
     ]
 
 
-def _curves(frame: pd.DataFrame, scopes: Mapping[str, str], y: str, margin: float) -> list[Panel]:
+def _curves(
+    frame: pd.DataFrame, scopes: Mapping[str, str], y: str, with_margin: bool = False
+) -> list[Panel]:
     shown = frame[frame["model"].isin([*MAIN, "Nothing inserted"])]
     made = list[Panel]()
     for scope, title in scopes.items():
         rows = shown[shown["scope"] == scope].dropna(subset=y)
-        joint = rows.loc[rows["model"] == "Joint", y].mean()
-        level = ("margin", joint - margin) if margin else None
+        joint = rows[rows["model"] == "Joint"]
+        level = ("margin", (joint[y] - joint["margin"]).mean()) if with_margin else None
         drawn = rows[rows["model"] != "Joint"]
         panel = lines(
             drawn,
@@ -105,26 +107,22 @@ def _curves(frame: pd.DataFrame, scopes: Mapping[str, str], y: str, margin: floa
     return made
 
 
-#: Points of MRR* within which a run has converged (section 6.2).
-MARGIN = 8.0
-
-
 def figure3b(frame: pd.DataFrame) -> list[Panel]:
     """Learning curves: all queries, and held-out queries about novel entities."""
     scopes = {scope: SCOPES[scope] for scope in ("all", "novel_heldout")}
-    return _curves(frame, scopes, "MRR*", MARGIN)
+    return _curves(frame, scopes, "MRR*", with_margin=True)
 
 
 def forgetting(frame: pd.DataFrame) -> list[Panel]:
     """The change of earlier knowledge since before the insertion."""
     scopes = {scope: SCOPES[scope] for scope in ("known", "known_closed")}
-    return _curves(frame, scopes, "change", 0)
+    return _curves(frame, scopes, "change")
 
 
 def figure4(frame: pd.DataFrame) -> list[Panel]:
     """Earlier knowledge during the transfer: MRR*, and its change with known candidates alone."""
-    first = _curves(frame, {"known": SCOPES["known"]}, "MRR*", 0)
-    return first + _curves(frame, {"known_closed": SCOPES["known_closed"]}, "change", 0)
+    first = _curves(frame, {"known": SCOPES["known"]}, "MRR*")
+    return first + _curves(frame, {"known_closed": SCOPES["known_closed"]}, "change")
 
 
 def sensitivity(frame: pd.DataFrame) -> list[Panel]:

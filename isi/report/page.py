@@ -125,10 +125,6 @@ class Rendered:
     def id(self) -> str:
         return f"{'figure' if self.item.draw else 'table'}-{self.item.name}"
 
-    @property
-    def source(self) -> str:
-        return self.item.source
-
     @cached_property
     def svgs(self) -> list[str]:
         """The panels as SVG elements."""
@@ -168,17 +164,13 @@ def write(name: str, reports: Path, demonstration: Path | None = None) -> Path:
     drawings = folder / "figures"
     drawings.mkdir(parents=True, exist_ok=True)  # DVC wants it where no table has a figure, too
     for file, data in files.items():
-        atomically(drawings / file, partial(_write, data))
+        atomically(drawings / file, partial(Path.write_bytes, data=data))
     keep_only(drawings, [drawings / file for file in files])
     shown = json.loads(demonstration.read_text("utf-8")) if demonstration else {}
     text = html(name, page, items, tables, shown)
     place = folder / "index.html"
-    atomically(place, partial(_write, text.encode()))
+    atomically(place, partial(Path.write_bytes, data=text.encode()))
     return place
-
-
-def _write(data: bytes, path: Path) -> None:
-    path.write_bytes(data)
 
 
 def rendered(item: ReportItem, tables: PageTables) -> Rendered | None:
@@ -232,9 +224,13 @@ def html(
         text = environment.from_string(path.read_text("utf-8")).render(number=tables.number)
         return Markup(_MARKDOWN.render(text))  # noqa: S704
 
+    def line(text: str) -> Markup:
+        filled = environment.from_string(text).render(number=tables.number)
+        return Markup(_MARKDOWN.renderInline(filled))  # noqa: S704
+
     up = "../" if page.folder else ""
     here = f"{page.folder}/index.html" if page.folder else "index.html"
-    bar = {title: place if "://" in place else f"{up}{place}" for title, place in BAR.items()}
+    bar = {title: f"{up}{place}" for title, place in BAR.items()}
     picture = shown.get("picture")
     explorer = shown.get("explorer")
     parts = [
@@ -243,7 +239,6 @@ def html(
         if (part.id == "try" and explorer) or any(made.item.part == part.id for made in items)
     ]
     return environment.get_template("page.html").render(
-        name=name,
         page=page,
         bar=bar,
         here=f"{up}{here}",
@@ -253,10 +248,9 @@ def html(
         explorer=explorer,
         explorer_script=script() if explorer else "",
         prose=prose,
-        line=lambda text: Markup(_MARKDOWN.renderInline(text)),  # noqa: S704
+        line=line,
         question=lambda relation: QUESTIONS.get(relation, f"(it, {relation}, ?)"),
         terms=glossary() if not page.folder else [],
-        json=_json,
     )
 
 

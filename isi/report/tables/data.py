@@ -24,6 +24,7 @@ from isi.report.tables.estimates import (
 )
 from isi.tables import paths
 from isi.tables.io import opening
+from isi.tables.table import as_text
 
 if TYPE_CHECKING:
     from isi.params import ExperimentOf, Params
@@ -41,7 +42,7 @@ def read(path: str | Path) -> pd.DataFrame:
     """A Parquet table with plain strings; ``InputError`` if it is missing or broken."""
     with opening(Path(path), "a Parquet table", ValueError):
         frame = pd.read_parquet(path)
-    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+    return as_text(frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,12 +230,7 @@ class Experiment(Runs):
         study = self.params.studies[section]
         if self.name not in study.experiments:
             return None
-        places = {
-            "affordances": "affordances",
-            "cross_validation": "cross_validation",
-            "finetune_only": "finetune_only",
-        }
-        return read(f"data/analyses/{places[section]}/{self.name}.parquet")
+        return read(f"data/analyses/{section}/{self.name}.parquet")
 
     def swept(self, section: str, folder: str, names: Names) -> pd.DataFrame | None:
         """The same for an analysis with a file for each initializer."""

@@ -12,8 +12,7 @@ from isi.report.tables.data import BASELINE, JOINT, Experiment, Results
 from isi.report.tables.estimates import drops, improvements, where
 from isi.report.tables.forms import csv, number
 from isi.report.tables.registry import write as write_tables
-from isi.report.tables.registry import write_text
-from isi.report.tables.results import TOP, AffordanceAnswers
+from isi.report.tables.results import TOP, answers_of
 from isi.tables.io import atomically, keep_only
 
 #: The headline numbers, beside the page.
@@ -26,11 +25,11 @@ def write(results: Results, folder: Path) -> None:
     written = list[Path]()
     for name, frame in plots(results).items():
         path = folder / "plots" / f"{name}.csv"
-        atomically(path, partial(write_text, csv(frame)))
+        atomically(path, partial(Path.write_bytes, data=csv(frame).encode()))
         written.append(path)
     keep_only(folder / "plots", written)
     text = json.dumps(metrics(results), indent=2)
-    atomically(folder / METRICS, partial(write_text, f"{text}\n"))
+    atomically(folder / METRICS, partial(Path.write_bytes, data=f"{text}\n".encode()))
 
 
 def metrics(results: Results) -> dict[str, Any]:
@@ -80,7 +79,7 @@ def _of_experiment(results: Results, experiment: Experiment) -> dict[str, Any]:
         numbers["known_closed_at_the_end"] = ended.to_dict()
     if experiment.queries is not None:
         numbers["novel_entity_given"] = experiment.means("given")["mean"].to_dict()
-    answers = AffordanceAnswers(results)
+    answers = answers_of(results)
     if answers.experiment is experiment:
         ranks = answers.ranks[answers.ranks["rank"] <= TOP]
         hits = ranks["answer"].map(answers.entities["kind"]).isin(answers.kinds)

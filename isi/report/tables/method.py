@@ -3,6 +3,7 @@
 import platform
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from math import nan
 from pathlib import Path
@@ -20,6 +21,7 @@ from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.registry import Frames, of_each_graph, table
 from isi.report.tables.results import TITLES, by_label, in_order
 from isi.tables import paths
+from isi.tables.io import opening
 
 #: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
 #: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
@@ -96,7 +98,9 @@ def table1(
 @table("report")
 def definition_leaks(results: Results) -> pd.DataFrame:
     """Triples that word vectors could leak: the definition of one end names the other end."""
-    defined = pd.read_csv(paths.DEFINITIONS, comment="#", dtype=str, keep_default_na=False)
+    with opening(paths.DEFINITIONS, "columns phrase and definition", ValueError):
+        columns = ["phrase", "definition"]
+        defined = pd.read_csv(paths.DEFINITIONS, usecols=columns, dtype=str, keep_default_na=False)
     meaning = dict(zip(defined["phrase"], defined["definition"], strict=True))
     triple, parts = ["source", "head", "relation", "tail", "count"], list[pd.DataFrame]()
     for experiment in results.experiments:
@@ -154,6 +158,7 @@ def training(results: Results) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+@cache
 def indicator_means(results: Results) -> pd.DataFrame | None:
     """The sweep of indicator set sizes: means over seeds by model and k, a column for each scope
     and measure; MRR* in points with its interval.
@@ -440,8 +445,7 @@ def _left_out(experiment: Experiment) -> dict[str, int]:
     coverage = read(f"data/words/{name}/coverage.parquet")
     counts = {f"sets without queries: {TITLES[str(scope)]}": int(n) for scope, n in empty.items()}
     return counts | {
-        "entities without a word vector": int(coverage["served_by"].isin(["None", "nan"]).sum()
-                                              + coverage["served_by"].isna().sum()),
+        "entities without a word vector": int(coverage["served_by"].isna().sum()),
         "inserted entities without insert triples": len(novel) - len(given),
         "known entities without training triples, over all sets": orphans(
             experiment.entities, experiment.triples, splits, novel
@@ -496,7 +500,6 @@ def fallbacks(results: Results) -> pd.DataFrame:
     rows = list[pd.DataFrame]()
     for experiment in results.experiments:
         used = experiment.inserted.dropna(subset="fallback")
-        used = used[~used["fallback"].isin(["None", "nan"])]
         counts = used.groupby(["model", "fallback"]).size().reset_index(name="inserted entities")
         named = experiment.models.labelled(counts, "model")
         named.insert(0, "experiment", experiment.name)

@@ -1,6 +1,7 @@
 """The paper's numbers beside this run's, and how far its results are repeated."""
 
 from collections.abc import Mapping
+from functools import cache
 from itertools import product
 from math import isnan, nan
 from pathlib import Path
@@ -15,7 +16,8 @@ from isi.report.tables.estimates import drops, improvements, over_seeds, where
 from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.method import best_setting, indicator_means, picked_sizes, table1
 from isi.report.tables.registry import table
-from isi.report.tables.results import TOP, AffordanceAnswers, about_new, by_label
+from isi.report.tables.results import TOP, about_new, answers_of, by_label
+from isi.tables.io import opening
 
 #: The rows of the tables of all numbers; the file says how they are written.
 _ROWS = Path(__file__).with_name("paper_rows.yaml")
@@ -142,7 +144,10 @@ def _readings() -> pd.DataFrame:
     makes these tables again.
     """
     path = Path("reports/readings/tables/paper_results.csv")
-    return pd.read_csv(path) if path.exists() else pd.DataFrame(columns=["what"])
+    if not path.exists():
+        return pd.DataFrame(columns=["what"])
+    with opening(path, "a table of the report", ValueError):
+        return pd.read_csv(path)
 
 
 @table("report")
@@ -267,6 +272,7 @@ def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+@cache
 def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     """This run's numbers under the keys of the paper's."""
     methods, source = list(results.paper["indicators"]), experiment.settings.graph.source
@@ -361,18 +367,8 @@ def _judged(
     """Table 3 by model: how many of the answers shown are affordances, and how many are plausible,
     unlikely, wrong.
     """
-    answers = _answers(results)
+    answers = answers_of(results)
     if answers.experiment is None or answers.experiment not in (experiment, moved):
         return {}
     ran = set(answers.ranks["model"])
     return {name: answers.judged(name) for name in models if name in ran}
-
-
-_ANSWERS: dict[int, AffordanceAnswers] = {}
-
-
-def _answers(results: Results) -> AffordanceAnswers:
-    """The ranked answers, read once."""
-    if id(results) not in _ANSWERS:
-        _ANSWERS[id(results)] = AffordanceAnswers(results)
-    return _ANSWERS[id(results)]

@@ -63,11 +63,6 @@ def write(page: str, results: Any, folder: Path) -> None:
     for name, frame in frames_of(page, results).items():
         for form, text in files(frame).items():
             path = folder / f"{name}.{form}"
-            atomically(path, partial(write_text, text))
+            atomically(path, partial(Path.write_bytes, data=text.encode()))
             written.append(path)
     keep_only(folder, written)
-
-
-def write_text(text: str, path: Path) -> None:
-    """Write a text file."""
-    path.write_text(text, encoding="utf-8")

@@ -3,6 +3,7 @@ earlier knowledge (sections 6.1 to 6.3).
 """
 
 from collections.abc import Mapping
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -436,7 +437,7 @@ def curves(results: Results) -> Frames:
         means = means.join(change)
         frames[f"curves{experiment.suffix}"] = in_rows(
             means, experiment, [*experiment.rows, FINETUNE_ONLY], scope=_SCOPES
-        )
+        ).assign(margin=100 * experiment.margin)
     return frames
 
 
@@ -664,10 +665,16 @@ class AffordanceAnswers:
         return f"? {answer}" if likely is not None and answer not in likely else answer
 
 
+@cache
+def answers_of(results: Results) -> AffordanceAnswers:
+    """The ranked answers, read once for all tables."""
+    return AffordanceAnswers(results)
+
+
 @table("report")
 def affordances(results: Results) -> Frames:
     """Table 3: ranked affordances of inserted entities, and how often their kind is right."""
-    answers = AffordanceAnswers(results)
+    answers = answers_of(results)
     experiment = answers.experiment
     if experiment is None:
         return {}
