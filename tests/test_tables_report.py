@@ -1,8 +1,8 @@
 """Tables of the main report, and places and colours of its figures: a few runs by hand."""
 
+import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,14 @@ from isi.report.tables.estimates import HALVES
 from isi.tables import paths
 
 NAN = float("nan")
+
+
+class SimpleNamespace(types.SimpleNamespace):
+    """Values by name that are told apart as objects, as results are."""
+
+    __hash__ = object.__hash__
+
+
 LABELS = {
     "xavier": "Xavier",
     "mean": "Mean",

@@ -98,7 +98,7 @@ class PageTables:
         except ValueError as error:
             raise InputError(path, "", f"expected a table of the report ({error})") from error
 
-    def number(self, name: str, column: str, **where: Any) -> Markup:
+    def number(self, name: str, column: str, /, **where: Any) -> Markup:
         """A value with one decimal from the row with these values, as text; "–" without one."""
         frame = self.get(name)
         if frame is None or column not in frame:
