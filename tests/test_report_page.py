@@ -133,7 +133,7 @@ def test_a_table_shows_values_intervals_and_groups() -> None:
     frame = pd.DataFrame(
         {
             "model": ["a", "b"],
-            "all: MRR*": [71.234, None],
+            "all: MRR*": [71.23, None],
             "all: MRR* low": [70.0, None],
             "all: MRR* high": [72.5, None],
             "seeds": [30, 30],

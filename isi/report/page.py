@@ -190,7 +190,8 @@ def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
     for name in texts:
         if only and name not in only:
             continue
-        group, _, title = str(name).rpartition(": ")
+        given = "" if str(name).startswith("Unnamed: ") else str(name)  # pandas' for an empty one
+        group, _, title = given.rpartition(": ")
         if any(str(other).startswith(f"{name}: ") for other in texts):
             group, title = str(name), "here"
         cells = list[tuple[str, str]]()
@@ -199,8 +200,8 @@ def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
             is_interval = bool(bracket) and interval.endswith("]")
             cells.append((value, f"[{interval}") if is_interval else (text, ""))
         is_text = not forms.is_number(frame[name]) and not frame[name].isna().all()
-        shown = "" if str(name).startswith("Unnamed") else HEADERS.get(title, title)
-        columns.append(Column(HEADERS.get(group, group), shown, is_text, cells))
+        headers = (HEADERS.get(group, group), HEADERS.get(title, title))
+        columns.append(Column(*headers, is_text, cells))
     return ShownTable(columns)
 
 

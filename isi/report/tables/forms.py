@@ -26,7 +26,8 @@ def estimates(frame: pd.DataFrame) -> list[str]:
 
 
 def files(frame: pd.DataFrame) -> dict[str, str]:
-    """A table as CSV, Markdown and LaTeX."""
+    """A table as CSV, Markdown and LaTeX; all forms show the numbers of the CSV, as pages do."""
+    frame = rounded(frame)
     return {"csv": csv(frame), "md": markdown(frame), "tex": latex(frame)}
 
 
@@ -37,18 +38,25 @@ def number(value: float, any_size: bool = False) -> float:
     return round(float(value), DECIMALS) + 0.0  # no -0.0
 
 
-def csv(frame: pd.DataFrame) -> str:
-    """A table as CSV; numbers of any size are rounded to significant digits, others to decimals."""
-    rounded = frame.copy()
-    for name in rounded.columns:
-        values = rounded[name]
+def rounded(frame: pd.DataFrame) -> pd.DataFrame:
+    """A table with its numbers rounded: those of any size to significant digits, others to
+    decimals.
+    """
+    shorter = frame.copy()
+    for name in shorter.columns:
+        values = shorter[name]
         if values.dtype == object or values.dtype.kind == "f":
             of_any_size = bool(_P.match(str(name))) or name in frame.attrs.get(ANY_SIZE, ())
-            rounded[name] = [
+            shorter[name] = [
                 number(value, of_any_size) if isinstance(value, float) and value == value else value
                 for value in values
             ]
-    text: str = rounded.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    return shorter
+
+
+def csv(frame: pd.DataFrame) -> str:
+    """A table as CSV, with its numbers rounded."""
+    text: str = rounded(frame).to_csv(index=False, float_format="%.10g", lineterminator="\n")
     return text
 
 
@@ -58,15 +66,15 @@ def shown(frame: pd.DataFrame) -> pd.DataFrame:
     for name in estimates(frame):
         parts = [frame[name]]
         parts += [frame[f"{name}{end}"] for end in (" low", " high") if f"{name}{end}" in frame]
-        texts[name] = _texts(name, parts, name in frame.attrs.get(ANY_SIZE, ()))
+        texts[name] = _texts(name, parts)
     return pd.DataFrame(texts)
 
 
-def _texts(name: str, parts: Sequence[pd.Series], of_any_size: bool) -> list[str]:
+def _texts(name: str, parts: Sequence[pd.Series]) -> list[str]:
     values = parts[0]
     if not is_number(values):
         return ["–" if value is None or value != value else str(value) for value in values]
-    spec = "g" if of_any_size else spec_of(name, parts)
+    spec = spec_of(name, parts)
     lines = list[str]()
     for row in zip(*(part.astype(float) for part in parts), strict=True):
         mean, *bounds = (_written(value, spec) for value in row)
@@ -85,7 +93,9 @@ def is_number(values: pd.Series) -> bool:
 
 
 def spec_of(name: str, parts: Sequence[pd.Series]) -> str:
-    """The format of a column: one decimal, none if all numbers are whole."""
+    """The format of a column of rounded numbers: one decimal, none if all are whole; numbers with
+    more than ``DECIMALS`` are of any size.
+    """
     if _P.match(name):
         return ".3f"
     if _SIGNED.search(name):
@@ -94,7 +104,7 @@ def spec_of(name: str, parts: Sequence[pd.Series]) -> str:
     values = values[~np.isnan(values)]
     if (values.round(3) % 1 == 0).all():
         return ",.0f"
-    return ",.1f"
+    return "g" if (values.round(DECIMALS) != values).any() else ",.1f"
 
 
 def _written(value: float, spec: str) -> str:
