@@ -173,7 +173,7 @@ def paper_results(frame: pd.DataFrame) -> list[Panel]:
     made = list[Panel]()
     columns = {"the paper": "paper", "this run": "this run"}
     if "one reading" in frame:
-        columns["one reading, its own graph"] = "one reading"
+        columns["the paper's graph, one reading"] = "one reading"
     for kind, rows in frame.groupby("kind", sort=False):
         made.append(dots(rows, "whose", columns, str(kind), xlabel="", left=90))
     return made

@@ -132,7 +132,7 @@ def repeated(results: Results) -> pd.DataFrame:
         line["this run: within 10 %"] = int((of_kind["this run is"] == "agrees").sum())
         if "the paper is" in rows:
             within = of_kind["the paper is"] == "within the interval"
-            line["one reading, its own graph: within the interval"] = int(within.sum())
+            line["the paper's graph, one reading: within the interval"] = int(within.sum())
         lines.append(line)
     return pd.DataFrame(lines)
 
