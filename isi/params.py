@@ -176,12 +176,14 @@ class Params(Section):
 
     def reading_config(self, case: ReadingCase) -> ReadingConfig:
         """The config of an entry of ``readings``; these params include its changes."""
-        inserted = [(self.insert_config(name), 0) for name in case.initializers]
+        names = [*case.initializers, *case.at_once]
+        inserted = [(self.insert_config(name), 0) for name in names]
         for name, numbers in case.indicators.items():
             for k in numbers:
                 options = {**self.initializers[name], "k": k}
                 inserted.append((self.insert_config(name, options=options), k))
-        return ReadingConfig(self.train_config(), inserted, self.compute)
+        relation = self.affordances.relation
+        return ReadingConfig(self.train_config(), inserted, relation, self.compute)
 
 
 class Beyond(Section):
@@ -369,6 +371,7 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
         f"{key}.graph.extend.source",
     )
     check_names(case.initializers, params.initializers, f"{key}.initializers")
+    check_names(case.at_once, params.initializers, f"{key}.at_once")
     check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")

@@ -2,7 +2,7 @@
 and measure under every reading of its metric.
 """
 
-from isi.analyses.readings import RANKS, READING_CURVES, READINGS, measure
+from isi.analyses.readings import ANSWERS, RANKS, READING_CURVES, READINGS, measure
 from isi.analyses.variants import changed
 from isi.errors import at
 from isi.experiment.store import Store
@@ -24,6 +24,7 @@ def measure_readings(context: StageContext, case: str) -> None:
     measured = measure(settings, params.reading_config(settings), store)
     RANKS.write(measured.ranks, context.stage, case=case)
     READINGS.write(measured.readings, context.stage, case=case)
+    ANSWERS.write(measured.answers, context.stage, case=case)
     READING_CURVES.write(measured.curves, context.stage, case=case)
 
 

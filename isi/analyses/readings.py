@@ -13,6 +13,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from isi.analyses.query_breakdown import ranks_of
 from isi.analyses.variants import Changes
 from isi.config import Count, EachOnce, Name, Names, Section, ensure
 from isi.evaluation import readings
@@ -33,9 +34,8 @@ from isi.graph.graph import GraphOf
 from isi.graph.sessions import SPLIT_NAMES, Session, SessionsOf, membership, touches
 from isi.initializers import api
 from isi.models.stack import Embedding, select
-from isi.tables.rules import FROM_0, NAME, SHARE, at_least, one_of
-from isi.tables.table import Table, TensorFile
-from isi.training.trainer import never_stop
+from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, at_least, one_of
+from isi.tables.table import Table, TensorFile, concat
 
 #: A model's column ``k``: the number of indicators of a sweep; 0: that of params, or none.
 MODEL = {"model": NAME, "k": FROM_0}
@@ -60,7 +60,7 @@ RANKS = Table(
 )
 #: MRR* right after insertion under each reading, null without queries; ``epochs``: those to
 #: convergence, the maximum for a run that never did, null for the joint model and for a run that
-#: ended before this reading was decided.
+#: is not fine-tuned.
 READINGS = Table(
     "data/beyond/readings/{case}.parquet",
     {
@@ -72,9 +72,17 @@ READINGS = Table(
     },
     key=["model", "k", "size", "seed", *ASPECTS],
 )
-#: MRR* by epoch under each reading, -1 without queries: a tensor ``MODEL.size=NN`` for each
-#: initializer and each size with curves; shape (seeds, epochs, readings), float32.
+#: MRR* by epoch under each reading: a tensor ``MODEL.size=NN`` for each initializer and each size
+#: with curves; shape (2, epochs, readings), float32: the mean over the seeds that are fine-tuned,
+#: and their standard deviation, both -1 where no seed has queries.
 READING_CURVES = TensorFile("data/beyond/readings/{case}.curves.safetensors")
+#: Answers to (novel entity, relation of affordances, ?) among the known entities right after
+#: insertion, for the novel entities that a case names (Table 3), in the seeds that insert them.
+ANSWERS = Table(
+    "data/beyond/readings/{case}.answers.parquet",
+    {"model": NAME, "seed": FROM_0, "entity": NAME, "answer": NAME, "kind": NAME, "rank": FROM_1},
+    key=["model", "seed", "entity", "answer"],
+)
 HIDDEN = ("head", "relation", "tail")
 ORDER = ["model", "k", "size", "seed"]  #: Rows of a table are in this order, whatever the stacks.
 
@@ -92,27 +100,28 @@ class ReadingCase(Section):
             lambda case: set(case.curves) <= set(case.finetuned) <= set(case.sessions.sizes),
             "expected curves among the sizes in finetuned, and these among sessions.sizes",
         ),
+        (
+            lambda case: case.finetuned_seeds <= case.sessions.seeds,
+            "expected finetuned_seeds to be at most sessions.seeds",
+        ),
     )
     title: str  #: in the report
     graph: GraphOf
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
     initializers: Annotated[Names, Field(min_length=1)]
+    #: further ones, which are measured right after insertion alone
+    at_once: Annotated[Names, Field(default_factory=list)]
     #: sizes that are fine-tuned; the others only measured at once
     finetuned: Annotated[list[Count], EachOnce]
-    #: of these, sizes that are fine-tuned for all epochs, for learning curves
+    #: how many seeds of these sizes are fine-tuned, the first ones
+    finetuned_seeds: Count
+    #: of these sizes, those whose learning curves are kept
     curves: Annotated[list[Count], EachOnce]
-    #: readings by name: a run without curves ends once it has converged under each of them; []:
-    #: under every one
-    converging: Annotated[
-        list[str], ensure(lambda names: set(names) <= set(_names()), "names of readings"), EachOnce
-    ]
     #: of a sweep, which has no curves
     indicators: Annotated[dict[Name, Numbers], Field(default_factory=dict)]
+    #: entities whose affordances are ranked
+    affordances: Annotated[list[str], EachOnce, Field(default_factory=list)]
     changes: Changes
-
-
-def _names() -> list[str]:
-    return [reading.name for reading in readings.readings()]
 
 
 @dataclass(frozen=True)
@@ -121,6 +130,7 @@ class ReadingTables:
 
     ranks: pd.DataFrame
     readings: pd.DataFrame
+    answers: pd.DataFrame
     curves: dict[str, Tensor]
 
 
@@ -134,13 +144,34 @@ class ReadingConfig:
 
     training: TrainConfig
     initializers: Sequence[Inserted]  #: those of the case, then those of its sweep
+    affordances: str  #: the relation
     compute: Compute
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What is measured of an initializer at a stack of grid points, besides ranks and readings."""
+
+    #: the initializer; None: the joint model is measured
+    inserted: Inserted | None
+    finetuned: int = 0  #: seeds below this number are fine-tuned
+    curves: bool = False  #: MRR* by epoch of the seeds that are fine-tuned
+    relation: str = ""  #: whose answers are ranked
+    entities: Sequence[str] = ()  #: about which they are ranked
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What ``measure_stack`` gives."""
+
+    ranks: pd.DataFrame
+    readings: pd.DataFrame
+    answers: pd.DataFrame
+    curves: Tensor | None  #: shape: (fine-tuned seeds, epochs, readings)
+
+
 #: Arguments of ``measure_stack``.
-ReadingTask = tuple[
-    GridPoints, Embedding, Embedding, np.ndarray, Inserted | None, Sequence[str], bool
-]
+ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Asked]
 
 
 def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTables:
@@ -152,22 +183,42 @@ def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTa
     tasks = list[ReadingTask]()
     for points, result in zip(grid, trained, strict=True):
         joint = joint_of[tuple(points.seeds)]
-        sizes = points.size in case.finetuned, points.size in case.curves
+        finetuned = case.finetuned_seeds if points.size in case.finetuned else 0
         for initializer, k in config.initializers:
-            inserted = initializer if sizes[0] else initializer.training(max_epochs=0), k
-            has_curves = sizes[1] and not k
-            tasks.append(
-                (points, result.theta, joint, store.words(), inserted, case.converging, has_curves)
+            goes_on = initializer.initializer not in case.at_once
+            asked = Asked(
+                (initializer, k),
+                finetuned if goes_on else 0,
+                goes_on and points.size in case.curves and not k,
+                config.affordances,
+                case.affordances,
             )
-        tasks.append((points, joint, joint, store.words(), None, case.converging, False))
+            tasks.append((points, result.theta, joint, store.words(), asked))
+        tasks.append((points, joint, joint, store.words(), Asked(None)))
     parts = run(measure_stack, tasks, config.compute, f"{store.experiment}, readings")
-    ranks, rows, curved = zip(*parts, strict=True)
     curves = defaultdict[str, list[Tensor]](list)
-    for task, seen in zip(tasks, curved, strict=True):
-        if seen is not None and task[4] is not None:
-            curves[f"{task[4][0].initializer}.size={task[0].size:02d}"].append(seen)
-    ranks, rows = (pd.concat(frames).sort_values(ORDER, kind="stable") for frames in (ranks, rows))
-    return ReadingTables(ranks, rows, {name: torch.cat(of) for name, of in curves.items()})
+    for (points, *_, asked), seen in zip(tasks, parts, strict=True):
+        if seen.curves is not None and asked.inserted:
+            name = asked.inserted[0].initializer
+            curves[f"{name}.size={points.size:02d}"].append(seen.curves)
+    answers = concat([seen.answers for seen in parts if len(seen.answers)], ANSWERS)
+    kinds = store.entities().set_index("entity")["kind"]
+    return ReadingTables(
+        pd.concat([seen.ranks for seen in parts]).sort_values(ORDER, kind="stable"),
+        pd.concat([seen.readings for seen in parts]).sort_values(ORDER, kind="stable"),
+        answers.assign(kind=answers["answer"].map(kinds)),
+        {name: _over_seeds(torch.cat(of)) for name, of in curves.items()},
+    )
+
+
+def _over_seeds(curves: Tensor) -> Tensor:
+    """Mean and standard deviation of curves over the seeds with queries, -1 without any; shapes:
+    (seeds, epochs, readings), (2, epochs, readings).
+    """
+    number, mean = (~curves.isnan()).sum(0), curves.nanmean(0)
+    squares = (curves - mean).square().nansum(0)
+    deviation = (squares / (number - 1).clamp(min=1)).sqrt()
+    return torch.stack([mean, deviation.where(number > 0, torch.nan)]).nan_to_num(-1).float()
 
 
 def _joint_models(
@@ -180,21 +231,11 @@ def _joint_models(
 
 
 def measure_stack(
-    points: GridPoints,
-    theta: Embedding,
-    joint: Embedding,
-    words: np.ndarray,
-    inserted: Inserted | None,
-    converging: Sequence[str],
-    curves: bool,
-) -> tuple[pd.DataFrame, pd.DataFrame, Tensor | None]:
-    """Ranks, readings and, with ``curves``, MRR* by epoch, (seeds, epochs, readings),
-    at a stack of grid points.
-
-    ``inserted``: the initializer; None: the joint model is measured.
-    """
+    points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, asked: Asked
+) -> Seen:
+    """Measure an initializer, or the joint model, at a stack of grid points."""
     session, novel = points.session(1), points.novel_in(1)
-    queries = reading_queries(session, novel)
+    queries, inserted = reading_queries(session, novel), asked.inserted
     model, k = (inserted[0].initializer, inserted[1]) if inserted else (JOINT_MODEL, 0)
     if inserted:
         config, _ = inserted
@@ -203,53 +244,70 @@ def measure_stack(
         theta = with_vectors(theta, novel, initial.vectors)
     ranks = readings.rank_all(theta, queries)
     measured = readings.values(ranks, queries)
-    epochs, seen = None, None
-    if inserted and config.optimizer.max_epochs:
+    epochs, curves = None, None
+    is_finetuned = torch.tensor(points.seeds) < asked.finetuned
+    if inserted and is_finetuned.any():
         target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
-        watch = ReadingWatch(
-            queries, target, config.optimizer.max_epochs, readings.places_of(converging), curves
-        )
+        last = config.optimizer.max_epochs
+        watch = ReadingWatch(queries, target, is_finetuned, last, asked.curves)
         finetune(points, theta, config, watch)
         epochs = watch.epochs
-        seen = torch.stack(watch.seen, 1).float().nan_to_num(-1) if curves else None
+        curves = torch.stack(watch.seen, 1) if asked.curves else None
     seeds = np.array(points.seeds)
     columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
-    return (
+    return Seen(
         _rank_rows(session, novel, queries, ranks, seeds).assign(**columns),
         _reading_rows(measured, epochs, seeds).assign(**columns),
-        seen,
+        _answer_rows(points, theta, asked).assign(model=model),
+        curves,
+    )
+
+
+def _answer_rows(points: GridPoints, theta: Embedding, asked: Asked) -> pd.DataFrame:
+    """Rows of ``ANSWERS`` without the model and kinds."""
+    graph, novel, names = points.graph, points.novel[:, 0], np.array(points.graph.entities)
+    model, place = np.isin(names[novel], list(asked.entities)).nonzero()
+    relation = graph.relations.index(asked.relation) if len(model) else 0
+    entity = torch.as_tensor(novel[model, place])
+    scores = select(theta, torch.as_tensor(model)).score_tails(
+        entity[:, None], torch.full((len(model), 1), relation)
+    )
+    known = points.session(0).entities[model]
+    rank = ranks_of(scores[:, 0], known).cpu().numpy()
+    row, answer = rank.nonzero()
+    return pd.DataFrame(
+        {
+            "seed": np.array(points.seeds)[model[row]],
+            "entity": names[novel[model, place]][row],
+            "answer": names[answer],
+            "rank": rank[row, answer],
+        }
     )
 
 
 class ReadingWatch:
     """Watches fine-tuning under every reading:
-    ``epochs`` until MRR* reached the target, (M, readings), float64.
+    ``epochs`` until MRR* reached the target, (M, readings), float64; ``last``, the maximum, where
+    it never does; NaN without queries, and of an embedding that is not ``finetuned``, (M,), which
+    ends at once.
 
-    Without ``curves``, an embedding ends once it has converged under each of ``converging``, places
-    of readings (none: all of them). Then ``epochs`` is NaN where it had not yet converged under
-    another one; ``last``, the maximum, where it never does. ``seen`` has MRR* by epoch with
-    ``curves``; shape: (M, readings).
+    Without ``curves``, an embedding ends once it has converged under every reading. ``seen`` has
+    MRR* by epoch with ``curves``; shape: (fine-tuned M, readings).
     """
 
     def __init__(
-        self,
-        queries: ReadingQueries,
-        target: Tensor,
-        last: int,
-        converging: Sequence[int],
-        curves: bool,
+        self, queries: ReadingQueries, target: Tensor, finetuned: Tensor, last: int, curves: bool
     ) -> None:
         self.queries, self.target, self.last = queries, target, last
-        self.converging = list(converging) or list(range(target.shape[1]))
+        self.finetuned, self.curves = finetuned, curves
         self.first = torch.full(target.shape, -1)
-        self.ended = torch.zeros(len(target), dtype=torch.int64)
-        self.curves, self.seen = curves, list[Tensor]()
+        self.seen = list[Tensor]()
 
     @property
     def epochs(self) -> np.ndarray:
-        never = torch.where(self.ended == self.last, float(self.last), torch.nan)[:, None]
-        decided = torch.where(self.first >= 0, self.first.double(), never)
-        return decided.masked_fill(self.target.isnan(), torch.nan).cpu().numpy()
+        decided = torch.where(self.first >= 0, self.first, self.last).double()
+        open_ones = self.target.isnan() | ~self.finetuned[:, None]
+        return decided.masked_fill(open_ones, torch.nan).cpu().numpy()
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         measured = readings.values(readings.rank_all(embedding, self.queries), self.queries)
@@ -257,12 +315,12 @@ class ReadingWatch:
         self.first[models] = torch.where(
             is_reached & (self.first[models] < 0), epoch, self.first[models]
         )
-        self.ended[models] = epoch
+        going_on = self.finetuned[models]
         if self.curves:
-            self.seen.append(measured)
-            return never_stop(epoch, embedding, models)
-        undecided = (self.first[models] < 0) & ~self.target[models].isnan()
-        going_on = undecided[:, self.converging].any(1)
+            self.seen.append(measured[going_on])
+        else:
+            undecided = (self.first[models] < 0) & ~self.target[models].isnan()
+            going_on = going_on & undecided.any(1)
         if not going_on.all():
             self.queries = select(self.queries, going_on)
         return going_on
