@@ -65,8 +65,8 @@ READING_CASE: dict[str, Any] = {
     "initializers": ["xavier", "es", "rs"],
     "indicators": {"es": [3]},
     "finetuned": [2, 3],
+    "finetuned_seeds": 2,
     "curves": [3],
-    "converging": ["test any relation halves learned all", "test both triple alike none split"],
     "changes": {
         "embedding.dimension": 8,
         "training.max_epochs": 2,

@@ -12,7 +12,7 @@ import torch
 from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.readings import RANKS, READINGS
+from isi.analyses.readings import ANSWERS, RANKS, READINGS
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.extras.hidden_entities import HIDDEN_ENTITIES
@@ -119,6 +119,8 @@ ROWS: dict[Table, dict[str, Any]] = {
             **{f"rank_{which}": [1.0, 2.5, 9.0] for which in ("learned", "true", "none")}},
     READINGS: {**INSERTED_MODELS, **CHOICES, "mrr_star": [0.5, None, 1.0],
                "epochs": [0.0, 50.0, None]},
+    ANSWERS: {"model": "ers", "seed": 3, "entity": "bottle", "answer": ["put", "fill", "mug"],
+              "kind": ["affordance", "affordance", "object"], "rank": [1, 2, 3]},
 }  # fmt: skip
 
 

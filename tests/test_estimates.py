@@ -112,12 +112,12 @@ def test_a_ratio_varies_as_its_seeds_do(values: list[float], factor: float) -> N
     assert below == pytest.approx((-expected[0], -expected[2], -expected[1]), abs=1e-6)
 
 
-def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
+def test_the_drop_is_how_far_earlier_knowledge_is_below_the_joint_model() -> None:
     values = {
-        "xavier": {"known": (0.5, 0.4), "known_closed": (0.7, 0.8)},
-        "es": {"known": (0.75,), "known_closed": (0.75,)},
-        "rs": {"known": (0.2, 0.4), "known_closed": (0.4, 0.8)},
-        "joint": {"known": (0.1,), "known_closed": (0.9,)},
+        "xavier": {"known": (0.5, 0.4)},
+        "es": {"known": (0.7, 0.8)},
+        "rs": {"known": (0.35, 0.4)},
+        "joint": {"known": (0.7, 0.8)},
     }
     rows = runs(
         [
@@ -130,7 +130,7 @@ def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
     found = drops(rows)
     assert found["drop"].to_dict() == pytest.approx({"es": 0, "rs": 50, "xavier": 40})
     assert found.loc["rs"].tolist() == pytest.approx([50, 50, 50])
-    assert drops(rows[rows["scope"] == "known"]).empty
+    assert drops(rows[rows["model"] != "joint"]).empty
 
 
 # Differences

@@ -69,6 +69,7 @@ BEYOND: dict[str, Any] = {
         "case": READING_CASE
         | {
             "sessions": READING_CASE["sessions"] | {"seeds": 1},
+            "finetuned_seeds": 1,
             "initializers": ["ers"],
             "indicators": {"rs": [2]},
         }

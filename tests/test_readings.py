@@ -18,7 +18,7 @@ import yaml
 from hypothesis import given, settings
 from torch import Tensor
 
-from isi.analyses.readings import RANKS, READING_CURVES, READINGS, ReadingWatch
+from isi.analyses.readings import ANSWERS, RANKS, READING_CURVES, READINGS, ReadingWatch
 from isi.evaluation import readings
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import evaluate
@@ -307,43 +307,40 @@ def first_epochs(values: Tensor, target: Tensor, model: int) -> list[float]:
     return epochs
 
 
-CONVERGING = [
-    "test any relation halves learned all",
-    "test both triple alike learned all",
-    "all novel triple halves none split",
-]
+EVERY_SEED = torch.ones(len(SEEDS), dtype=torch.bool)
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3])
-def test_a_run_ends_once_it_has_reached_every_target_and_open_readings_have_no_epochs(
-    number: int,
-) -> None:
+def test_a_run_ends_once_it_has_converged_under_every_reading() -> None:
     queries, embeddings, values = curves()
-    target, places = targets_of(values), places_of(CONVERGING[:number])
-    watch = ReadingWatch(queries, target, LAST, places, curves=False)
+    target = targets_of(values)
+    target[0] = values[2, 0]  # model 0 is there at epoch 2 under each
+    watch = ReadingWatch(queries, target, EVERY_SEED, LAST, curves=False)
     ended = run_watch(watch, embeddings)
+    assert ended[0] == 2
     for model, end in enumerate(ended):
-        first = first_epochs(values, target, model)
-        needed = [first[place] for place in places or range(len(NAMES))]  # none listed: all
-        assert end == max(min(epoch, LAST) for epoch in needed if not math.isnan(epoch))
-        otherwise = LAST if end == LAST else math.nan
-        expected = [epoch if math.isnan(epoch) or epoch <= end else otherwise for epoch in first]
-        assert watch.epochs[model].tolist() == pytest.approx(expected, nan_ok=True)
-    assert (min(ended) < LAST) == bool(number)
+        first = np.array(first_epochs(values, target, model)).clip(max=LAST)
+        assert end == np.nanmax(first)
+        np.testing.assert_array_equal(watch.epochs[model], first)
     assert watch.seen == []
 
 
-def test_a_run_stops_where_every_reading_has_converged() -> None:
+def test_seeds_that_are_not_fine_tuned_end_at_once_without_effect_on_others() -> None:
     queries, embeddings, values = curves()
-    watch = ReadingWatch(queries, values[2], LAST, [], curves=False)
-    ended = run_watch(watch, embeddings)
-    assert ended == [2] * len(SEEDS)
-    assert (np.isnan(watch.epochs) | (watch.epochs <= 2)).all()
+    target, some = targets_of(values), torch.tensor([True, False, True, True, False])
+    every = ReadingWatch(queries, target, EVERY_SEED, LAST, curves=True)
+    part = ReadingWatch(queries, target, some, LAST, curves=True)
+    run_watch(every, embeddings)
+    assert run_watch(part, embeddings) == [LAST, 0, LAST, LAST, 0]
+    assert np.isnan(part.epochs[~some.numpy()]).all()
+    np.testing.assert_array_equal(part.epochs[some.numpy()], every.epochs[some.numpy()])
+    assert torch.equal(
+        torch.stack(part.seen).nan_to_num(-1), torch.stack(every.seen)[:, some].nan_to_num(-1)
+    )
 
 
 def test_known_and_novel_targets_have_to_be_reached_in_one_epoch() -> None:
     queries, embeddings, values = curves()
-    watch = ReadingWatch(queries, targets_of(values), LAST, [], curves=True)
+    watch = ReadingWatch(queries, targets_of(values), EVERY_SEED, LAST, curves=True)
     run_watch(watch, embeddings)
     both, known, novel = (
         watch.epochs[:, [about in name for name in NAMES]] for about in ("both", "known", "novel")
@@ -356,7 +353,7 @@ def test_known_and_novel_targets_have_to_be_reached_in_one_epoch() -> None:
 def test_a_run_with_curves_goes_on_to_the_last_epoch_and_shows_every_one() -> None:
     queries, embeddings, values = curves()
     # all are reached at last
-    watch = ReadingWatch(queries, values.amin(0), LAST, places_of(CONVERGING), curves=True)
+    watch = ReadingWatch(queries, values.amin(0), EVERY_SEED, LAST, curves=True)
     assert run_watch(watch, embeddings) == [LAST] * len(SEEDS)
     assert torch.equal(torch.stack(watch.seen).nan_to_num(-1), values.nan_to_num(-1))
 
@@ -364,11 +361,11 @@ def test_a_run_with_curves_goes_on_to_the_last_epoch_and_shows_every_one() -> No
 def test_without_queries_about_novel_entities_a_run_converges_about_known_ones() -> None:
     queries, embeddings, values = curves()
     names = [f"test {about} triple alike learned all" for about in ("known", "novel", "both")]
-    known, novel, both = places = places_of(names)
+    known, novel, both = places_of(names)
     target = torch.full_like(values[0], math.nan)
     target[:, known] = values[1:, :, known].amax(0)
     target[:, both] = math.inf  # not compared
-    watch = ReadingWatch(queries, target, LAST, places, curves=False)
+    watch = ReadingWatch(queries, target, EVERY_SEED, LAST, curves=False)
     assert run_watch(watch, embeddings) == watch.epochs[:, known].tolist()
     assert np.isnan(watch.epochs[:, novel]).all()
     assert (watch.epochs[:, both] == watch.epochs[:, known]).all()
@@ -383,6 +380,7 @@ class Tables:
 
     ranks: pd.DataFrame
     readings: pd.DataFrame
+    answers: pd.DataFrame
     curves: dict[str, Tensor]
 
 
@@ -405,7 +403,8 @@ def run_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunCase:
         paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
         stage_run.run("measure_readings own")
         curves = READING_CURVES.read_file(READING_CURVES.path(case="own"))
-        return Tables(RANKS.read_text(case="own"), READINGS.read_text(case="own"), curves)
+        ranks, rows, answers = (table.read_text(case="own") for table in (RANKS, READINGS, ANSWERS))
+        return Tables(ranks, rows, answers, curves)
 
     return run
 
@@ -475,34 +474,58 @@ def test_the_table_of_ranks_has_every_reading_in_it(run_case: RunCase) -> None:
 def test_epochs_are_those_of_the_curves_and_curves_begin_right_after_insertion(
     run_case: RunCase,
 ) -> None:
-    tables = run_case()
+    tables = run_case(finetuned_seeds=1)  # so a curve is that of seed 0
     table = tables.readings.assign(
         reading=tables.readings[list(readings.ASPECTS)].agg(" ".join, axis=1)
     )
     assert tables.curves.keys() == {f"{name}.size=03" for name in READING_CASE["initializers"]}
 
-    def numbers(column: str, model: str, k: int = 0, size: int = 3) -> np.ndarray:
-        """A column of a model's rows; shape: (seeds, readings)."""
-        rows = table[(table["model"] == model) & (table["k"] == k) & (table["size"] == size)]
-        return rows.pivot(index="seed", columns="reading", values=column)[NAMES].to_numpy()
+    def numbers(column: str, model: str, seed: int = 0) -> np.ndarray:
+        """A column of a model's rows by reading."""
+        rows = table[(table["model"] == model) & (table["k"] == 0) & (table["size"] == 3)]
+        of_seed = rows[rows["seed"] == seed].set_index("reading")[column]
+        return of_seed[NAMES].to_numpy(float)
 
     joint = numbers("mrr_star", "joint")
     assert np.isnan(numbers("epochs", "joint")).all()
     for name in READING_CASE["initializers"]:
-        curves = tables.curves[f"{name}.size=03"].double()
-        assert curves.shape == (2, 3, len(NAMES))  # seeds, epochs
-        np.testing.assert_allclose(
-            curves[:, 0], np.nan_to_num(numbers("mrr_star", name), nan=-1), atol=1e-6
-        )
-        target = torch.from_numpy(joint - READING_CASE["changes"]["convergence.margin"])
-        by_epoch = curves.where(curves >= 0, math.nan).transpose(0, 1)
-        expected = np.array([first_epochs(by_epoch, target, seed) for seed in range(2)]).clip(max=2)
+        means, deviations = tables.curves[f"{name}.size=03"].double()
+        assert means.shape == deviations.shape == (3, len(NAMES))  # epochs
+        at_once = np.nan_to_num(numbers("mrr_star", name), nan=-1)
+        np.testing.assert_allclose(means[0], at_once, atol=1e-6)
+        assert set(deviations.unique().tolist()) <= {-1, 0}
+        target = torch.from_numpy(joint - READING_CASE["changes"]["convergence.margin"])[None]
+        by_epoch = means.where(means >= 0, math.nan)[:, None]
+        expected = np.array(first_epochs(by_epoch, target, 0)).clip(max=2)
         np.testing.assert_array_equal(numbers("epochs", name), expected)
-    # without curves, a run ends once it has converged under two readings
-    for model, k, size in (("xavier", 0, 2), ("es", 3, 3)):
-        epochs = numbers("epochs", model, k, size)
-        asked = epochs[:, [NAMES.index(name) for name in READING_CASE["converging"]]]
-        assert (np.isnan(epochs) | (epochs <= np.nanmax(asked, axis=1, keepdims=True))).all()
+        assert np.isnan(numbers("epochs", name, seed=1)).all()
+
+
+def test_curves_are_means_and_deviations_over_the_seeds_with_queries(run_case: RunCase) -> None:
+    tables = run_case(indicators={}, initializers=["es"])
+    rows = tables.readings[(tables.readings["model"] == "es") & (tables.readings["size"] == 3)]
+    values = rows.pivot(index="seed", columns=[*readings.ASPECTS], values="mrr_star")
+    ordered = values[[tuple(name.split()) for name in NAMES]]
+    mean, deviation = tables.curves["es.size=03"][:, 0].double().numpy()
+    np.testing.assert_allclose(mean, ordered.mean().fillna(-1), atol=1e-6)
+    alone = ordered.notna().sum() == 1
+    expected = ordered.std().mask(alone, 0).fillna(-1)
+    np.testing.assert_allclose(deviation, expected, atol=1e-6)
+
+
+def test_answers_rank_the_known_entities_for_each_novel_one_that_is_named(
+    run_case: RunCase,
+) -> None:
+    named = ["apple", "bread", "mug", "plate", "sink", "pot", "lamp", "fork", "book", "bed"]
+    answers = run_case(indicators={}, affordances=named).answers
+    assert set(answers["entity"]) <= set(named)
+    assert set(answers["model"]) == set(READING_CASE["initializers"])
+    for _, rows in answers.groupby(["model", "seed", "entity"]):
+        assert sorted(rows["rank"]) == list(range(1, len(rows) + 1))
+        assert not set(rows["answer"]) & set(rows["entity"])  # which is novel
+        assert "affordance" in set(rows["kind"])
+    first = answers[answers["rank"] == 1]
+    assert (first["kind"] == "affordance").any()
 
 
 def test_a_size_that_is_not_fine_tuned_has_no_epochs(run_case: RunCase) -> None:

@@ -48,6 +48,17 @@ def html_of(reports: Path, name: str) -> str:
     return (reports / PAGES[name].folder / "index.html").read_text("utf-8")
 
 
+@pytest.mark.parametrize("name", ["beyond", "readings", "continual"])
+def test_pages_in_git_are_those_that_their_tables_in_git_give(name: str, reports: Path) -> None:
+    assert html_of(reports, name) == html_of(ROOT / "reports", name)
+    drawn, kept = (
+        sorted(path.name for path in (folder / PAGES[name].folder / "figures").iterdir())
+        for folder in (reports, ROOT / "reports")
+    )
+    assert drawn == kept
+
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_every_link_leads_somewhere_and_ids_are_distinct(reports: Path, name: str) -> None:
     folder = reports / PAGES[name].folder

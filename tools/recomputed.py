@@ -5,7 +5,7 @@ A second, simple implementation, which uses no code of the library; from embeddi
 alone.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -22,11 +22,12 @@ CLAMP, TIE = 1e-6, 1e-5
 HALVES = ("mrr_star", "mrr_star_entity", "mrr_star_relation")
 
 
-def rows_of(path: str, *names: str) -> list[tuple[Any, ...]]:
-    """Rows of a Parquet table below ``data``, restricted to the columns ``names``;
-    null numbers are NaN.
+def rows_of(path: str, *names: str, seeds: Sequence[int] = ()) -> list[tuple[Any, ...]]:
+    """Rows of a Parquet table below ``data``, restricted to the columns ``names`` and to some
+    ``seeds``, by default all; null numbers are NaN.
     """
-    table = pq.read_table(Path("data") / path, columns=list(names))
+    filters = [("seed", "in", list(seeds))] if seeds else None
+    table = pq.read_table(Path("data") / path, columns=list(names), filters=filters)
     return list(zip(*(np.asarray(table[name].to_pandas()) for name in names), strict=True))
 
 
@@ -335,9 +336,14 @@ Group = tuple[str, str, str]  #: Choices of queries, about and weights.
 Values = dict[Run, dict[Group, np.ndarray]]
 
 
-def readings_there(case: str) -> Values:
-    """MRR* under every reading, from the table of readings of a case;
-    infinite where a row is missing.
+def seeds_of(case: str) -> list[int]:
+    """The seeds of a case of the readings."""
+    return sorted({int(seed) for (seed,) in rows_of(f"beyond/readings/{case}.parquet", "seed")})
+
+
+def readings_there(case: str, seeds: Sequence[int] = ()) -> Values:
+    """MRR* under every reading at some seeds, by default all, from the table of readings of a
+    case; infinite where a row is missing.
     """
     values: Values = {}
     places = [
@@ -357,7 +363,7 @@ def readings_there(case: str) -> Values:
         "mrr_star",
     )
     for model, k, size, seed, *group, slots, filtering, truth, mrr_star in rows_of(
-        f"beyond/readings/{case}.parquet", *names
+        f"beyond/readings/{case}.parquet", *names, seeds=seeds
     ):
         of_run = values.setdefault((model, int(k), int(size), int(seed)), {})
         shape = tuple(map(len, places))
@@ -367,10 +373,12 @@ def readings_there(case: str) -> Values:
 
 
 class Ranked:
-    """The table of ranks of a case: an array for each column."""
+    """The table of ranks of a case at some seeds, by default all: an array for each column."""
 
-    def __init__(self, case: str) -> None:
-        table = pq.read_table(Path("data") / f"beyond/readings/{case}.ranks.parquet")
+    def __init__(self, case: str, seeds: Sequence[int] = ()) -> None:
+        filters = [("seed", "in", list(seeds))] if seeds else None
+        path = Path("data") / f"beyond/readings/{case}.ranks.parquet"
+        table = pq.read_table(path, filters=filters)
         self.columns = {name: np.asarray(table[name].to_pandas()) for name in table.column_names}
         terms = [
             [self.columns[f"closeness_{name}_{truth}"] for truth in TRUTHS] for name in FILTERS

@@ -11,6 +11,7 @@ the report shows of R. Run it in the folder of dvc.yaml.
 import argparse
 import csv
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
@@ -29,6 +30,7 @@ from tools.recomputed import (
     Session,
     mrr_star,
     readings_there,
+    seeds_of,
     there,
 )
 from tools.recomputed_matrix import (
@@ -46,6 +48,8 @@ from tools.recomputed_matrix import (
 UNDECIDED = 1e-5
 #: The model of which R[i, j] is computed again.
 MODEL = "complex"
+#: Random seeds of a case whose readings are recomputed, with all of its models.
+READING_SEEDS = 2
 #: Bounds of the numbers of a row of R that is missing: no number lies between them.
 NO_ROW = np.full(5, np.inf), np.full(5, np.inf)
 
@@ -182,13 +186,13 @@ def check_epochs(
             share.compare(where, 100 * np.mean([e is None for e in chosen]), unconverged or np.nan)
 
 
-def check_readings(case: str, check: Check) -> None:
+def check_readings(case: str, check: Check, seeds: Sequence[int] = ()) -> None:
     """Compare MRR* under every reading in a case's table with that
-    computed from its table of ranks.
+    computed from its table of ranks, at some seeds, by default all.
 
     Among false candidates alone, the term of MRR* is also the reciprocal rank.
     """
-    ranked, stored = Ranked(case), readings_there(case)
+    ranked, stored = Ranked(case, seeds), readings_there(case, seeds)
     computed = ranked.readings_here()
     for run in sorted({*computed, *stored}):
         model, k, size, seed = run
@@ -252,7 +256,9 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
                 experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged
             )
     for path in sorted(Path("data/beyond/readings").glob("*.ranks.parquet")):
-        check_readings(path.name.removesuffix(".ranks.parquet"), readings)
+        case = path.name.removesuffix(".ranks.parquet")
+        seeds = np.random.default_rng(seed).permutation(seeds_of(case))[:READING_SEEDS]
+        check_readings(case, readings, seeds.tolist())
     return checks
 
 

@@ -179,6 +179,51 @@ def paper_results(frame: pd.DataFrame) -> list[Panel]:
     return made
 
 
+def figure2_readings(frame: pd.DataFrame) -> list[Panel]:
+    """Figure 2 under one reading: MRR* and epochs by number of indicators."""
+    return [
+        lines(
+            frame,
+            "indicators",
+            measure,
+            "model",
+            title,
+            xlabel="indicators k",
+            ylabel=ylabel,
+            banded=PAPERS,
+        )
+        for measure, title, ylabel in (
+            ("MRR*", "2a. Right after insertion", "MRR* (points)"),
+            ("epochs", "2b. Convergence", "epochs to convergence"),
+        )
+    ]
+
+
+def figure3a_readings(frame: pd.DataFrame) -> list[Panel]:
+    """Figure 3a under one reading: MRR* by number of novel entities."""
+    title = "Right after insertion"
+    xlabel = "novel entities |ξ|"
+    return [lines(frame, "size", "MRR*", "model", title, xlabel=xlabel, banded=PAPERS)]
+
+
+def curves_readings(frame: pd.DataFrame) -> list[Panel]:
+    """Figures 3b and 4 under one reading: MRR* by epoch."""
+    joint = ("Joint", float(frame["joint"].mean()))
+    return [
+        lines(
+            frame,
+            "epoch",
+            "MRR*",
+            "model",
+            "By epoch",
+            xlabel="epoch of fine-tuning",
+            ylabel="MRR* (points)",
+            banded=PAPERS,
+            level=joint,
+        )
+    ]
+
+
 def by_row(frame: pd.DataFrame, row: str, names: list[str], title: str) -> Panel:
     """Entity MRR* with the novel entity given: a row for each model or graph, a mark for each of
     some initializers.

@@ -107,16 +107,16 @@ def improvements(immediate: pd.DataFrame, scope: str, base: str = "xavier") -> p
 
 
 def drops(immediate: pd.DataFrame) -> pd.DataFrame:
-    """Interference by initializer: per cent by which MRR* in ``known`` is below MRR* in
-    ``known_closed``; columns ``drop`` and its bounds.
+    """Per cent by which MRR* about known entities is below the joint model's (section 6.3), by
+    initializer; columns ``drop`` and its bounds.
     """
-    rows = dict[str, tuple[float, float, float]]()
-    for model, of_model in immediate[immediate["model"] != "joint"].groupby("model"):
-        cells = of_model.pivot_table("mrr_star", "seed", "scope")
-        if {"known", "known_closed"} <= set(cells):
-            known = cells[["known"]].set_axis(["mrr_star"], axis=1)
-            closed = cells[["known_closed"]].set_axis(["mrr_star"], axis=1)
-            rows[str(model)] = relative(known, closed, sign=-1)
+    known = where(immediate, scope="known").pivot_table("mrr_star", "seed", ["model", "size"])
+    if "joint" not in known:
+        return pd.DataFrame(columns=["drop", "drop low", "drop high"], dtype=float)
+    rows = {
+        str(model): relative(pd.DataFrame(known[model]), pd.DataFrame(known["joint"]), sign=-1)
+        for model in known.columns.unique("model").drop("joint")
+    }
     return pd.DataFrame.from_dict(rows, orient="index", columns=["drop", "drop low", "drop high"])
 
 

@@ -2,7 +2,8 @@
 
 What a number is follows from its header: ``NAME low`` and ``NAME high`` bound the interval of
 ``NAME``, "minus" and "difference" have a sign, and values of p have three decimals. Columns that
-a function lists in ``frame.attrs["any_size"]`` hold numbers of any size.
+a function lists in ``frame.attrs["any_size"]`` hold numbers of any size. A frame with
+``frame.attrs["csv_alone"]`` has no other form.
 """
 
 import re
@@ -13,7 +14,7 @@ import pandas as pd
 
 #: In files: decimals of points, epochs and per cent; significant digits of numbers of any size.
 DECIMALS, DIGITS = 2, 4
-ANY_SIZE = "any_size"  #: Key of ``frame.attrs``.
+ANY_SIZE, CSV_ALONE = "any_size", "csv_alone"  #: Keys of ``frame.attrs``.
 _SIGNED = re.compile(r"\bminus\b|\bdifference\b|^gain\b|^change\b|: change$", re.IGNORECASE)
 _P = re.compile(r"^p( \(Holm\))?$")
 
@@ -27,7 +28,9 @@ def estimates(frame: pd.DataFrame) -> list[str]:
 
 def files(frame: pd.DataFrame) -> dict[str, str]:
     """A table as CSV, Markdown and LaTeX; all forms show the numbers of the CSV, as pages do."""
-    frame = rounded(frame)
+    alone, frame = frame.attrs.get(CSV_ALONE, False), rounded(frame)
+    if alone:
+        return {"csv": csv(frame)}
     return {"csv": csv(frame), "md": markdown(frame), "tex": latex(frame)}
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from isi import config
 from isi.config import value_of
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Results, read
-from isi.report.tables.estimates import drops, improvements, over_seeds, where
+from isi.report.tables.estimates import ENDS, drops, improvements, over_seeds, where
 from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.method import best_setting, indicator_means, picked_sizes, table1
 from isi.report.tables.registry import table
@@ -68,29 +68,18 @@ def answer(results: Results) -> pd.DataFrame | None:
     return shown.dropna(how="all").rename_axis("measure").reset_index()
 
 
-#: Kinds of the printed results, with the titles of their rows here, and what stands before their
-#: initializer among the readings.
+#: Kinds of the printed results, as ``readings.yaml`` names them, with the titles of their rows.
 _KINDS = {
-    "gains over Xavier (%)": ("immediate gain over Xavier, all queries, %", "gain of "),
-    "epochs to convergence, means": ("epochs to convergence, mean", "epochs of "),
-    "epochs to convergence, deviations": (
-        "epochs to convergence, standard deviation",
-        "deviation of the epochs of ",
-    ),
-    "transfer: MRR*, all queries": ("immediate MRR*, all queries", "all queries: "),
-    "transfer: MRR*, new entities": ("immediate MRR*, new entities' queries", "new entities: "),
+    "gains over Xavier (%)": "immediate gain over Xavier, all queries, %",
+    "epochs to convergence, means": "epochs to convergence, mean",
+    "epochs to convergence, deviations": "epochs to convergence, standard deviation",
+    "transfer: MRR*, all queries": "immediate MRR*, all queries",
+    "transfer: MRR*, new entities": "immediate MRR*, new entities' queries",
     "best number of indicators": (
-        "indicator set size of the best immediate MRR*, all queries (paper: falls beyond)",
-        "best number of indicators of ",
+        "indicator set size of the best immediate MRR*, all queries (paper: falls beyond)"
     ),
-    "transfer: epochs": (
-        "epochs to convergence after the transfer",
-        "epochs after the transfer, ",
-    ),
-    "transfer: drop (%)": (
-        "immediate drop of MRR* over {first}'s entities, %",
-        "AI2-THOR's entities: ",
-    ),
+    "transfer: epochs": "epochs to convergence after the transfer",
+    "transfer: drop (%)": "immediate drop of MRR* over {first}'s entities, %",
 }
 
 
@@ -102,7 +91,7 @@ def paper_dots(results: Results) -> pd.DataFrame:
     readings = _readings()
     rows = rows_of(results, results.standalone[0], "printed")
     lines = list[dict[str, Any]]()
-    for kind, (here, there) in _KINDS.items():
+    for kind, here in _KINDS.items():
         title = here.format(first=results.standalone[0].title)
         for row in rows:
             whose, _, of_row = row.what.partition(": ")
@@ -111,11 +100,11 @@ def paper_dots(results: Results) -> pd.DataFrame:
             line: dict[str, Any] = {"kind": kind, "whose": whose}
             line |= {"paper": row.paper, "this run": row.ours}
             line["this run is"] = comparison(row.paper, row.ours)
-            result = readings[readings["what"].str.startswith(f"{there}{whose}")]
-            if len(result):
-                for end in ("", " low", " high"):
-                    line[f"one reading{end}"] = result[f"this reading{end}"].iloc[0]
-                line["the paper is"] = result["and the paper"].iloc[0]
+            same = (readings["kind"] == kind) & (readings["whose"] == whose)
+            for result in readings[same].to_dict("records"):
+                line |= {f"one reading{end}": result[f"this reading{end}"] for end in ENDS}
+                line["the paper is"] = result["this reading: the paper is"]
+                line["with the other filter, the paper is"] = result["other filter: the paper is"]
             lines.append(line)
     return pd.DataFrame(lines)
 
@@ -123,16 +112,20 @@ def paper_dots(results: Results) -> pd.DataFrame:
 @table("report")
 def repeated(results: Results) -> pd.DataFrame:
     """How far the paper is repeated, by kind of result: results of this run within 10 % of the
-    paper's, and those where the paper's is within the interval of one reading on its own graph.
+    paper's, and those where the paper's is within the interval of one reading on its own graph, and
+    of the same reading with the other filter.
     """
     rows = paper_dots(results)
     lines = list[dict[str, Any]]()
     for kind, of_kind in [*rows.groupby("kind", sort=False), ("all", rows)]:
         line: dict[str, Any] = {"results": kind, "number": len(of_kind)}
         line["this run: within 10 %"] = int((of_kind["this run is"] == "agrees").sum())
-        if "the paper is" in rows:
-            within = of_kind["the paper is"] == "within the interval"
-            line["the paper's graph, one reading: within the interval"] = int(within.sum())
+        for column, title in (
+            ("the paper is", "the paper's graph, one reading: within the interval"),
+            ("with the other filter, the paper is", "the same with the other filter: within"),
+        ):
+            if column in rows:
+                line[title] = int((of_kind[column] == "within the interval").sum())
         lines.append(line)
     return pd.DataFrame(lines)
 
@@ -145,7 +138,7 @@ def _readings() -> pd.DataFrame:
     """
     path = Path("reports/readings/tables/paper_results.csv")
     if not path.exists():
-        return pd.DataFrame(columns=["what"])
+        return pd.DataFrame(columns=["kind", "whose"])
     with opening(path, "a table of the report", ValueError):
         return pd.read_csv(path)
 

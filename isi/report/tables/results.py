@@ -659,10 +659,14 @@ class AffordanceAnswers:
         return pd.DataFrame(rows)
 
     def _marked(self, entity: str, answer: str, kind: str) -> str:
-        likely = self.afforded.get(entity)
-        if kind not in self.kinds:
-            return f"× {answer}"
-        return f"? {answer}" if likely is not None and answer not in likely else answer
+        return marked(answer, kind in self.kinds, self.afforded.get(entity))
+
+
+def marked(answer: str, is_right: bool, likely: Names | None) -> str:
+    """An answer, with × if it is of a wrong kind, and ? if it is not among the likely ones."""
+    if not is_right:
+        return f"× {answer}"
+    return f"? {answer}" if likely is not None and answer not in likely else answer
 
 
 @cache

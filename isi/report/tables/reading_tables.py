@@ -1,0 +1,410 @@
+"""Tables of the paper's results under the readings of its metric."""
+
+from collections.abc import Mapping, Sequence
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from isi import config
+from isi.report.tables.data import BASELINE, read
+from isi.report.tables.estimates import ENDS, named, over_seeds, where, wide
+from isi.report.tables.forms import CSV_ALONE
+from isi.report.tables.readings import (
+    ABOUT,
+    ALLOWED,
+    IN_WORDS,
+    MAIN,
+    OURS,
+    READINGS,
+    TITLES,
+    CaseRuns,
+    PaperResult,
+    Readings,
+    changed,
+    means_of,
+)
+from isi.report.tables.registry import Frames, table
+from isi.report.tables.results import TOP, marked
+from isi.tables import paths
+from isi.tables.io import read_tensors
+
+BEST = 10  #: Readings in the table of the nearest.
+#: By case of a result: the cases of this project's graph and of the paper's, each under this
+#: project's conditions and under the paper's.
+CORNERS = {
+    "published": (("ai2thor_batches", "ai2thor"), ("published_batches", "published")),
+    "extended": (("transfer_batches", "transfer"), ("extended_batches", "extended")),
+}
+#: What differs between this run and the paper's, in the order of the axes of ``_corners``.
+STEPS = ("the reading", "the conditions", "the graph")
+GRAPHS = ("published", "extended", "ai2thor")
+
+
+@table("readings")
+def paper_results(results: Readings) -> pd.DataFrame | None:
+    """Every result beside its value under the chosen reading, the one with the other filter, and
+    this project's.
+    """
+    if not results.cases:
+        return None
+    frame = pd.DataFrame(results.results)
+    for title, reading in results.pairs.items():
+        place = READINGS.index(reading)
+        frame[[f"{title}{end}" for end in ENDS]] = results.values[:, :, place]
+        frame[f"{title}: the paper is"] = _agreement(results, frame, title, reading)
+    frame["whose"] = frame["model"].map(results.models.labels)
+    frame = frame.rename(columns={"place": "where", "title": "what"})
+    shown = [name for name in frame if any(str(name).startswith(title) for title in results.pairs)]
+    return frame[["where", "kind", "whose", "what", "paper", *shown]]
+
+
+def _agreement(results: Readings, frame: pd.DataFrame, title: str, reading: str) -> np.ndarray:
+    """Whether the paper's number is within the interval, or else the initializers have the paper's
+    order.
+    """
+    ranks = frame[["paper", title]].groupby(frame["kind"]).rank(method="first")
+    is_equal = ranks["paper"] == ranks[title]
+    same_order = is_equal.groupby(frame["kind"]).transform("all") & frame["ordered"]
+    words = ["within the interval", "same order"]
+    return np.select([results.within[reading], same_order], words, "not explained")
+
+
+@table("readings")
+def results_by_kind(results: Readings) -> pd.DataFrame | None:
+    """How many results of each kind lie within their intervals: under the chosen reading and its
+    neighbours, under the best reading of the kind, under one that was chosen by the other kinds,
+    and in the median of all that are allowed.
+    """
+    if not results.cases:
+        return None
+    counts, chosen = results.by_kind, results.chosen
+    readings = {
+        "this reading": chosen,
+        "other filter": results.neighbour,
+        "without the program's rule of convergence": changed(chosen, about="any"),
+        "by the paper's words alone": results.nearest(among=IN_WORDS),
+        "this project's reading": OURS,
+    }
+    rows = list[dict[str, Any]]()
+    kinds = list(map(str, counts))
+    for kind in kinds:
+        others = [other for other in kinds if other != kind]
+        left_out = results.nearest(others)
+        row: dict[str, Any] = {"results": kind, "number": int((results.kinds == kind).sum())}
+        row |= {title: int(counts[kind][reading]) for title, reading in readings.items()}
+        row["chosen by the other kinds"] = int(counts[kind][left_out])
+        row["median of the allowed"] = float(counts[kind][ALLOWED].median())
+        row["most of the allowed"] = int(counts[kind][ALLOWED].max())
+        best = results.nearest([kind])
+        row["best reading of the kind"] = best
+        row["chosen by the other kinds: reading"] = left_out
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    numbers, sums = frame.select_dtypes("number").sum(), counts.sum(axis=1)
+    total: dict[str, Any] = {str(name): value for name, value in numbers.items()}
+    total |= {"results": "all", "median of the allowed": float(sums[ALLOWED].median())}
+    total |= {"most of the allowed": int(sums[ALLOWED].max()), "best reading of the kind": chosen}
+    return pd.concat([frame, pd.DataFrame([total])], ignore_index=True)
+
+
+@table("readings")
+def all_readings(results: Readings) -> pd.DataFrame | None:
+    """Every result under every reading: value, bounds, and whether the paper's is within."""
+    if not results.cases:
+        return None
+    frame, place = results.ordered(), [*map(READINGS.index, results.ordered().index)]
+    columns: dict[str, Any] = {"reading": frame.index, "rank": frame["rank"].to_numpy()}
+    columns["allowed"] = ["yes" if reading in ALLOWED else "no" for reading in frame.index]
+    for number, result in enumerate(results.results):
+        for end, values in zip(ENDS, results.values[number], strict=True):
+            columns[f"{result.title}{end}"] = values[place].round(1)
+        columns[f"{result.title}: within"] = results.within.iloc[number, place].astype(int)
+    made = pd.DataFrame({name: np.asarray(values) for name, values in columns.items()})
+    made.attrs[CSV_ALONE] = True
+    return made
+
+
+@table("readings")
+def nearest(results: Readings) -> Frames | None:
+    """The nearest readings, the chosen one and this project's; and the neighbours of the chosen
+    one, which differ from it in a single aspect.
+    """
+    if not results.cases:
+        return None
+    ranked, chosen = results.ordered(), results.chosen
+    choices = pd.DataFrame([name.split() for name in ranked.index], ranked.index, list(TITLES))
+    frame = choices.assign(
+        allowed=["yes" if name in ALLOWED else "no" for name in ranked.index],
+        share=ranked["share"],
+        distance=ranked["distance"],
+        within=results.by_kind.sum(axis=1).loc[ranked.index],
+    )
+    frame = frame.rename(columns={"share": "share within, %"})
+    frame.insert(0, "rank", ranked["rank"].astype(str))
+    differing = (frame[list(TITLES)] != chosen.split()).sum(axis=1)
+    shown = frame.index.isin([chosen, OURS]) | (frame["rank"].astype(int) <= BEST)
+    return {"nearest_readings": frame[shown], "neighbours_of_the_reading": frame[differing == 1]}
+
+
+@table("readings")
+def unexplained(results: Readings) -> pd.DataFrame | None:
+    """The results that are within under neither the chosen reading nor its other filter: their
+    distances, and the nearest value of any reading.
+    """
+    if not results.cases:
+        return None
+    rows = list[dict[str, Any]]()
+    for number, result in enumerate(results.results):
+        apart = results.distance.iloc[number]
+        if results.within.iloc[number][[results.chosen, results.neighbour]].any():
+            continue
+        values = pd.Series(results.values[number, 0], READINGS)
+        reading = str((values - result.paper).abs().idxmin())
+        row = {"what": result.title, "paper": result.paper, "this reading": values[results.chosen]}
+        row["half-widths away"] = apart[results.chosen]
+        row |= {"nearest of all readings": values[reading], "its half-widths away": apart[reading]}
+        rows.append(row | {"its reading": reading})
+    return pd.DataFrame(rows)
+
+
+def _corners(results: Readings, result: PaperResult) -> np.ndarray | None:
+    """A result with each of ``STEPS`` taken (1) or not (0); shape (2, 2, 2); None: not run."""
+    cases = CORNERS.get(result.case, ())
+    names = [name for of_graph in cases for name in of_graph]
+    if not names or not set(names) <= set(results.cases):
+        return None
+    runs = [results.cases[name] for name in names]
+    values = np.empty((2, 2, 2))
+    for (graph, conditions), of_case in zip(product((0, 1), repeat=2), runs, strict=True):
+        measured = results.value(result, of_case.at(runs), [OURS, results.chosen])
+        values[:, conditions, graph] = measured[0]
+    return values
+
+
+@table("readings")
+def steps_to_the_paper(results: Readings) -> Frames:
+    """How much of each gap the reading, the conditions and the graph explain: their steps, as means
+    over the six orders with the least and the largest one; and every corner.
+    """
+    steps, corners = list[dict[str, Any]](), list[dict[str, Any]]()
+    for result in results.results:
+        values = _corners(results, result)
+        if values is None:
+            continue
+        row: dict[str, Any] = {"what": result.title, "this run": values[0, 0, 0]}
+        for axis, name in enumerate(STEPS):
+            taken = [step(values, order, axis) for order in permutations(range(3))]
+            row |= {name: np.mean(taken), f"{name} low": min(taken), f"{name} high": max(taken)}
+        steps.append(row | {"all three": values[1, 1, 1], "paper": result.paper})
+        corner: dict[str, Any] = {"what": result.title}
+        for place in product((0, 1), repeat=3):
+            changes = [name for name, is_taken in zip(STEPS, place, strict=True) if is_taken]
+            corner[", ".join(changes) or "this run"] = values[place]
+        corners.append(corner | {"paper": result.paper})
+    return {
+        "steps_to_the_paper": pd.DataFrame(steps),
+        "corners_of_the_steps": pd.DataFrame(corners),
+    }
+
+
+def step(corners: np.ndarray, order: Sequence[int], axis: int) -> float:
+    """By how much a step changes the value, after those before it in an order."""
+    before = [int(order.index(other) < order.index(axis)) for other in range(3)]
+    after = [*before]
+    after[axis] = 1
+    return float(corners[tuple(after)] - corners[tuple(before)])
+
+
+@table("readings")
+def on_each_graph(results: Readings) -> Frames:
+    """MRR* right after insertion of every model under named readings, on each graph."""
+    frames = dict[str, pd.DataFrame]()
+    for case in GRAPHS:
+        if case in results.cases:
+            runs, rows = results.cases[case], list[dict[str, Any]]()
+            for title, reading in {"the chosen reading": results.chosen, **ABOUT["shown"]}.items():
+                means = means_of(runs.mrr_star, reading).reindex(runs.models)
+                rows.append({"reading": title} | wide(means, "mean", results.models.labels))
+            frames[f"readings_{case}"] = pd.DataFrame(rows)
+    return frames
+
+
+def _by_label(results: Readings, names: Sequence[str], columns: Mapping[str, Any]) -> pd.DataFrame:
+    """A row for each model: its label, then values by model."""
+    series = {name: pd.Series(values, dtype=float) for name, values in columns.items()}
+    frame = pd.DataFrame(series).reindex(list(names)).rename(index=results.models.labels)
+    return frame.rename_axis("model").reset_index()
+
+
+def _table2(results: Readings, part: str) -> dict[str, float]:
+    """The paper's Table 2: mean or deviation of the epochs by model."""
+    return {name: of[part] for name, of in results.paper["convergence"]["epochs"].items()}
+
+
+@table("readings")
+def table2_readings(results: Readings) -> pd.DataFrame | None:
+    """Table 2: epochs to convergence under the readings that are compared, beside the paper's."""
+    if not results.cases:
+        return None
+    runs, columns = results.cases[MAIN], dict[str, Any]()
+    for title, reading in results.pairs.items():
+        columns |= named(means_of(runs.epochs, reading), "mean", f"{title}: mean")
+        columns[f"{title}: deviation"] = runs.epochs[reading].groupby("model").std()
+        if reading == results.chosen:
+            for part in ("mean", "deviation"):
+                columns[f"paper: {part}"] = _table2(results, part)
+    return _by_label(results, runs.case.initializers, columns)
+
+
+@table("readings")
+def transfer_readings(results: Readings) -> pd.DataFrame | None:
+    """The transfer's MRR* right after insertion, over all queries and about the new entities,
+    beside the paper's.
+    """
+    if "extended" not in results.cases:
+        return None
+    runs, columns, paper = results.cases["extended"], dict[str, Any](), results.paper["transfer"]
+    for title, whom, theirs in (
+        ("all queries", "", paper["all_queries"]),
+        ("new entities", "novel", paper["novel_queries"]),
+    ):
+        for name, reading in results.pairs.items():
+            shown = changed(reading, about=whom) if whom else reading
+            columns |= named(means_of(runs.mrr_star, shown), "mean", f"{title}: {name}")
+        columns[f"{title}: paper"] = theirs
+    return _by_label(results, runs.models, columns)
+
+
+@table("readings")
+def decay_readings(results: Readings) -> pd.DataFrame | None:
+    """Epochs to convergence at the sizes and seeds of both cases, with each weight decay of
+    fine-tuning.
+    """
+    if "decay" not in results.cases:
+        return None
+    compared, columns = [results.cases[MAIN], results.cases["decay"]], dict[str, Any]()
+    shared = compared[0].epochs.index.intersection(compared[1].epochs.index)
+    for runs in compared:
+        decay = runs.case.changes.get("finetuning.weight_decay", results.weight_decay)
+        means = means_of(runs.epochs.loc[shared], results.chosen)
+        columns |= named(means, "mean", f"weight decay of {decay:g}")
+    columns["paper"] = _table2(results, "mean")
+    return _by_label(results, compared[1].case.initializers, columns)
+
+
+# The paper's figures under the chosen reading
+
+
+@table("readings")
+def figure2_readings(results: Readings) -> pd.DataFrame | None:
+    """Figure 2: MRR* right after insertion and epochs to convergence by number of indicators."""
+    if "sweep" not in results.cases:
+        return None
+    runs, by = results.cases["sweep"], ["model", "k"]
+    parts = [
+        over_seeds(measured[results.chosen].rename("of").reset_index(), by, {"of": title}, scale=1)
+        for title, measured in (("MRR*", runs.mrr_star), ("epochs", runs.epochs))
+    ]
+    frame = pd.concat(parts, axis=1).reset_index()
+    swept = list(runs.case.indicators)
+    frame = where(frame, model=swept).sort_values("model", key=_order(swept), kind="stable")
+    return _labelled(results, frame.rename(columns={"k": "indicators"}))
+
+
+@table("readings")
+def figure3a_readings(results: Readings) -> pd.DataFrame | None:
+    """Figure 3a: MRR* right after insertion by number of novel entities."""
+    if not results.cases:
+        return None
+    runs = results.cases[MAIN]
+    rows = where(runs.mrr_star[results.chosen].rename("of").reset_index(), k=0)
+    frame = over_seeds(rows, ["model", "size"], {"of": "MRR*"}, scale=1).reset_index()
+    frame = frame.sort_values("model", key=_order(runs.models), kind="stable")
+    return _labelled(results, frame)
+
+
+@table("readings")
+def curves_readings(results: Readings) -> Frames:
+    """Figures 3b and 4: MRR* by epoch, of all queries at one size, and of queries about the known
+    entities in the transfer.
+    """
+    figures = {
+        "figure3b_readings": (MAIN, results.chosen if results.cases else ""),
+        "figure4_readings": (
+            "extended",
+            changed(results.chosen, about="known") if results.cases else "",
+        ),
+    }
+    frames = dict[str, pd.DataFrame]()
+    for name, (case, reading) in figures.items():
+        path = Path(f"data/beyond/readings/{case}.curves.safetensors")
+        if case in results.cases and path.exists():
+            frames[name] = _labelled(results, _curves(results.cases[case], path, reading))
+    return frames
+
+
+def _curves(runs: CaseRuns, path: Path, reading: str) -> pd.DataFrame:
+    """MRR* (points) by model and epoch under a reading, with its interval over seeds: each of the
+    first epochs, then every fifth.
+    """
+    (size,) = runs.case.curves
+    seeds, place = runs.case.finetuned_seeds, READINGS.index(reading)
+    joint = runs.mrr_star[reading].xs(("joint", 0, size), level=("model", "k", "size"))
+    frames = list[pd.DataFrame]()
+    for model in runs.case.initializers:
+        tensors = read_tensors(path, [f"{model}.size={size:02d}"])
+        mean, deviation = 100 * next(iter(tensors.values()))[..., place].double().numpy()
+        around = stdtrit(seeds - 1, 0.975) * deviation / np.sqrt(seeds)
+        epoch = np.arange(len(mean))
+        columns = {"epoch": epoch, "MRR*": mean, "MRR* low": mean - around}
+        frame = pd.DataFrame({"model": model, **columns, "MRR* high": mean + around})
+        frames.append(frame[(epoch <= 10) | (epoch % 5 == 0)])
+    return pd.concat(frames, ignore_index=True).assign(joint=joint.mean())
+
+
+def _order(names: Sequence[str]) -> Any:
+    """The key that sorts models in the order of names."""
+    places = {name: place for place, name in enumerate(names)}
+
+    def key(models: pd.Series) -> pd.Series:
+        return models.map(places)
+
+    return key
+
+
+def _labelled(results: Readings, frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(model=frame["model"].map(results.models.labels)).reset_index(drop=True)
+
+
+@table("readings")
+def table3_readings(results: Readings) -> pd.DataFrame | None:
+    """Table 3 on the paper's graph and Matterport3D: the answers of lowest mean rank over the
+    repeats that inserted the entity, beside the paper's.
+    """
+    path = Path("data/beyond/readings/extended.answers.parquet")
+    if "extended" not in results.cases or not path.exists():
+        return None
+    answers = read(path)
+    vocabulary = config.read(paths.RAW / "paper" / "vocabulary.yaml")
+    afforded, theirs = vocabulary["afforded"], results.paper["affordances"]["answers"]
+    rows = list[dict[str, str]]()
+    for entity, of_entity in answers.groupby("entity", sort=False):
+        columns = dict[str, list[str]]()
+        for model in ("es", "rs", "ers", BASELINE):
+            ranks = where(of_entity, model=model).groupby(["answer", "kind"])["rank"].mean()
+            top = ranks.sort_values(kind="stable").index[:TOP]
+            columns[results.models.labels[model]] = [
+                marked(answer, kind == "affordance", afforded.get(entity)) for answer, kind in top
+            ]
+        columns |= {f"paper: {name}": words.get(entity, []) for name, words in theirs.items()}
+        title = f"{entity} (n = {of_entity['seed'].nunique()})"
+        for place in range(TOP):
+            row = {"entity": title, "": f"{place + 1}."}
+            for name, words in columns.items():
+                row[name] = words[place] if place < len(words) else "–"
+            rows.append(row)
+    return pd.DataFrame(rows)
