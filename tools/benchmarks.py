@@ -2,6 +2,8 @@
 
 import argparse
 import json
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,31 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from isi.config import read
+from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE
 
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
+#: Columns of ``runs.csv`` but that of the table.
+RUN = ["date", "isi", "commit", "machine"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """Of a graph and its vectors."""
+
+    entities: int
+    relations: int
+    triples: int
+    dimension: int
+
+
+#: Wikidata5M's, with vectors of 100 numbers.
+LARGE = Size(4_600_000, 822, 20_000_000, 100)
+#: Of FBinc-M's first snapshot, with the dimension of its experiment.
+FBINC_M = Size(2_909, 233, 27_832, 200)
 
 
 def _count(values: pd.Series) -> pd.Series:
@@ -89,6 +111,7 @@ def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
         "known triples": _count(rows["triples"]),
         "new entities": _count(rows["new"]),
         "by": rows["what"],
+        "numbers in a vector": rows["dimension"].astype(str),
         "ms": _figures(1000 * rows["seconds"]),
         "peak MiB": _count(rows["peak_mib"]),
     }
@@ -109,7 +132,7 @@ def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 def snapshot(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Median time of one core and memory of a snapshot of FBinc-M; ratios are of an epoch over all
-    entities, by isi and by PyKEEN.
+    entities, by isi and by PyKEEN; ``queries``: that an epoch scores.
     """
     of = dict(zip(rows["what"], rows["seconds"], strict=True))
     epoch = "an epoch, all entities"
@@ -118,6 +141,7 @@ def snapshot(rows: pd.DataFrame) -> dict[str, pd.Series]:
         "ms": _figures(1000 * rows["seconds"]),
         "of an epoch": _figures(rows["seconds"] / of[epoch]),
         "of PyKEEN's epoch": _figures(rows["seconds"] / of[f"{epoch}, PyKEEN"]),
+        "queries": rows["queries"].map("{:,.0f}".format, na_action="ignore").fillna(""),
         "peak MiB": _count(rows["peak_mib"]),
     }
 
@@ -146,7 +170,7 @@ def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """All columns but the median, for benchmarks that ``TABLES`` does not list."""
+    """All columns but the median, of groups that ``TABLES`` does not list."""
     return {
         name.replace("_", " "): _figures(values) if values.dtype == float else values.astype(str)
         for name, values in rows.drop(columns="median").items()
@@ -164,6 +188,8 @@ TABLES = {
     "thor_u": thor_u,
     "live": live,
 }
+#: All tables of a run; the last two show all facts.
+GROUPS = [*TABLES, "houses", "one_by_one"]
 
 
 def crossing(rows: pd.DataFrame) -> float:
@@ -214,6 +240,107 @@ def _per_observation(rows: pd.DataFrame) -> pd.Series:
     return rows["epoch_seconds"] / rows["observations"]
 
 
+def large(folder: Path = BENCHMARKS) -> pd.DataFrame:
+    """What a graph of the size ``LARGE`` takes: measured, by arithmetic, or estimated from the
+    tables of smaller graphs.
+    """
+    cells, parameters = LARGE.relations * LARGE.entities, LARGE.entities * LARGE.dimension
+    rows = [
+        ("the table of vectors and Adagrad's sums", _bytes(8 * parameters), "8 · E · d bytes"),
+        (
+            "batches of all negatives (`isi train`, the experiments): the data of a model alone",
+            _bytes(12 * cells),
+            "12 · R · E bytes",
+        ),
+    ]
+    growth = _read(folder, "growth").query("`batches as` == 'lists'").set_index("entities")
+    batch = read(paths.PARAMS)["training"]["batch_size"]
+    per_step = growth["µs per observation"] * batch / 1e6
+    (less, more), steps = per_step.index[-2:], LARGE.triples / batch
+    slope = (per_step[more] - per_step[less]) / (more - less)
+    step = per_step[more] + slope * (LARGE.entities - more)
+    rows += [
+        (
+            f"a step of {batch:,} triples whose gradient touches the whole table",
+            _time(step),
+            f"a line through {less:,} and {more:,} entities of `growth.csv`",
+        ),
+        ("an epoch of such steps", _time(step * steps), "the same, T triples"),
+    ]
+    epochs = _read(folder, "snapshot").set_index(_read(folder, "snapshot").columns[0])
+    for what, epoch, factor, how in (
+        (
+            "an epoch of cross-entropy over all entities",
+            "an epoch, all entities",
+            LARGE.entities / FBINC_M.entities * LARGE.dimension / FBINC_M.dimension,
+            "`snapshot.csv`, by queries · E · d",
+        ),
+        (
+            "at least, an epoch with 64 negatives, whose gradient touches a batch's rows alone",
+            "an epoch, 64 negatives",
+            LARGE.dimension / FBINC_M.dimension,
+            "`snapshot.csv`, by queries · d",
+        ),
+    ):
+        seconds = epochs["ms"][epoch] / 1e3 * LARGE.triples / FBINC_M.triples * factor
+        rows.append((what, _time(seconds), how))
+    inserted = _read(folder, "insert").query(f"`known entities` == {LARGE.entities}")
+    for _, row in inserted.iterrows():
+        measured = f"{row['ms'] / 1e3:.1f} s, {row['peak MiB'] / 1024:.1f} GiB"
+        rows.append(("one entity by MAP, the table in its file", measured, "`insert.csv`"))
+    return pd.DataFrame(rows, columns=["what", "figure", "from"])
+
+
+def _read(folder: Path, name: str) -> pd.DataFrame:
+    return pd.read_csv(folder / f"{name}.csv", thousands=",")
+
+
+def _bytes(number: int) -> str:
+    return f"{number / 1e9:.2g} GB"
+
+
+def _time(seconds: float) -> str:
+    """Seconds in the largest unit of which there is at least one and a half."""
+    for unit, length in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
+        if seconds >= 1.5 * length:
+            return f"{float(f'{seconds / length:.2g}'):g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+def run_of(results: dict[str, Any]) -> dict[str, str]:
+    """Date, version, commit and machine of a run, from the JSON of pytest-benchmark."""
+    info, commit = results["machine_info"], results["commit_info"]
+    packages = {"Python": info["python_version"], **info["versions"]}
+    day = datetime.fromisoformat(results["datetime"])
+    changed = " with changes" if commit["dirty"] else ""
+    return {
+        "date": f"{day.day} {day:%B %Y}",
+        "isi": info["isi"],
+        "commit": commit["id"][:8] + changed,
+        "machine": (
+            f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; "
+            + ", ".join(f"{name} {number}" for name, number in packages.items())
+        ),
+    }
+
+
+def recorded(run: dict[str, str], names: list[str], before: pd.DataFrame) -> pd.DataFrame:
+    """The runs of all tables after one that wrote the tables ``names``."""
+    kept = before[~before["table"].isin(names)]
+    written = pd.DataFrame([{"table": name, **run} for name in names])
+    return pd.concat([kept, written]).sort_values("table", ignore_index=True)
+
+
+def runs_in_words(runs: pd.DataFrame) -> str:
+    """A sentence for each run, with the tables that it wrote."""
+    lines = []
+    for run, tables in runs.groupby(RUN, sort=False):
+        date, version, commit, machine = run
+        whose = "All tables" if len(tables) == len(runs) else ", ".join(tables["table"])
+        lines.append(f"- {whose}: one run on {date}, isi {version}, commit {commit}; {machine}.\n")
+    return "".join(lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path, help="JSON of pytest-benchmark")
@@ -223,17 +350,12 @@ def main() -> None:
         groups.setdefault(run["group"], []).append(
             {**run["extra_info"], "median": run["stats"]["median"]}
         )
-    info = results["machine_info"]
-    versions = ", ".join(
-        [
-            f"Python {info['python_version']}",
-            *(f"{name} {v}" for name, v in info["versions"].items()),
-        ]
-    )
-    line = f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {versions}.\n"
-    (BENCHMARKS / "machine.md").write_text(line, encoding="utf-8")
-    for name, runs in groups.items():
-        write_table(name, pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(runs))))
+    for name, measured in groups.items():
+        write_table(name, pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(measured))))
+    runs = recorded(run_of(results), sorted(groups), pd.read_csv(BENCHMARKS / "runs.csv"))
+    write_table("runs", runs)
+    (BENCHMARKS / "machine.md").write_text(runs_in_words(runs), encoding="utf-8")
+    write_table("large", large())
     if "growth" in groups:
         rows = pd.DataFrame(groups["growth"])
         same = (

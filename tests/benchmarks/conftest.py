@@ -22,6 +22,7 @@ from isi.tables import paths
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
     """Add the number of cores and the versions of packages to the description of the machine."""
     machine_info["cores"] = os.cpu_count()
+    machine_info["isi"] = version("isi-kge")
     machine_info["versions"] = {
         name: version(name).partition("+")[0] for name in ("torch", "torchkge", "pykeen")
     }

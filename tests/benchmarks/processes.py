@@ -21,7 +21,7 @@ from timeit import Timer
 from typing import Any
 
 RELATIONS = 3
-FACTS, DIMENSION = 10, 200  #: Of ``insert``: triples of a new entity; numbers in a vector.
+FACTS = 10  #: Triples of a new entity that is inserted.
 #: The experiment of continual/params.yaml whose first two snapshots are trained on and inserted.
 GROWN = "fbinc_m"
 #: Entity number i is a head (or a tail) with a probability proportional to i to the power of minus
@@ -36,6 +36,11 @@ def peak_mib() -> int:
     """Peak resident memory of this process in MiB (Linux)."""
     status = Path("/proc/self/status").read_text(encoding="utf-8")
     return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) // 1024
+
+
+def forget_peak() -> None:
+    """Let the peak of memory start from what this process has now (Linux)."""
+    Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
 
 
 def mine_houses(houses: int, table: str) -> dict[str, Any]:
@@ -91,14 +96,20 @@ def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
 
 
 def insert(
-    entities: int, relations: int, triples: int, new: int, what: str, rounds: int
+    entities: int,
+    relations: int,
+    triples: int,
+    dimension: int,
+    new: int,
+    what: str,
+    rounds: int,
 ) -> dict[str, Any]:
     """Insert ``new`` entities with ten insert triples each into a random ComplEx;
     median seconds of a core.
 
     ``triples``: number of known triples; ``what``: an initializer, of a table in memory or in a
     ``file``; ``fold_in`` after training with cross-entropy. Peak memory includes tables, triples
-    and pages of the file.
+    and pages of the file, but not what making a file took.
     """
     import tempfile
 
@@ -112,7 +123,7 @@ def insert(
     torch.set_flush_denormal(True)
     rng, number = np.random.default_rng(0), FACTS * new
     tables = [
-        np.float32(0.3) * rng.standard_normal((rows, DIMENSION), np.float32)
+        np.float32(0.3) * rng.standard_normal((rows, dimension), np.float32)
         for rows in (entities, relations)
     ]
     known = np.stack(
@@ -127,6 +138,7 @@ def insert(
         tables[0] = np.memmap(
             file, np.float32, "r", file.tell() - tables[0].nbytes, tables[0].shape
         )
+    forget_peak()
     seconds = []
     for _ in range(rounds + 1):  # the first one also imports modules
         start = time.process_time()
@@ -252,7 +264,8 @@ def train_first(epochs: int, negatives: int | None, file: str | None) -> dict[st
     )
     if file:
         save_file({"entity": theta.entity, "relation": theta.relation}, file)
-    return {"seconds": median_step(ends), "peak_mib": peak_mib()}
+    queries = 2 * len(timeline.snapshots[0].train)
+    return {"seconds": median_step(ends), "peak_mib": peak_mib(), "queries": queries}
 
 
 def train_first_by_pykeen(epochs: int) -> dict[str, Any]:
@@ -286,7 +299,7 @@ def train_first_by_pykeen(epochs: int) -> dict[str, Any]:
     )
     optimizer = torch.optim.Adagrad(model.parameters(), training.learning_rate)
     loop = LCWATrainingLoop(model=model, triples_factory=known, optimizer=optimizer)
-    ends = [time.process_time()]
+    ends, losses = [time.process_time()], None
     for epoch in range(1, epochs + 1):
         # the number of all epochs so far: it trains those that are missing
         losses = loop.train(
@@ -297,9 +310,13 @@ def train_first_by_pykeen(epochs: int) -> dict[str, Any]:
             use_tqdm=False,
         )
         assert losses is not None
-        assert len(losses) == epoch
+        assert len(losses) == epoch, "a call trained nothing"
         ends.append(time.process_time())
-    return {"seconds": median_step(ends), "peak_mib": peak_mib()}
+    assert losses is not None
+    assert losses[-1] < losses[0]
+    head, relation, tail = timeline.snapshots[0].train.T
+    queries = len({*zip(head, relation, strict=True)}) + len({*zip(relation, tail, strict=True)})
+    return {"seconds": median_step(ends), "peak_mib": peak_mib(), "queries": queries}
 
 
 def insert_snapshot(initializer: str, rounds: int, file: str) -> dict[str, Any]:

@@ -163,11 +163,11 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
         model=model, triples_factory=factory, optimizer=optimizer, negative_sampler_kwargs=sampling
     )
 
-    epochs = count(1)
+    epochs, losses = count(1), []
 
     def epoch() -> None:
         number = next(epochs)  # of all epochs; the loop goes on from those that it has done
-        loop.train(
+        losses[:] = loop.train(
             factory,
             num_epochs=number,
             batch_size=params.training.batch_size,
@@ -179,6 +179,8 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
     time_batches(
         benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1
     )
+    assert len(losses) == ROUNDS + 1, "a call trained nothing"
+    assert losses[-1] < losses[0]
 
 
 @singly
