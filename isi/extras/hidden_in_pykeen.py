@@ -23,7 +23,7 @@ from pykeen.models import ERModel, model_resolver
 from pykeen.stoppers import EarlyStopper
 from pykeen.training import training_loop_resolver
 from pykeen.triples import TriplesFactory
-from torch.optim import Adam
+from torch.optim import Adagrad, Adam
 
 from isi.benchmark import HiddenSplit, hide
 from isi.errors import InputError, at
@@ -38,6 +38,7 @@ from isi.pykeen import EnlargedModel, insert, read_model, warm
 from isi.tables import paths
 
 Model = ERModel[Any, Any, Any]
+OPTIMIZERS = {"adam": Adam, "adagrad": Adagrad}  #: By their names in params.
 BATCH = 256  #: Number of triples in a batch of PyKEEN's evaluation.
 
 
@@ -60,15 +61,16 @@ def hidden_in(
     split = hidden(graph, settings, key, root, seed)
     names, inverse = split.entities, training.inverse_triples
     known = factory_of(split.ids.triples, names[: split.ids.known], split.relations, inverse)
-    train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
+    held_out = training.valid
+    train, valid, test = known.split([1 - 2 * held_out, held_out, held_out], random_state=seed)
     with refused_at(f"{key}.training.model_options"):
         untrained(train, training, seed)
     words = None if words is None else words[split.ids.order]
     start = time.process_time()
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     seconds = [{"method": "known", "seconds": time.process_time() - start}]
-    pairs = valid.mapped_triples.numpy()
-    before = split.evaluate(case.model, earlier=pairs).measures()
+    earlier = test.mapped_triples.numpy()
+    before = split.evaluate(case.model, earlier=earlier).measures()
     answers = [{"method": "nothing", **measures} for measures in before.to_dict("records")]
     methods: dict[str, dict[str, Any]] = {
         "insert": {},
@@ -79,6 +81,7 @@ def hidden_in(
     }
     if settings.train_all_rows:
         methods["own_all_rows"] = {"pykeen_rows": True, "then": "all_rows"}
+    if settings.retrain:
         methods["retrained"] = {"then": "retrain"}
     for number, (name, options) in product(settings.max_insert_triples, methods.items()):
         if name in ("own_all_rows", "retrained") and number is not None:
@@ -90,7 +93,7 @@ def hidden_in(
         trained_with = result and loss_named(result.rows.details.method.trained_with)
         row["trained_with"] = trained_with and trained_with.name
         estimate = result.harm if name == "insert" and result else None
-        measured = split.evaluate(model, earlier=pairs).measures()
+        measured = split.evaluate(model, earlier=earlier).measures()
         for measures in measured.to_dict("records"):
             is_estimated = measures["asked"] == "earlier"
             answers.append(row | measures | {"estimated_loss": estimate if is_estimated else None})
@@ -155,6 +158,7 @@ class Case:
             new=self.names[known:],
             words=self.words,
             initializer="mean" if pykeen_rows else initializer,
+            validation=self.valid,
             seed=self.seed,
         )
         if pykeen_rows:
@@ -190,12 +194,11 @@ def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> M
         Model,
         model_resolver.make(
             settings.model,
-            settings.model_options,
+            {"regularizer": None, **settings.model_options},
             triples_factory=factory,
             embedding_dim=settings.dimension,
             loss=settings.loss,
             loss_kwargs=settings.loss_options,
-            regularizer=None,
             random_seed=seed,
         ),
     )
@@ -226,18 +229,19 @@ def trained(
 def fit(
     model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any
 ) -> None:
-    """Train with PyKEEN's loop of the settings and Adam;
+    """Train with PyKEEN's loop and the optimizer of the settings;
     ``warm`` lets PyKEEN continue a trained model.
     """
     sampling: dict[str, Any] = {}
     if settings.negatives is not None:
         sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": settings.negatives}
+    optimizer = OPTIMIZERS[settings.optimizer](model.parameters(), lr=settings.learning_rate)
     training_loop_resolver.make(
         settings.loop,
         sampling,
         model=model,
         triples_factory=factory,
-        optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
+        optimizer=warm(optimizer),
     ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)
 
 
