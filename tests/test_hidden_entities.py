@@ -25,6 +25,8 @@ CROSS_ENTROPY = TRAINING | {
     "negatives": None,
     "inverse_triples": True,
 }
+#: The same by ``isi.training.rows``.
+ROWS = CROSS_ENTROPY | {"loop": "rows", "negatives": 8, "n3": 0.005, "learning_rate": 0.1}
 ENTITIES, RELATIONS = 30, 3
 GRAPH = random_graph(ENTITIES, RELATIONS, 200)
 
@@ -64,7 +66,8 @@ def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -
 
 
 @pytest.mark.parametrize(
-    ("training", "trained_with"), [(TRAINING, "logistic"), (CROSS_ENTROPY, "softmax")]
+    ("training", "trained_with"),
+    [(TRAINING, "logistic"), (CROSS_ENTROPY, "softmax"), (ROWS, "softmax")],
 )
 def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
     training: dict[str, Any], trained_with: str

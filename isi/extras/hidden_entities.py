@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from isi.config import Count, Fraction, Name, Positive, Section, check
+from isi.config import Count, Fraction, Name, NotNegative, Positive, Section, check
 from isi.errors import at
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS
@@ -58,7 +58,9 @@ class HiddenTraining(Section):
 
     rules = (
         (
-            lambda training: (training.negatives is None) == (training.loop == "lcwa"),
+            lambda training: (
+                training.loop == "rows" or (training.negatives is None) == (training.loop == "lcwa")
+            ),
             "expected negatives with the loop slcwa, and null with lcwa",
         ),
         (
@@ -74,9 +76,13 @@ class HiddenTraining(Section):
     batch_size: Count
     learning_rate: Positive
     optimizer: Literal["adam", "adagrad"] = "adam"
-    #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers
-    loop: Literal["slcwa", "lcwa"] = "slcwa"
-    negatives: Count | None  #: negative triples per positive triple; None with lcwa
+    #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers; or
+    #: rows: ``isi.training.rows``, which trains the tables of PyKEEN's model by Adagrad, several
+    #: times as fast on a large graph, for all of ``max_epochs``
+    loop: Literal["slcwa", "lcwa", "rows"] = "slcwa"
+    #: negative triples per positive triple; None with lcwa; with rows: see ``Recipe``
+    negatives: Count | None
+    n3: NotNegative = 0.0  #: with rows: see ``Recipe``
     inverse_triples: bool = False  #: whether heads are predicted by the inverse of a relation
     #: share of the known triples, the validation set of early stopping and of
     #: ``isi.pykeen.insert``; a test set of earlier triples is as large

@@ -31,11 +31,15 @@ from isi.experiment.grid import GridPoints
 from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
 from isi.graph.vocabulary import Vocabulary
+from isi.insertion.inverses import both_ways
 from isi.insertion.result import with_vectors
 from isi.models.losses import loss_named
 from isi.params import check_names
 from isi.pykeen import EnlargedModel, insert, read_model, warm
+from isi.pykeen.reading import loss_of, relation_tables_of, stored, table_rows, tables_of
 from isi.tables import paths
+from isi.training import rows
+from isi.training.rows import Recipe
 
 Model = ERModel[Any, Any, Any]
 OPTIMIZERS = {"adam": Adam, "adagrad": Adagrad}  #: By their names in params.
@@ -168,7 +172,9 @@ class Case:
         if then == "new_rows":
             result = result.train(self.settings.epochs)
         model = result.model
-        if then == "all_rows":
+        if then == "all_rows" and training.loop == "rows":
+            fit_rows(model, larger, training, self.settings.epochs, self.seed)
+        elif then == "all_rows":
             torch.manual_seed(self.seed)
             fit(model.train(), larger, training, self.settings.epochs, continue_training=True)
         return model.eval(), None if pykeen_rows else result
@@ -209,6 +215,9 @@ def trained(
 ) -> Model:
     """Train a model, with early stopping on the MRR of the validation triples."""
     model = untrained(factory, settings, seed)
+    if settings.loop == "rows":
+        fit_rows(model, factory, settings, settings.max_epochs, seed)
+        return model.eval()
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
             model,
@@ -243,6 +252,34 @@ def fit(
         triples_factory=factory,
         optimizer=warm(optimizer),
     ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)
+
+
+def fit_rows(
+    model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, seed: int
+) -> None:
+    """Train all rows of a model's tables, from their present vectors, with ``isi.training.rows``,
+    by the model's own loss.
+    """
+    triples, inverse = factory.mapped_triples, settings.inverse_triples
+    theta = read_model(model, triples, 0.0)
+    loss = loss_named(loss_of(model, theta.model) or "logistic")
+    recipe = Recipe(
+        loss=loss.name,
+        margin=loss.margin,
+        temperature=loss.temperature,
+        batch_size=settings.batch_size,
+        learning_rate=settings.learning_rate,
+        negatives=settings.negatives,
+        n3=settings.n3,
+    )
+    triples = both_ways(triples) if inverse else triples
+    task = rows.Task(rows.Facts(triples, torch.ones(len(triples))), tails_only=inverse)
+    theta = rows.fit(theta, task, recipe, epochs, seed)
+    of_relations = table_rows(theta.model, theta.relation[0])
+    tables = stored(tables_of(model), theta.entity[0])
+    tables += stored(relation_tables_of(model), of_relations)
+    for table, values in tables:
+        table._embeddings.weight.data.copy_(values)
 
 
 def evaluator() -> RankBasedEvaluator:
