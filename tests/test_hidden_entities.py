@@ -25,6 +25,8 @@ CROSS_ENTROPY = TRAINING | {
     "negatives": None,
     "inverse_triples": True,
 }
+#: The same by ``isi.training.rows``.
+ROWS = CROSS_ENTROPY | {"loop": "rows", "negatives": 8, "n3": 0.005, "learning_rate": 0.1}
 ENTITIES, RELATIONS = 30, 3
 GRAPH = random_graph(ENTITIES, RELATIONS, 200)
 
@@ -51,6 +53,7 @@ def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
         ({"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
         ({"training": TRAINING | {"loop": "lcwa"}}, "training: expected negatives with the loop"),
         ({"training": TRAINING | {"negatives": None}}, "training: expected negatives with the"),
+        ({"training": TRAINING | {"valid": 0.5}}, "training: expected valid below a half"),
     ],
 )
 def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -> None:
@@ -63,7 +66,8 @@ def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -
 
 
 @pytest.mark.parametrize(
-    ("training", "trained_with"), [(TRAINING, "logistic"), (CROSS_ENTROPY, "softmax")]
+    ("training", "trained_with"),
+    [(TRAINING, "logistic"), (CROSS_ENTROPY, "softmax"), (ROWS, "softmax")],
 )
 def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
     training: dict[str, Any], trained_with: str
@@ -98,10 +102,49 @@ def test_a_large_graph_can_leave_out_the_training_of_all_rows() -> None:
     from isi.extras.hidden_in_pykeen import hidden_in
 
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
-    settings = settings_of(train_all_rows=False, max_insert_triples=[None])
-    answers, seconds = hidden_in(points, None, settings, "hidden.ring", 0)
-    for table in (answers, seconds):
-        assert not {"own_all_rows", "retrained"} & set(table["method"])
+    for retrain in (False, True):
+        settings = settings_of(train_all_rows=False, retrain=retrain, max_insert_triples=[None])
+        answers, seconds = hidden_in(points, None, settings, "hidden.ring", 0)
+        expected = {"retrained"} if retrain else set()
+        for table in (answers, seconds):
+            assert {"own_all_rows", "retrained"} & set(table["method"]) == expected
+
+
+def test_insertion_gets_the_validation_triples_and_no_test_triple(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("pykeen")
+    from isi.benchmark import HiddenSplit
+    from isi.extras import hidden_in_pykeen
+
+    given, queried, trained_on = list[set[Any]](), list[set[Any]](), list[set[Any]]()
+    insert, evaluate = hidden_in_pykeen.insert, HiddenSplit.evaluate
+
+    def insert_spy(model: Any, factory: Any, *facts: Any, validation: Any, **options: Any) -> Any:
+        given.append(set(map(tuple, validation.mapped_triples.tolist())))
+        trained_on.append(set(map(tuple, factory.mapped_triples.tolist())))
+        return insert(model, factory, *facts, validation=validation, **options)
+
+    def evaluate_spy(split: HiddenSplit, model: Any, *, earlier: Any) -> Any:
+        queried.append(set(map(tuple, earlier.tolist())))
+        return evaluate(split, model, earlier=earlier)
+
+    monkeypatch.setattr(hidden_in_pykeen, "insert", insert_spy)
+    monkeypatch.setattr(HiddenSplit, "evaluate", evaluate_spy)
+    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
+    settings = settings_of(
+        training=CROSS_ENTROPY | {"optimizer": "adagrad"},
+        max_insert_triples=[1],
+        train_all_rows=False,
+        retrain=False,
+    )
+    hidden_in_pykeen.hidden_in(points, None, settings, "hidden.ring", 0)
+    valid, test, train = given[0], queried[0], trained_on[0]
+    assert all(triples == valid for triples in given)
+    assert all(triples == test for triples in queried)
+    assert not valid & test
+    assert not (valid | test) & train
+    assert len(valid) == pytest.approx(len(test), abs=1)
 
 
 def test_the_stage_writes_the_same_with_any_number_of_workers(

@@ -427,6 +427,87 @@ def test_the_comparison_of_hidden_entities_by_hand() -> None:
     assert "in 4 of 4 rows, at most by 0.070 (one, facts: 1)" in text
     assert "in 2 of 4 rows, at most by 0.080 (one, facts: 1)" in text
     assert text.endswith("after training from scratch in 0 of 2 rows.")
+    assert table["default minus retrained"].tolist() == ["", "0.200 ± 0.248"]
+
+
+def studies_by_hand(*differences: list[float]) -> dict[str, pd.DataFrame]:
+    """A study for each list, of the default minus retraining by seed."""
+    studies = {}
+    for number, values in enumerate(differences):
+        inserted = [("insert", seed, 0.5 + value) for seed, value in enumerate(values)]
+        again = [("retrained", seed, 0.5) for seed in range(len(values))]
+        table = pd.DataFrame([*inserted, *again], columns=["method", "seed", "mrr"])
+        table = table.assign(told="all", asked="known")
+        studies[f"study {number}"] = table.pivot(
+            index=["method", "seed"], columns=["told", "asked"], values="mrr"
+        )
+    return studies
+
+
+def test_significance_against_retraining_is_corrected_over_studies() -> None:
+    """Means .2, -.25 and .035 with standard errors of .01: t = 20, -25 and 3.5; p with two
+    degrees of freedom: 1 - t / √(2 + t²). The study with one seed is not tested.
+    """
+    pytest.importorskip("pykeen")
+    from tools.hidden import against_retraining, counts
+
+    spread = 0.01 * 3**0.5  # a standard error of .01 with three seeds
+    high, low, small = ([mean - spread, mean, mean + spread] for mean in (0.2, -0.25, 0.035))
+    studies = studies_by_hand(high, low, small, [0.1])
+    table = against_retraining(studies)
+    p = [1 - t / (2 + t * t) ** 0.5 for t in (20, 25, 3.5)]
+    assert table.index.tolist() == ["study 0", "study 1", "study 2"]
+    assert table["difference"].tolist() == pytest.approx([0.2, -0.25, 0.035])
+    assert table["p"].tolist() == pytest.approx(p)
+    assert table["corrected"].tolist() == pytest.approx([2 * p[0], 3 * p[1], p[2]])
+    counted = counts(studies, {})
+    assert counted.loc["above retraining"].tolist() == [1, 3]
+    assert counted.loc["below retraining"].tolist() == [1, 3]
+
+
+def test_a_difference_can_lose_its_significance_to_the_number_of_studies() -> None:
+    """t = 5: p = .038 alone, .075 as the smallest of two."""
+    pytest.importorskip("pykeen")
+    from tools.hidden import counts
+
+    spread = 0.01 * 3**0.5
+    better = [0.05 - spread, 0.05, 0.05 + spread]
+    alone, both = studies_by_hand(better), studies_by_hand(better, [-0.1, 0.0, 0.1])
+    assert counts(alone, {}).loc["above retraining"].tolist() == [1, 1]
+    assert counts(both, {}).loc["above retraining"].tolist() == [0, 2]
+
+
+def test_rows_within_both_bars_are_counted() -> None:
+    """One row within both bars, one too far below the best, one too harmful, one both."""
+    pytest.importorskip("pykeen")
+    from tools.hidden import Means, counts
+
+    good = Means("all", 0.5, 0.515, "map", 0.05, 0.4, 0.02, 0.02)
+    far, harmful = replace(good, best=0.525), replace(good, loss=0.021)
+    rows = {"one": [good, far], "another": [harmful, replace(far, loss=0.03)]}
+    counted = counts({}, rows)
+    assert counted.loc["near the best named"].tolist() == [2, 4]
+    assert counted.loc["within the bar of the loss"].tolist() == [2, 4]
+    assert counted.loc["both"].tolist() == [1, 4]
+
+
+def test_intervals_of_semi_inductive_answers_are_over_hidden_entities() -> None:
+    """Reciprocal ranks 1 and ½ of one entity, ½ of another: mean ⅔. Errors of the sums, 1.5 - 2·⅔
+    and .5 - ⅔, are ± 1/6: standard error √(2·(1/6)²·2) / 3 = 1/9, times t = 12.706.
+    """
+    from tools.semi_inductive import measured
+
+    about = {"graph": "ring", "facts": 1, "initializer": "map"}
+    rows = pd.DataFrame(
+        [about | {"seed": seed, "hidden": 1, "loss of trained MRR": 0.1 * seed} for seed in (0, 1)]
+    )
+    entities = ["0 cup", "0 cup", "1 cup"]
+    ranks = pd.DataFrame([about | {"entity": entity} for entity in entities])
+    (row,) = measured(rows, ranks.assign(rank=[1, 2, 2])).to_dict("records")
+    assert row["MRR of known ends"] == pytest.approx(2 / 3)
+    assert row["MRR of known ends ±"] == pytest.approx(12.7062 / 9, abs=1e-4)
+    assert (row["hits@10"], row["hits@10 ±"]) == (1.0, 0.0)
+    assert row["loss of trained MRR"] == pytest.approx(0.05)
 
 
 def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:

@@ -3,7 +3,9 @@ as Wikidata5M-SI asks it (arXiv 2310.11917).
 
 Entities with eleven or more facts are hidden. An embedding of the others is trained. Then each
 hidden entity is inserted from k of its facts, and the other ends of its remaining facts are ranked
-among all entities. The queries are the same for each k. *Loss of trained MRR*: what a sample of the
+among all entities. The queries are the same for each k. ``±`` follows the measure of which it is
+the half width of the 95 % interval over the hidden entities of all seeds, each with all its
+queries; the embedding of a seed counts as given. *Loss of trained MRR*: what a sample of the
 triples that the embedding was trained on loses. On FB15k-237, entities have word vectors of
 their labels, from the vocabulary that ships; CoDEx-S has no labels.
 """
@@ -30,6 +32,7 @@ from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.live import phrases
 from isi.models.model import make_model
 from isi.models.stack import Embedding
+from isi.report.tables.estimates import over_seeds
 from isi.training.rows import Recipe, Task, fit
 from tools.docs import BENCHMARKS, write_table
 
@@ -51,6 +54,10 @@ METHODS: dict[str | None, tuple[bool, bool]] = {
     "mean": (False, False),
     "xavier": (False, False),
 }
+
+
+#: What a row of the table is about.
+CASE = ["graph", "facts", "initializer"]
 
 
 @dataclass(frozen=True)
@@ -81,14 +88,33 @@ def main(named: list[str]) -> None:
     torch.set_num_threads(1)
     warnings.simplefilter("ignore", UserWarning)
     cases = [case for case in CASES if not named or case.graph in named]
-    rows = [row for case in cases for seed in range(case.seeds) for row in rows_of(case, seed)]
-    by_method = pd.DataFrame(rows).groupby(
-        ["graph", "hidden", "facts", "initializer"], sort=False, as_index=False
-    )
-    table = by_method.mean().drop(columns="seed").round(3)
+    each = [inserted(case, seed) for case in cases for seed in range(case.seeds)]
+    rows, ranks = ([row for parts in both for row in parts] for both in zip(*each, strict=True))
+    table = measured(pd.DataFrame(rows), pd.concat(ranks)).round(3)
     if named:
         table = with_others(table)
     write_table(NAME, table)
+
+
+def measured(rows: pd.DataFrame, ranks: pd.DataFrame) -> pd.DataFrame:
+    """Means over seeds by ``CASE``; of the ranks, means over queries, with intervals over hidden
+    entities.
+
+    Args:
+        rows: ``hidden``, loss and seconds by ``CASE`` and seed.
+        ranks: ``CASE``, ``entity`` (another one in each seed) and ``rank`` of each query.
+    """
+    means = rows.groupby(CASE, sort=False).mean().drop(columns="seed")
+    rank = ranks["rank"]
+    values = ranks.assign(mrr=1 / rank, hits=rank.le(10).astype(float), seed=ranks["entity"])
+    names = {"mrr": "MRR of known ends", "hits": "hits@10"}
+    estimates = over_seeds(values, CASE, names, scale=1)
+    columns = {"hidden": means["hidden"].astype(int)}
+    for name in names.values():
+        columns[name] = estimates[name]
+        columns[f"{name} ±"] = estimates[f"{name} high"] - estimates[name]
+    table = pd.DataFrame(columns, means.index).join(means.drop(columns="hidden")).reset_index()
+    return table[["graph", "hidden", *table.columns.drop(["graph", "hidden"])]]
 
 
 def with_others(table: pd.DataFrame) -> pd.DataFrame:
@@ -98,14 +124,14 @@ def with_others(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([others[~others["graph"].isin(table["graph"])], table])
 
 
-def rows_of(case: Case, seed: int) -> list[dict[str, Any]]:
-    """A row for each number of facts and initializer."""
+def inserted(case: Case, seed: int) -> tuple[list[dict[str, Any]], list[pd.DataFrame]]:
+    """``rows`` and ``ranks`` of ``measured``, for each number of facts and initializer."""
     graph, labels = shipped(case.graph)
     split = hide(graph, fraction=case.fraction, fewest=FEWEST, queries=QUERIES, seed=seed)
     theta = trained(case, split, seed)
     words = vectors_of([labels[row] for row in split.ids.order]) if case.has_labels else None
     before = split.evaluate(theta.model, entities=theta.entity[0], relations=theta.relation[0])
-    rows = list[dict[str, Any]]()
+    rows, ranks = list[dict[str, Any]](), list[pd.DataFrame]()
     for shots in tqdm(SHOTS, f"{case.title}, seed {seed}", disable=None):
         for name, (needs_facts, needs_words) in METHODS.items():
             nothing_known = not shots and (needs_facts or (name is None and words is None))
@@ -128,20 +154,22 @@ def rows_of(case: Case, seed: int) -> list[dict[str, Any]]:
             done = split.evaluate(
                 theta.model, entities=result.entities, relations=theta.relation[0]
             )
+            about = {"graph": case.title, "facts": shots, "initializer": name or "default"}
             rows.append(
                 {
-                    "graph": case.title,
+                    **about,
                     "hidden": len(split.hidden),
-                    "facts": shots,
-                    "initializer": name or "default",
                     "seed": seed,
-                    "MRR of known ends": done.known,
-                    "hits@10": done.measures().set_index("asked").loc["known", "hits_at_10"],
                     "loss of trained MRR": before.earlier - done.earlier,
                     "seconds": seconds,
                 }
             )
-    return rows
+            of_known = done.ranks[done.ranks["asked"] == "known"]
+            entity = of_known["head"].where(of_known["slot"] == "tail", of_known["tail"])
+            ranks.append(
+                of_known[["rank"]].assign(**about, entity=[f"{seed} {label}" for label in entity])
+            )
+    return rows, ranks
 
 
 def trained(case: Case, split: HiddenSplit, seed: int) -> Embedding:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from isi.config import Count, Fraction, Name, Positive, Section, check
+from isi.config import Count, Fraction, Name, NotNegative, Positive, Section, check
 from isi.errors import at
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS
@@ -19,8 +19,8 @@ from isi.tables.table import Table
 #: ``method``: key of ``methods`` in ``hidden_in``, or nothing (before any insertion).
 #: ``initializer``: that of ``isi.pykeen.insert``; null for methods without it. ``told``: maximum
 #: number of insert triples per entity (null: all). ``asked``: the answer is the ``known`` or the
-#: ``hidden`` end of a triple of a hidden entity, or (``earlier``) either end of a validation triple
-#: of known entities. All entities are candidates. ``entities``: number of hidden. ``trained_with``:
+#: ``hidden`` end of a triple of a hidden entity, or (``earlier``) either end of a test triple of
+#: known entities. All entities are candidates. ``entities``: number of hidden. ``trained_with``:
 #: the loss of training by which ``isi.pykeen.insert`` understood the scores. ``estimated_loss``:
 #: the loss of MRR of earlier triples that the selection of the default expects; null elsewhere.
 HIDDEN_ENTITIES = Table(
@@ -49,27 +49,44 @@ def seconds_path(study: str) -> Path:
     return HIDDEN_ENTITIES.path(study=study).with_suffix(".seconds.json")
 
 
+#: Bound of ``HiddenTraining.valid``: two such shares are held out.
+MOST_VALID = 0.5
+
+
 class HiddenTraining(Section):
     """``training`` in an entry of ``hidden``: the settings of PyKEEN's training."""
 
     rules = (
         (
-            lambda training: (training.negatives is None) == (training.loop == "lcwa"),
+            lambda training: (
+                training.loop == "rows" or (training.negatives is None) == (training.loop == "lcwa")
+            ),
             "expected negatives with the loop slcwa, and null with lcwa",
+        ),
+        (
+            lambda training: training.valid < MOST_VALID,
+            "expected valid below a half: a test set is as large",
         ),
     )
     model: Name  #: PyKEEN's name of a model, in lower case
-    model_options: dict[str, Any] = Field(default_factory=dict)
+    model_options: dict[str, Any] = Field(default_factory=dict)  #: no ``regularizer``: none
     loss: Name  #: PyKEEN's name of a loss
     loss_options: dict[str, float] = Field(default_factory=dict)
     dimension: Count
     batch_size: Count
     learning_rate: Positive
-    #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers
-    loop: Literal["slcwa", "lcwa"] = "slcwa"
-    negatives: Count | None  #: negative triples per positive triple; None with lcwa
+    optimizer: Literal["adam", "adagrad"] = "adam"
+    #: PyKEEN's name of a training loop; slcwa: sampled negatives; lcwa: all entities as answers; or
+    #: rows: ``isi.training.rows``, which trains the tables of PyKEEN's model by Adagrad, several
+    #: times as fast on a large graph, for all of ``max_epochs``
+    loop: Literal["slcwa", "lcwa", "rows"] = "slcwa"
+    #: negative triples per positive triple; None with lcwa; with rows: see ``Recipe``
+    negatives: Count | None
+    n3: NotNegative = 0.0  #: with rows: see ``Recipe``
     inverse_triples: bool = False  #: whether heads are predicted by the inverse of a relation
-    valid: Fraction  #: share of the known triples, the validation set of early stopping
+    #: share of the known triples, the validation set of early stopping and of
+    #: ``isi.pykeen.insert``; a test set of earlier triples is as large
+    valid: Fraction
     max_epochs: Count
     frequency: Count  #: epochs between two evaluations
     patience: Count  #: evaluations without improvement before training stops
@@ -96,9 +113,11 @@ class Hidden(Section):
     initializers: list[Name]  #: compared with the default initializer of ``isi.pykeen.insert``
     training: HiddenTraining
     epochs: Count  #: of training after insertion
-    #: whether methods that train all rows are compared: retraining, and PyKEEN's training of all
-    #: rows after insertion
+    #: whether PyKEEN's training of all rows after insertion is compared, with all insert triples
     train_all_rows: bool = True
+    #: whether training from scratch is compared: one training with the insert triples of all hidden
+    #: entities
+    retrain: bool = True
 
 
 def study_of(studies: Mapping[str, dict[str, Any]], study: str) -> Hidden:

@@ -23,7 +23,7 @@ from pykeen.models import ERModel, model_resolver
 from pykeen.stoppers import EarlyStopper
 from pykeen.training import training_loop_resolver
 from pykeen.triples import TriplesFactory
-from torch.optim import Adam
+from torch.optim import Adagrad, Adam
 
 from isi.benchmark import HiddenSplit, hide
 from isi.errors import InputError, at
@@ -31,13 +31,18 @@ from isi.experiment.grid import GridPoints
 from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
 from isi.graph.vocabulary import Vocabulary
+from isi.insertion.inverses import both_ways
 from isi.insertion.result import with_vectors
 from isi.models.losses import loss_named
 from isi.params import check_names
 from isi.pykeen import EnlargedModel, insert, read_model, warm
+from isi.pykeen.reading import loss_of, relation_tables_of, stored, table_rows, tables_of
 from isi.tables import paths
+from isi.training import rows
+from isi.training.rows import Recipe
 
 Model = ERModel[Any, Any, Any]
+OPTIMIZERS = {"adam": Adam, "adagrad": Adagrad}  #: By their names in params.
 BATCH = 256  #: Number of triples in a batch of PyKEEN's evaluation.
 
 
@@ -60,15 +65,16 @@ def hidden_in(
     split = hidden(graph, settings, key, root, seed)
     names, inverse = split.entities, training.inverse_triples
     known = factory_of(split.ids.triples, names[: split.ids.known], split.relations, inverse)
-    train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
+    held_out = training.valid
+    train, valid, test = known.split([1 - 2 * held_out, held_out, held_out], random_state=seed)
     with refused_at(f"{key}.training.model_options"):
         untrained(train, training, seed)
     words = None if words is None else words[split.ids.order]
     start = time.process_time()
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     seconds = [{"method": "known", "seconds": time.process_time() - start}]
-    pairs = valid.mapped_triples.numpy()
-    before = split.evaluate(case.model, earlier=pairs).measures()
+    earlier = test.mapped_triples.numpy()
+    before = split.evaluate(case.model, earlier=earlier).measures()
     answers = [{"method": "nothing", **measures} for measures in before.to_dict("records")]
     methods: dict[str, dict[str, Any]] = {
         "insert": {},
@@ -79,6 +85,7 @@ def hidden_in(
     }
     if settings.train_all_rows:
         methods["own_all_rows"] = {"pykeen_rows": True, "then": "all_rows"}
+    if settings.retrain:
         methods["retrained"] = {"then": "retrain"}
     for number, (name, options) in product(settings.max_insert_triples, methods.items()):
         if name in ("own_all_rows", "retrained") and number is not None:
@@ -90,7 +97,7 @@ def hidden_in(
         trained_with = result and loss_named(result.rows.details.method.trained_with)
         row["trained_with"] = trained_with and trained_with.name
         estimate = result.harm if name == "insert" and result else None
-        measured = split.evaluate(model, earlier=pairs).measures()
+        measured = split.evaluate(model, earlier=earlier).measures()
         for measures in measured.to_dict("records"):
             is_estimated = measures["asked"] == "earlier"
             answers.append(row | measures | {"estimated_loss": estimate if is_estimated else None})
@@ -155,6 +162,7 @@ class Case:
             new=self.names[known:],
             words=self.words,
             initializer="mean" if pykeen_rows else initializer,
+            validation=self.valid,
             seed=self.seed,
         )
         if pykeen_rows:
@@ -164,7 +172,9 @@ class Case:
         if then == "new_rows":
             result = result.train(self.settings.epochs)
         model = result.model
-        if then == "all_rows":
+        if then == "all_rows" and training.loop == "rows":
+            fit_rows(model, larger, training, self.settings.epochs, self.seed)
+        elif then == "all_rows":
             torch.manual_seed(self.seed)
             fit(model.train(), larger, training, self.settings.epochs, continue_training=True)
         return model.eval(), None if pykeen_rows else result
@@ -190,12 +200,11 @@ def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> M
         Model,
         model_resolver.make(
             settings.model,
-            settings.model_options,
+            {"regularizer": None, **settings.model_options},
             triples_factory=factory,
             embedding_dim=settings.dimension,
             loss=settings.loss,
             loss_kwargs=settings.loss_options,
-            regularizer=None,
             random_seed=seed,
         ),
     )
@@ -206,6 +215,9 @@ def trained(
 ) -> Model:
     """Train a model, with early stopping on the MRR of the validation triples."""
     model = untrained(factory, settings, seed)
+    if settings.loop == "rows":
+        fit_rows(model, factory, settings, settings.max_epochs, seed)
+        return model.eval()
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
             model,
@@ -226,19 +238,48 @@ def trained(
 def fit(
     model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any
 ) -> None:
-    """Train with PyKEEN's loop of the settings and Adam;
+    """Train with PyKEEN's loop and the optimizer of the settings;
     ``warm`` lets PyKEEN continue a trained model.
     """
     sampling: dict[str, Any] = {}
     if settings.negatives is not None:
         sampling["negative_sampler_kwargs"] = {"num_negs_per_pos": settings.negatives}
+    optimizer = OPTIMIZERS[settings.optimizer](model.parameters(), lr=settings.learning_rate)
     training_loop_resolver.make(
         settings.loop,
         sampling,
         model=model,
         triples_factory=factory,
-        optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
+        optimizer=warm(optimizer),
     ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)
+
+
+def fit_rows(
+    model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, seed: int
+) -> None:
+    """Train all rows of a model's tables, from their present vectors, with ``isi.training.rows``,
+    by the model's own loss.
+    """
+    triples, inverse = factory.mapped_triples, settings.inverse_triples
+    theta = read_model(model, triples, 0.0)
+    loss = loss_named(loss_of(model, theta.model) or "logistic")
+    recipe = Recipe(
+        loss=loss.name,
+        margin=loss.margin,
+        temperature=loss.temperature,
+        batch_size=settings.batch_size,
+        learning_rate=settings.learning_rate,
+        negatives=settings.negatives,
+        n3=settings.n3,
+    )
+    triples = both_ways(triples) if inverse else triples
+    task = rows.Task(rows.Facts(triples, torch.ones(len(triples))), tails_only=inverse)
+    theta = rows.fit(theta, task, recipe, epochs, seed)
+    of_relations = table_rows(theta.model, theta.relation[0])
+    tables = stored(tables_of(model), theta.entity[0])
+    tables += stored(relation_tables_of(model), of_relations)
+    for table, values in tables:
+        table._embeddings.weight.data.copy_(values)
 
 
 def evaluator() -> RankBasedEvaluator:
