@@ -1,8 +1,8 @@
 """Classes of entities, and vectors of new entities by them.
 
 This is the schema initialization of KGE-InfInit (Pons, Bilalli and Queralt 2025, arXiv 2511.11118),
-the method that FBinc was published with, without its noise: with noise of γ standard deviations of
-a class, the paper searches for γ among 0, 0.1 and more.
+the method that FBinc was published with, without its noise (its scripts try 0, 0.1 and 0.5 standard
+deviations of a class); a class that its list has twice counts once.
 """
 
 from __future__ import annotations
