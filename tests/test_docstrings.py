@@ -20,6 +20,7 @@ from isi.sources import READERS
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
 NO_EXAMPLE = {
+    "isi.continual.timeline.Timeline.classes",  # None where there are none
     "isi.benchmark.evaluation.Evaluation",
     "isi.continual.api.GrownEmbedding",
     "isi.errors.InputError",

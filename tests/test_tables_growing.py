@@ -1,5 +1,6 @@
 """Tables of graphs that grow: a chain by hand, and the files that git keeps."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,7 @@ from isi.report.tables.registry import frames_of
 
 ROOT = Path(__file__).parent.parent
 TABLES = ROOT / "reports/continual/tables"
-LABELS = {"xavier": "Xavier", "fold_in": "Fold-in", "mean": "Mean"}
+LABELS = {"xavier": "Xavier", "fold_in": "Fold-in", "mean": "Mean", "er_avg": "ERAvg"}
 KEYS = ["phase", "protocol", "i", "j", "slot", "answer", "queries", "mrr"]
 DIAL = {"share": 0.3}
 #: After snapshot 0 the base test, then each test set under two protocols; MRR rises with the seed.
@@ -44,6 +45,7 @@ def grown(timeline: str = "ENTITY", **initializers: Any) -> GrownRuns:
         initializers=initializers,
         strategies_of=lambda key: ["insert", "finetune"] if key == "xavier" else ["insert"],
         initializer_of=lambda key: ("fold_in", DIAL) if key == "fold_in_0_3" else (key, {}),
+        strategy_of=lambda key: (key, {}),
     )
     first, later = (pd.DataFrame(rows, columns=KEYS) for rows in (FIRST, LATER))
     chains = [(name, of) for name in initializers for of in settings.strategies_of(name)]
@@ -53,7 +55,8 @@ def grown(timeline: str = "ENTITY", **initializers: Any) -> GrownRuns:
         parts.append(later.assign(initializer=name, strategy=of, mrr=lower))
     frame = pd.concat(parts)
     matrix = pd.concat([frame.assign(seed=0), frame.assign(seed=1, mrr=0.9 * frame["mrr"])])
-    matrix = matrix.assign(**{"hits@1": 0.5, "hits@10": 1.0})
+    square = matrix["mrr"] ** 2  # where all rows of a test set have an equal MRR, no spread
+    matrix = matrix.assign(**{"hits@1": 0.5, "hits@10": 1.0, "mrr_square": square})
     costs = matrix.dropna()[RUN].drop_duplicates().assign(seconds=3)
     faults = [{"fault": fault, "test": 0, "share": 0.5} for fault in PUBLISHED["faults"]]
     models = Models(LABELS, {}, {})
@@ -75,18 +78,30 @@ def test_a_chain_has_the_measures_by_hand() -> None:
     assert row["D high"] - row["D"] == pytest.approx(12.706 * 100 * 0.25 * 0.05, rel=1e-3)
 
 
-def test_the_default_stands_beside_xavier_and_the_best_named() -> None:
-    runs = grown(default={}, xavier={}, fold_in_0_3=DIAL, mean={})
-    (row,) = frames_of("continual", [runs])["carried"].to_dict("records")
+def test_intervals_include_the_sample_of_test_triples() -> None:
+    runs = grown(mean={})
+    matrix = runs.matrix.assign(mrr_square=runs.matrix["mrr"] ** 2)
+    base = (matrix["j"] == 0) & (matrix["i"] == 0)
+    matrix.loc[base, "mrr_square"] += 0.04  # a variance of 4 queries, thus of 2 triples
+    (row,) = replace(runs, matrix=matrix).measures.to_dict("records")
+    seeds = 12.706 * 100 * 0.5 * 0.05
+    by_hand = (seeds**2 + (196 * (0.04 / 2) ** 0.5) ** 2) ** 0.5
+    assert row["base test, before high"] - row["base test, before"] == pytest.approx(by_hand, 1e-3)
+
+
+def test_the_default_stands_beside_simple_initializers() -> None:
+    runs = grown(default={}, xavier={}, er_avg={}, fold_in_0_3=DIAL)
+    made = frames_of("continual", [runs])
+    (row,) = made["carried"].to_dict("records")
     measures = runs.measures
-    names = {"default": "default", "Xavier": "xavier", "best named": "xavier"}
-    for title, name in names.items():
+    for title, name in {"default": "default", "ERAvg": "er_avg"}.items():
         of_chain = measures.loc[(name, "insert"), "new tests, at once"]
         assert row[f"new tests: {title}"] == of_chain
-    assert row["best named"] == "Xavier"
     all_rows = measures.loc[("xavier", "finetune"), "base test, in the end"]
     assert row["base test: Xavier, all rows trained"] == all_rows
-    assert "carried" not in frames_of("continual", [grown(xavier={})])
+    assert made["frontier"]["line"].tolist() == ["default", "ERAvg", "Fold-in, share"]
+    assert made["frontier"]["value"].tolist()[2] == 0.3
+    assert not {"carried", "frontier"} & set(frames_of("continual", [grown(xavier={})]))
 
 
 def test_tables_have_the_columns_that_git_keeps() -> None:
@@ -98,7 +113,7 @@ def test_tables_have_the_columns_that_git_keeps() -> None:
     assert r["default", "inserted alone", 1, 0] == pytest.approx(95 * 0.4375)
     assert len(r) == 4 * 3
     kept = {"grown_own": "grown_fbinc_s"}
-    for name in ("carried", "grown_own", "after_last", "interference"):
+    for name in ("grown_own", "after_last", "interference"):
         header = pd.read_csv(TABLES / f"{kept.get(name, name)}.csv", nrows=0)
         assert list(made[name]) == list(header), name
     assert made["grown_own"]["initializer"].tolist()[-1] == "Fold-in, share 0.3"
@@ -125,5 +140,6 @@ def test_published_numbers_stand_beside_ours_with_protocol_and_model() -> None:
 
 def test_every_strategy_of_the_pipeline_has_a_name() -> None:
     params = yaml.safe_load((ROOT / "continual/params.yaml").read_text("utf-8"))["continual"]
-    listed = {name for entry in params.values() for name in entry["strategies"]}
+    strategies = [pair for entry in params.values() for pair in entry["strategies"].items()]
+    listed = {options.get("strategy", name) for name, options in strategies}
     assert listed <= set(PUBLISHED["strategies"])

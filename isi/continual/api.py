@@ -14,7 +14,8 @@ from torch import Tensor
 from isi.benchmark.evaluation import NamedEmbedding, read
 from isi.config import Count, Seed, check, keywords
 from isi.continual.along import Along, Step
-from isi.continual.chain import Growth
+from isi.continual.chain import Growth, check_classes
+from isi.continual.classes import CLASS_MEAN
 from isi.continual.experiment import ChainTraining, check_name
 from isi.continual.measures import continual_measures
 from isi.continual.strategies import STRATEGIES
@@ -122,8 +123,8 @@ class RunnableTimeline(Timeline):
                 of the timeline.
             dimension: of an embedding that is trained here.
             loss: that your embedding was trained with. None: that of ``training``.
-            initializer: of new entities, with ``options``. None: the best by the hold-out test when
-                the first ones arrive.
+            initializer: of new entities, with ``options``; for the benchmarks, which have classes,
+                also class_mean. None: the best by the hold-out test when the first ones arrive.
             strategy: of training at each snapshot, with ``strategy_options``: insert (none),
                 new_rows, new_rows_and_earlier, finetune, new_rows_then_all, replay, l2, ewc,
                 full_replay, retrain.
@@ -154,8 +155,9 @@ class RunnableTimeline(Timeline):
         check_name(strategy, STRATEGIES, "argument 'strategy'")
         keywords(STRATEGIES[strategy], chosen, "argument 'strategy_options'")
         with naming_argument("initializer"):
-            if initializer is not None:
+            if initializer not in (None, CLASS_MEAN):
                 INITIALIZERS.get(initializer)
+        check_classes(self, initializer)
         growth = Growth(initializer, options or {}, strategy, chosen, loss or checked.loss)
         along = Along(self, checked.schedule, words, most)
         self._count_without_facts()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from isi.continual.classes import CLASS_MEAN, FOR_RELATIONS, class_means
 from isi.continual.matrix import Phase
 from isi.continual.strategies import (
     STRATEGIES,
@@ -24,7 +25,7 @@ from isi.errors import InputError, suggestion
 from isi.insertion.api import choose, insert_request
 from isi.insertion.inverses import pack, unpack
 from isi.insertion.request import InsertRequest, KnownEmbedding
-from isi.insertion.result import Inserted
+from isi.insertion.result import Inserted, with_vectors
 from isi.models.losses import Loss
 from isi.models.model import Model
 from isi.models.stack import Embedding
@@ -36,7 +37,8 @@ from isi.training.rows import Moving, OnEpoch, Task, fit, silent
 class Growth:
     """How an embedding grows: by which initializer, and by which strategy of training."""
 
-    initializer: str | None = None  #: None: the best by the hold-out test
+    #: a registered one, or ``CLASS_MEAN``; None: the best by the hold-out test
+    initializer: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     strategy: str = "insert"
     strategy_options: Mapping[str, Any] = field(default_factory=dict)
@@ -101,6 +103,7 @@ def grow(
     Raises:
         InputError: an unknown name of a strategy or initializer; a divergent training.
     """
+    check_classes(timeline, growth.initializer)
     if growth.strategy not in STRATEGIES:
         known = suggestion(growth.strategy, STRATEGIES)
         expected = f"expected one of {', '.join(STRATEGIES)}, got {growth.strategy!r:.80}{known}"
@@ -118,6 +121,13 @@ def grow(
         yield Grown(snapshot, "trained", theta, time.process_time() - begun)
 
 
+def check_classes(timeline: Timeline, initializer: str | None, key: str = "") -> None:
+    """InputError at ``key`` if an initializer needs classes that a timeline lacks."""
+    if initializer == CLASS_MEAN and timeline.classes is None:
+        expected = f"expected another initializer than {CLASS_MEAN}: the timeline has no classes"
+        raise InputError("", key or "argument 'initializer'", expected)
+
+
 def extended(
     timeline: Timeline,
     theta: Embedding,
@@ -133,6 +143,10 @@ def extended(
     if asked is None:
         return theta, None
     result = insert_request(*asked)
+    if growth.initializer == CLASS_MEAN:
+        classes, known = timeline.classes, theta.entity[0].numpy()
+        assert classes is not None  # noqa: S101
+        result = with_vectors(result, class_means(known, classes, len(result.vectors)))
     entity, relation = (torch.from_numpy(table) for table in (result.entities, result.relations))
     return replace(theta, entity=entity[None], relation=relation[None]), result
 
@@ -166,6 +180,7 @@ def insertion(
     new_relations = int(timeline.relations[snapshot]) - relations
     if not number and not new_relations:
         return None
+    initializer = FOR_RELATIONS if growth.initializer == CLASS_MEAN else growth.initializer
     triples = timeline.snapshots[snapshot].train
     has_new = (triples[:, [0, 2]] >= known).any(1) | (triples[:, 1] >= relations)
     request = InsertRequest(
@@ -174,7 +189,7 @@ def insertion(
         new_relations=new_relations,
         words=None if words is None else words[: known + number],
         trained_with=growth.loss,
-        initializer=growth.initializer,
+        initializer=initializer,
         options=growth.options,
         seed=seed_of(seed, "insertion of a snapshot", snapshot),
         allow_without_facts=True,

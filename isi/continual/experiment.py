@@ -11,7 +11,8 @@ from pydantic import Field
 
 from isi.config import Count, Name, Names, Positive, Section, keywords
 from isi.continual.chain import Growth
-from isi.continual.matrix import HITS, PROTOCOLS
+from isi.continual.classes import CLASS_MEAN
+from isi.continual.matrix import HITS, PROTOCOLS, SQUARE
 from isi.continual.strategies import STRATEGIES, Schedule
 from isi.continual.timeline import BENCHMARKS, Timeline
 from isi.errors import InputError, at, suggestion
@@ -38,6 +39,7 @@ MATRIX = Table(
         "answer": one_of("new", "old"),
         "queries": FROM_1,
         "mrr": SHARE,
+        SQUARE: SHARE,
         **{f"hits@{k}": SHARE for k in HITS},
     },
     key=[*_CHAIN, "phase", "protocol", "i", "j", "slot", "answer"],
@@ -99,7 +101,7 @@ class ContinualExperiment(Section):
     #: with options, of which ``initializer`` names another one than the key; ``default``: the
     #: chosen one
     initializers: dict[Name, dict[str, Any]]
-    strategies: dict[Name, dict[str, Any]]  #: with options
+    strategies: dict[Name, dict[str, Any]]  #: likewise, with ``strategy`` among the options
     #: which strategies follow which initializer
     pairs: Literal["all"] | dict[Name, Literal["all"] | Names]
 
@@ -134,15 +136,21 @@ class ContinualExperiment(Section):
         options = dict(self.initializers[key])
         return options.pop("initializer", key), options
 
+    def strategy_of(self, key: str) -> tuple[str, dict[str, Any]]:
+        """The strategy and the options of a key of ``strategies``."""
+        options = dict(self.strategies[key])
+        return options.pop("strategy", key), options
+
     def growth(self, chain: Chain) -> Growth:
         """How a chain grows."""
         assert chain.initializer and chain.strategy  # noqa: S101, PT018
         initializer, options = self.initializer_of(chain.initializer)
+        strategy, strategy_options = self.strategy_of(chain.strategy)
         return Growth(
             initializer=None if initializer == DEFAULT else initializer,
             options=options,
-            strategy=chain.strategy,
-            strategy_options=self.strategies[chain.strategy],
+            strategy=strategy,
+            strategy_options=strategy_options,
             loss=self.training.loss,
         )
 
@@ -186,14 +194,18 @@ def check_experiment(entry: ContinualExperiment, key: str) -> None:
     for name in entry.initializers:
         place = f"{key}.initializers.{name}"
         initializer, options = entry.initializer_of(name)
-        if initializer != DEFAULT:
+        if initializer not in (DEFAULT, CLASS_MEAN):
             defaults = INITIALIZERS.get(initializer, place).defaults
             options_of(initializer, {**defaults, **options}, place)
         elif options:
             raise InputError("", place, "expected no options")
-    for name, options in entry.strategies.items():
-        check_name(name, STRATEGIES, f"{key}.strategies")
-        keywords(STRATEGIES[name], options, f"{key}.strategies.{name}")
+        if initializer == CLASS_MEAN and entry.timeline not in BENCHMARKS:
+            expected = f"expected another initializer than {CLASS_MEAN}: a folder has no classes"
+            raise InputError("", place, expected)
+    for name in entry.strategies:
+        strategy, options = entry.strategy_of(name)
+        check_name(strategy, STRATEGIES, f"{key}.strategies")
+        keywords(STRATEGIES[strategy], options, f"{key}.strategies.{name}")
     for name in entry.pairs if entry.pairs != "all" else ():
         check_name(name, entry.initializers, f"{key}.pairs")
         for strategy in entry.strategies_of(name):

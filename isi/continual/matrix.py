@@ -32,7 +32,11 @@ Phase = Literal["inserted", "trained"]
 Of = Literal["test", "embedding", "before"]
 HITS = (1, 3, 10)  #: Ranks of hits@k.
 MEASURES = ("mrr", *(f"hits@{k}" for k in HITS))
+#: The mean of the reciprocal rank of a query times the mean of both of its triple. Over both slots,
+#: it is the mean square of the triples' means, which tells the error of a sample of triples.
+SQUARE = "mrr_square"
 QUERIES = ["phase", "i", "j", "slot", "answer"]  #: Columns by which ``measure`` groups queries.
+TRIPLE_OF = ["i", "j", "head", "relation", "tail"]  #: Columns that name the triple of a query.
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ def evaluate(
 
     Returns:
         the columns ``phase``, ``protocol``, ``i``, ``j``, ``slot`` (head or tail), ``answer`` (new:
-        it arrived with snapshot i; else old), ``queries``, ``mrr`` and ``hits@k``.
+        it arrived with snapshot i; else old), ``queries``, ``mrr``, ``SQUARE`` and ``hits@k``.
 
     Example:
         >>> import torch
@@ -184,10 +188,13 @@ def measure(ranks: pd.DataFrame, protocols: Iterable[str]) -> pd.DataFrame:
         of_protocol = ranks.dropna(subset=name)
         rank = of_protocol[name]
         values = of_protocol[QUERIES].assign(protocol=name, queries=1, mrr=1 / rank)
+        triples = [of_protocol[column] for column in TRIPLE_OF]
+        values[SQUARE] = values["mrr"] * values["mrr"].groupby(triples).transform("mean")
         for k in HITS:
             values[f"hits@{k}"] = (rank <= k).astype(float)
         frames.append(values)
-    return _means(pd.concat(frames, ignore_index=True), ["phase", "protocol", *QUERIES[1:]])
+    rows = pd.concat(frames, ignore_index=True)
+    return _means(rows, ["phase", "protocol", *QUERIES[1:]], ["mrr", SQUARE, *MEASURES[1:]])
 
 
 def pooled(
@@ -206,14 +213,14 @@ def pooled(
              phase protocol  i  j  queries    mrr  hits@1  hits@3  hits@10
         0  trained  current  0  0        4  0.875   0.875   0.875    0.875
     """
-    return _means(frame, list(by))
+    return _means(frame, list(by), list(MEASURES))
 
 
-def _means(frame: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+def _means(frame: pd.DataFrame, by: list[str], measures: list[str]) -> pd.DataFrame:
     """Means of measures by groups, weighted by the numbers of queries."""
-    weighted = frame[list(MEASURES)].mul(frame["queries"], axis=0)
+    weighted = frame[measures].mul(frame["queries"], axis=0)
     sums = frame[[*by, "queries"]].join(weighted).groupby(by).sum()
-    sums[list(MEASURES)] = sums[list(MEASURES)].div(sums["queries"], axis=0)
+    sums[measures] = sums[measures].div(sums["queries"], axis=0)
     return sums.reset_index()
 
 

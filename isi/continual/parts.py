@@ -140,13 +140,16 @@ class Parts:
             return [self.code, data, chain.seed, shared, training.model_dump(exclude={"epochs"})]
         before = self._key(chain if snapshot > 1 else chain.first, snapshot - 1)
         growth = settings.growth(chain)
+        names = chain.initializer, growth.initializer, chain.strategy, growth.strategy
         options = dict(growth.options), dict(growth.strategy_options)
-        return [before, data, growth.initializer, growth.strategy, *options, training.epochs]
+        return [before, data, names, *options, training.epochs]
 
     def _digest_of_data(self, snapshot: int) -> str:
         arrays = [self.timeline.snapshots[snapshot].split(name) for name in SPLITS]
         if self.words is not None:
             arrays.append(self.words[: self.timeline.entities[snapshot]])
+        if self.timeline.classes is not None:
+            arrays.append(self.timeline.classes)
         return digest(*[[array.shape, digest_of(array.tobytes())] for array in arrays])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.config import NotNegative
+from isi.config import Count, NotNegative
 from isi.insertion.inverses import both_ways
 from isi.models.stack import Embedding, uniform
 from isi.random import stream
@@ -110,27 +110,34 @@ def insert_only(arrival: Arrival) -> Embedding:
 
 
 @strategy("new_rows")
-def new_rows(arrival: Arrival) -> Embedding:
+def new_rows(arrival: Arrival, epochs: Count | None = None) -> Embedding:
     """The rows of new entities and relations are trained on the new facts; the others are frozen.
 
     Nothing keeps a new row from outranking earlier answers.
-    """
-    if not arrival.moves:
-        return arrival.theta
-    return arrival.fit(equally(_with_new_rows(arrival)), moving=arrival.first_new)
-
-
-@strategy("new_rows_and_earlier")
-def new_rows_and_earlier(arrival: Arrival, share: NotNegative = 1.0) -> Embedding:
-    """As ``new_rows``, which stand out of the way of earlier facts.
 
     Args:
-        share: β: weight of the part of new entities in earlier facts.
+        epochs: None: those of the schedule.
     """
     if not arrival.moves:
         return arrival.theta
     facts = equally(_with_new_rows(arrival))
-    return arrival.fit(facts, moving=arrival.first_new, share=share)
+    return arrival.fit(facts, epochs=epochs, moving=arrival.first_new)
+
+
+@strategy("new_rows_and_earlier")
+def new_rows_and_earlier(
+    arrival: Arrival, share: NotNegative = 1.0, epochs: Count | None = None
+) -> Embedding:
+    """As ``new_rows``, which stand out of the way of earlier facts.
+
+    Args:
+        share: β: weight of the part of new entities in earlier facts.
+        epochs: None: those of the schedule.
+    """
+    if not arrival.moves:
+        return arrival.theta
+    facts = equally(_with_new_rows(arrival))
+    return arrival.fit(facts, epochs=epochs, moving=arrival.first_new, share=share)
 
 
 @strategy("finetune")
@@ -153,9 +160,12 @@ def new_rows_then_all(arrival: Arrival, share: NotNegative = 1.0) -> Embedding:
 
 
 @strategy("replay")
-def replay(arrival: Arrival, number: int = 5000) -> Embedding:
+def replay(arrival: Arrival, number: int = 5000, epochs: Count | None = None) -> Embedding:
     """All rows are trained on the new facts and on so many earlier ones at random, which weigh as
     much as all earlier ones, but at most ten times each.
+
+    Args:
+        epochs: None: those of the schedule.
     """
     rng = stream(arrival.root, "replay", *arrival.key)
     drawn = rng.permutation(len(arrival.old))[:number]
@@ -163,7 +173,7 @@ def replay(arrival: Arrival, number: int = 5000) -> Embedding:
     triples = torch.cat([arrival.new, arrival.old[torch.from_numpy(drawn)]])
     weights = torch.ones(len(triples))
     weights[len(arrival.new) :] = weight
-    return arrival.fit(Facts(triples, weights))
+    return arrival.fit(Facts(triples, weights), epochs=epochs)
 
 
 @strategy("full_replay")

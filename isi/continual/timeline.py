@@ -86,13 +86,15 @@ class Timeline:
     relation_names: list[str]  #: by id
     #: by id of an entity, a text for word vectors: a label where names are codes, else the name
     words: list[str]
+    #: pairs of an entity and the number of a class of it, each once, (P, 2); None: no classes
+    classes: np.ndarray | None = None
 
     @classmethod
     def benchmark(cls, name: str) -> Timeline:
         """One of the ``BENCHMARKS`` of FB15k-237, from the checkout in the current folder.
 
-        Entities have the names of Freebase and the labels of Wikidata as ``words``. InputError for
-        another name.
+        Entities have the names of Freebase, the labels of Wikidata as ``words``, and DBpedia's
+        ``classes``. InputError for another name.
         """
         if name not in BENCHMARKS:
             known = suggestion(name, BENCHMARKS)
@@ -108,6 +110,7 @@ class Timeline:
             table = pd.read_parquet(PACKED / "triples.parquet", columns=[*TRIPLE, column])
             entities = pd.read_parquet(PACKED / "entities.parquet")
             relations = pd.read_parquet(PACKED / "relations.parquet")["relation"]
+            classes = pd.read_parquet(PACKED / "classes.parquet")
         place = table[column].to_numpy()
         rows = table[list(TRIPLE)].to_numpy(np.int64)
         number = int(place[place != ABSENT].max()) // len(SPLITS) + 1
@@ -115,7 +118,11 @@ class Timeline:
         snapshots, entity_rows, relation_rows = snapshots_of(parts)
         named = entities.iloc[entity_rows]
         names, words = named["entity"].tolist(), named["label"].tolist()
-        return cls(snapshots, names, relations.iloc[relation_rows].tolist(), words)
+        ids = np.full(len(entities), -1)
+        ids[entity_rows] = np.arange(len(entity_rows))
+        pairs = np.stack([ids[classes["entity"]], pd.factorize(classes["class"])[0]], 1)
+        labels = relations.iloc[relation_rows].tolist()
+        return cls(snapshots, names, labels, words, pairs[pairs[:, 0] >= 0])
 
     @classmethod
     def from_folder(cls, path: str | Path) -> Timeline:

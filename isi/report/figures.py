@@ -287,3 +287,31 @@ def gain_and_harm(frame: pd.DataFrame) -> list[Panel]:
             joined="frontier",
         )
     ]
+
+
+def frontier(frame: pd.DataFrame) -> list[Panel]:
+    """Later tests against the base test, both in the end: a line for each option that varies."""
+    return _by_benchmark(frame, "base test, in the end", "base test in the end (MRR × 100)")
+
+
+def equal_time(frame: pd.DataFrame) -> list[Panel]:
+    """Later tests in the end against seconds, for several numbers of epochs."""
+    return _by_benchmark(frame, "seconds", "seconds of one processor, all snapshots")
+
+
+def _by_benchmark(frame: pd.DataFrame, x: str, xlabel: str) -> list[Panel]:
+    """Panels of points of a table whose column ``line`` joins them."""
+    return [
+        scatter(
+            rows,
+            x,
+            "new tests, after all",
+            "line",
+            str(benchmark),
+            xlabel=xlabel,
+            ylabel="later tests in the end (MRR × 100)",
+            mark="strategy",
+            joined="line",
+        )
+        for benchmark, rows in frame.groupby("benchmark", sort=False)
+    ]

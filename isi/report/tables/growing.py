@@ -32,6 +32,10 @@ MEASURES = {
     "base": "base test, in the end",
     "interference": "D",
 }
+#: Further headers of ``GrownRuns.all_measures``.
+AFTER_ALL = "new tests, after all"
+SECONDS = "seconds"
+NORMAL = 1.96  #: The 97.5 % quantile of a normal distribution.
 
 
 def pooled(rows: pd.DataFrame, by: Names, measure: str = "mrr") -> pd.Series:
@@ -45,6 +49,20 @@ def _by_update(rows: pd.DataFrame) -> pd.Series:
     """MRR of each chain: the mean over pairs of an update and a slot."""
     means: pd.Series = pooled(rows, [*RUN, "i", "slot"]).groupby(level=RUN).mean()
     return means
+
+
+def sample_variance(rows: pd.DataFrame) -> pd.Series:
+    """The variance of the pooled MRR of each chain by the sample of its test triples.
+
+    The unit is the triple, whose head and tail queries depend on each other; each test set is a
+    sample of its own.
+    """
+    sets = [*RUN, "i", "j"]
+    mean, square = (pooled(rows, sets, name) for name in ("mrr", "mrr_square"))
+    queries = rows.groupby(sets)["queries"].sum()
+    spread = 2 * queries * (square - mean**2).clip(lower=0)  # a triple has two queries
+    sums: pd.Series = spread.groupby(level=RUN).sum() / queries.groupby(level=RUN).sum() ** 2
+    return sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,15 +105,37 @@ class GrownRuns:
         shown = DEFAULT
         if key != DEFAULT:
             changed = [] if key == initializer else [f"{name} {options[name]}" for name in options]
-            shown = ", ".join([self.models.labels[initializer], *changed])
-        strategies: Mapping[str, str] = PUBLISHED["strategies"]
-        return {"initializer": shown, "strategy": strategies.get(strategy, strategy)}
+            shown = ", ".join([self.label(initializer), *changed])
+        trained, chosen = self.settings.strategy_of(strategy)
+        changed = [] if strategy == trained else [f"{name} {chosen[name]}" for name in chosen]
+        title = PUBLISHED["strategies"].get(trained, trained)
+        return {"initializer": shown, "strategy": ", ".join([title, *changed])}
+
+    def label(self, initializer: str) -> str:
+        """The display name of an initializer."""
+        labels: Mapping[str, str] = {**self.models.labels, **PUBLISHED["initializers"]}
+        return labels[initializer]
 
     def over_seeds(self, values: Mapping[str, pd.Series], scale: float = 100) -> pd.DataFrame:
-        """Means of values by chain and seed, with intervals; rows are ``chains``."""
+        """Means of values by chain and seed, with intervals over seeds; rows are ``chains``."""
         frame = pd.DataFrame(values).rename_axis(RUN).reset_index()
         means = over_seeds(frame, CHAIN, {name: name for name in values}, scale)
         return means.reindex(self.chains)
+
+    def over_tests(self, tests: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+        """MRR (points) over the queries of rows by chain and seed, with intervals that include the
+        error of the sample of test triples, which all seeds rank.
+
+        The variance is that of the mean over seeds, plus the mean over seeds of the sample's: the
+        second is at least what the sample adds to the mean.
+        """
+        means = self.over_seeds({name: pooled(rows, RUN) for name, rows in tests.items()})
+        for name, rows in tests.items():
+            variance = sample_variance(rows).groupby(level=CHAIN).mean().reindex(self.chains)
+            seeds = means[f"{name} high"] - means[name]
+            around = (seeds**2 + (100 * NORMAL) ** 2 * variance) ** 0.5
+            means[f"{name} low"], means[f"{name} high"] = means[name] - around, means[name] + around
+        return means
 
     @cached_property
     def trained(self) -> pd.DataFrame:
@@ -109,22 +149,37 @@ class GrownRuns:
         earlier = self.rows[self.rows["j"] < self.rows["i"]]
         return _by_update(where(earlier, protocol=protocol, phase="trained"))
 
-    @cached_property
+    @property
     def measures(self) -> pd.DataFrame:
         """``MEASURES`` in points, and seconds, by chain."""
+        names = [*MEASURES.values(), SECONDS]
+        return self.all_measures[[f"{name}{end}" for name in names for end in ENDS]]
+
+    @cached_property
+    def all_measures(self) -> pd.DataFrame:
+        """``measures``, and the MRR of all later test sets in the end.
+
+        The intervals of D and of seconds are over seeds alone.
+        """
         current, last = where(self.rows, protocol="current"), self.rows["i"].max()
         new = current[(current["i"] == current["j"]) & (current["i"] > 0)]
         base = where(self.trained, j=0)
-        points = {
-            "at_once": pooled(where(new, phase="inserted"), RUN),
-            "trained": pooled(where(new, phase="trained"), RUN),
-            "base_before": pooled(where(base, i=0), RUN),
-            "base": pooled(where(base, i=last), RUN),
-            "interference": self.historical("old") - self.historical("current"),
+        later = where(self.trained, i=last)
+        tests = {
+            MEASURES["at_once"]: where(new, phase="inserted"),
+            MEASURES["trained"]: where(new, phase="trained"),
+            MEASURES["base_before"]: where(base, i=0),
+            MEASURES["base"]: where(base, i=last),
+            AFTER_ALL: later[later["j"] > 0],
         }
-        means = self.over_seeds({MEASURES[name]: values for name, values in points.items()})
+        interference = self.historical("old") - self.historical("current")
         seconds = self.costs.groupby(RUN)["seconds"].sum()
-        return pd.concat([means, self.over_seeds({"seconds": seconds}, scale=1)], axis=1)
+        parts = [
+            self.over_tests(tests),
+            self.over_seeds({MEASURES["interference"]: interference}),
+            self.over_seeds({SECONDS: seconds}, scale=1),
+        ]
+        return pd.concat(parts, axis=1)
 
     def after_last(self, protocol: str, measures: Names) -> pd.DataFrame:
         """Means of measures over all test sets after the last snapshot, points."""
@@ -156,37 +211,103 @@ def read_runs(experiments: Mapping[str, "ContinualExperiment"], models: Models) 
     return listed
 
 
+#: Columns of ``carried``: title, chain and measure.
+CARRIED = [
+    ("new tests: class mean", ("class_mean", "insert"), MEASURES["at_once"]),
+    ("new tests: ERAvg", ("er_avg", "insert"), MEASURES["at_once"]),
+    ("new tests: soft RS", ("soft_rs", "insert"), MEASURES["at_once"]),
+    ("new tests: default", (DEFAULT, "insert"), MEASURES["at_once"]),
+    ("new tests: soft RS, new rows trained", ("soft_rs", "new_rows"), MEASURES["trained"]),
+    ("base test: before", (DEFAULT, "insert"), MEASURES["base_before"]),
+    ("base test: soft RS", ("soft_rs", "insert"), MEASURES["base"]),
+    ("base test: default", (DEFAULT, "insert"), MEASURES["base"]),
+    ("base test: soft RS, new rows trained", ("soft_rs", "new_rows"), MEASURES["base"]),
+    ("base test: soft RS, all rows trained", ("soft_rs", "finetune"), MEASURES["base"]),
+    ("base test: Xavier, all rows trained", (BASELINE, "finetune"), MEASURES["base"]),
+    ("seconds: default", (DEFAULT, "insert"), SECONDS),
+    ("seconds: soft RS, new rows trained", ("soft_rs", "new_rows"), SECONDS),
+]
+
+
 @table("continual")
 def carried(results: Sequence[GrownRuns]) -> pd.DataFrame:
-    """For each experiment: what the default gains right after insertion, what it costs, and what
-    training all rows on new facts alone would cost.
+    """For each experiment with the default: what it gains right after insertion and what it costs,
+    beside simple initializers, and training of new rows and of all rows on new facts alone.
     """
     rows = list[dict[str, Any]]()
     for runs in results:
         records = runs.measures.to_dict("records")
         by_chain: dict[tuple[str, str], Any] = dict(zip(runs.chains, records, strict=True))
-        inserted = {name: row for (name, strategy), row in by_chain.items() if strategy == "insert"}
-        if not {DEFAULT, BASELINE} <= set(inserted):
+        if (DEFAULT, "insert") not in by_chain:
             continue
-        at_once = {name: row[MEASURES["at_once"]] for name, row in inserted.items()}
-        best = max((name for name in inserted if name != DEFAULT), key=at_once.__getitem__)
         row: dict[str, Any] = {"benchmark": runs.settings.title}
-        for title, chain, measure in (
-            ("new tests: Xavier", (BASELINE, "insert"), "at_once"),
-            ("new tests: default", (DEFAULT, "insert"), "at_once"),
-            ("new tests: best named", (best, "insert"), "at_once"),
-            ("best named", (best, "insert"), ""),
-            ("D of the default", (DEFAULT, "insert"), "interference"),
-            ("base test: before", (DEFAULT, "insert"), "base_before"),
-            ("base test: default", (DEFAULT, "insert"), "base"),
-            ("base test: Xavier, all rows trained", (BASELINE, "finetune"), "base"),
-        ):
-            if not measure:
-                row[title] = runs.names(chain)["initializer"]
-            elif chain in by_chain:
-                row |= named(by_chain[chain], MEASURES[measure], title)
+        for title, chain, measure in CARRIED:
+            if chain in by_chain:
+                row |= named(by_chain[chain], measure, title)
         rows.append(row)
+    frame = pd.DataFrame(rows)
+    columns = [f"{title}{end}" for title, _, _ in CARRIED for end in ENDS]
+    return frame[["benchmark", *[name for name in columns if name in frame]]] if rows else frame
+
+
+#: Lines of ``frontier``: by initializer and strategy, the title and the option that varies.
+DIALS = {
+    ("fold_in", "insert"): ("Fold-in, share", "share"),
+    ("soft_rs", "replay"): ("Soft RS, replay", "number"),
+    ("soft_rs", "l2"): ("Soft RS, drawn back", "weight"),
+}
+#: Points of ``frontier``: initializers without training.
+POINTS = (DEFAULT, "class_mean", "er_avg", "soft_rs")
+#: Strategies of ``equal_time``, after soft RS.
+TIMED = ("new_rows", "new_rows_and_earlier", "replay")
+
+
+@table("continual")
+def frontier(results: Sequence[GrownRuns]) -> pd.DataFrame:
+    """Use against harm: the test sets of later snapshots in the end, and that of the first one."""
+    rows = list[dict[str, Any]]()
+    for runs in results:
+        of_runs = list[dict[str, Any]]()
+        for chain in runs.chains:
+            initializer, options = runs.settings.initializer_of(chain[0])
+            strategy, chosen = runs.settings.strategy_of(chain[1])
+            line, option = DIALS.get((initializer, strategy), ("", ""))
+            values = {**options, **chosen}
+            if line and option in values and "epochs" not in values:
+                of_runs.append(_point(runs, chain, line, values[option]))
+            elif strategy == "insert" and initializer in POINTS:
+                of_runs.append(_point(runs, chain, runs.names(chain)["initializer"], None))
+        if any(row["value"] is not None for row in of_runs):
+            rows += of_runs
     return pd.DataFrame(rows)
+
+
+@table("continual")
+def equal_time(results: Sequence[GrownRuns]) -> pd.DataFrame:
+    """What training of new rows and of all rows gives for the seconds that it takes."""
+    rows = list[dict[str, Any]]()
+    for runs in results:
+        of_runs = list[dict[str, Any]]()
+        for chain in runs.chains:
+            strategy, chosen = runs.settings.strategy_of(chain[1])
+            varies = chain[1] == strategy or "epochs" in chosen
+            if chain[0] == "soft_rs" and strategy in TIMED and varies:
+                line = runs.names((chain[0], strategy))["strategy"]
+                epochs = chosen.get("epochs", runs.settings.training.epochs)
+                of_runs.append(_point(runs, chain, line, epochs))
+        if len({row["value"] for row in of_runs}) > 1:
+            rows += of_runs
+    return pd.DataFrame(rows)
+
+
+def _point(runs: GrownRuns, chain: tuple[str, str], line: str, value: Any) -> dict[str, Any]:
+    """A row of ``frontier`` or ``equal_time``: a chain on a line, at the value of an option."""
+    measured = runs.all_measures.loc[chain]
+    row: dict[str, Any] = {"benchmark": runs.settings.title, "line": line, "value": value}
+    row["strategy"] = PUBLISHED["strategies"][runs.settings.strategy_of(chain[1])[0]]
+    for name in (AFTER_ALL, MEASURES["base"], SECONDS):
+        row |= named(measured, name, name)
+    return row
 
 
 @table("continual")
