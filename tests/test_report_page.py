@@ -58,7 +58,6 @@ def test_pages_in_git_are_those_that_their_tables_in_git_give(name: str, reports
     assert drawn == kept
 
 
-
 @pytest.mark.parametrize("name", PAGES)
 def test_every_link_leads_somewhere_and_ids_are_distinct(reports: Path, name: str) -> None:
     folder = reports / PAGES[name].folder
