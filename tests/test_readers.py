@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from tools.fuzz.__main__ import read_changed, read_giant
+from tools.fuzz.campaign import read_changed, read_giant
 from tools.fuzz.changes import GZIP
 from tools.fuzz.formats import FORMATS, Format
 from tools.fuzz.worker import Worker

@@ -14,57 +14,18 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from tqdm import tqdm
 
-from tools.fuzz.changes import changed
-from tools.fuzz.formats import FORMATS, Files
-from tools.fuzz.giants import GIANTS, giant
-from tools.fuzz.worker import Outcome, Worker
+from tools.fuzz.campaign import OF_GIANTS, try_format
+from tools.fuzz.formats import FORMATS
+from tools.fuzz.worker import Outcome
 
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.csv")
-OF_GIANTS = "giants: a million objects, rows or levels"
-
-
-def read_changed(name: str, inputs: int, root: int, worker: Worker) -> list[Outcome]:
-    """The outcomes of ``inputs`` random changes of the files of a format."""
-    outcomes = []
-
-    @seed(root)
-    @settings(
-        max_examples=inputs,
-        database=None,
-        phases=[Phase.generate],
-        deadline=None,
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(changed(FORMATS[name].files))
-    def read(files: Files) -> None:
-        outcomes.append(worker.read(FORMATS[name], files))
-
-    read()
-    return outcomes
-
-
-def read_giant(title: str, worker: Worker) -> Outcome:
-    """The outcome of a giant; its files are not kept."""
-    name, files = giant(title)
-    outcome = worker.read(FORMATS[name], files)
-    return replace(outcome, problem=f"{title}: {outcome.problem}", files={})
-
-
-def try_format(name: str, inputs: int, root: int) -> list[Outcome]:
-    """All outcomes of a row of the table, with a new process for reading."""
-    with Worker() as worker:
-        if name == OF_GIANTS:
-            return [read_giant(title, worker) for title in GIANTS]
-        return read_changed(name, inputs, root, worker)
 
 
 def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
