@@ -32,7 +32,6 @@ from isi.live.phrases import (
 )
 from isi.tables import paths
 from tests.small_bundle import NAMES, small, without_words, word_file
-from tools import distil_words
 
 ROOT = Path(__file__).parent.parent
 WORDS = ["the", "night", "nights", "stand", "mug", "cup"]
@@ -208,24 +207,3 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     assert {"gensim", "sentence_transformers", "transformers"}.isdisjoint(loaded.split())
-
-
-# The tool that makes the vocabulary
-
-
-def test_a_line_of_wordnet_names_its_nouns(tmp_path: Path) -> None:
-    path = tmp_path / "data.noun"
-    path.write_text(
-        "  1 a licence\n"
-        "02958343 06 n 02 car 0 Motor_car 0 001 @ 03791235 n 0000 | a motor vehicle\n"
-        "00001740 03 n 01 entity 0 000 | that which exists\n",
-        encoding="latin-1",
-    )
-    assert distil_words.nouns(path) == {"car", "motor_car"}
-
-
-def test_quantized_rows_are_within_half_a_step() -> None:
-    rows = np.random.default_rng(0).standard_normal((20, 8))
-    numbers, scale = distil_words.quantized(rows)
-    assert np.abs(numbers).max(1).tolist() == [127] * 20
-    assert (np.abs(numbers * scale[:, None] - rows) <= 0.501 * scale[:, None]).all()

@@ -8,7 +8,6 @@ import json
 from collections import Counter
 from itertools import islice
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import pytest
@@ -21,7 +20,6 @@ from isi.sources import READERS, Mining
 from isi.sources.recordings import Scene, SceneObject
 from tests.observing import observations_of
 from tests.procthor import house, thing
-from tools import make_houses
 
 #: An object of each type that was recorded.
 RECORDED = {
@@ -156,10 +154,12 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, materials: str
 ) -> None:
     monkeypatch.setattr(procthor, "recorded_types", RECORDED_TYPES)
-    make_houses.write(tmp_path / "x.jsonl.gz", 3)
+    switch, cup = thing("LightSwitch|2|0", 1, 1), thing("Mug|surface|3|1", 5, 3)
+    lines = [json.dumps(house(switch, thing("SideTable|3|0", 5, 3, cup)))] * 3
+    (tmp_path / "x.jsonl").write_text("\n".join(lines), encoding="utf-8")
     given = {
         "reader": "procthor_houses",
-        "path": str(tmp_path / "x.jsonl.gz"),
+        "path": str(tmp_path / "x.jsonl"),
         "sha256": None,
         "materials": materials,
     }
@@ -222,23 +222,14 @@ def test_ids_of_both_versions_name_a_type_or_none_and_a_room(
     assert procthor.type_and_room(identifier) == (kind, room)
 
 
-@given(st.integers(0, 10_000), st.integers(1, 10), st.floats(0.001, 0.999), st.floats(0.001, 0.999))
-def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
-    seed: int, number: int, along: float, across: float
-) -> None:
-    areas = make_houses.layout(Random(seed), number)
-    width = max(x1 for area in areas for _, _, x1, _ in area)
-    depth = max(z1 for area in areas for _, _, _, z1 in area)
-    x, z = along * width, across * depth
-    cut = [any(x0 < x < x1 and z0 < z < z1 for x0, z0, x1, z1 in area) for area in areas]
-    rooms = [
-        procthor.Room.model_validate(
-            {"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)}
-        )
-        for area in areas
-    ]
+@given(st.floats(0.001, 8.999), st.floats(0.001, 3.999))
+def test_each_point_of_a_floor_plan_is_in_the_one_room_that_contains_it(x: float, z: float) -> None:
+    """The rooms have the shape of an L each."""
+    rooms = [procthor.Room.model_validate(room) for room in house()["rooms"]]
     (room,) = procthor.rooms_of(
         rooms, [(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)]
     )
     assert room is not None
-    assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles
+    is_in_kitchen = x < 4 or (x < 6 and z < 2)
+    distance = min(abs(x - 4), abs(x - 6), abs(z - 2))
+    assert distance < 0.01 or rooms.index(room) == (0 if is_in_kitchen else 1)

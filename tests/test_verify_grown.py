@@ -15,15 +15,18 @@ from isi.continual.experiment import FIRST, MATRIX
 from isi.tables import paths
 from tests import small_continual, stage_run
 from tests.small_continual import FOLDER, NAME
-from tools.recomputed_matrix import (
+from tools.verify import (
     TIE,
+    Check,
     FirstEmbedding,
     GrowingGraph,
-    MatrixTable,
+    main,
+    mean_of,
     plain_steps,
+    verify_grown,
+    where,
     wins_of,
 )
-from tools.verify import Check, main, verify_grown
 
 INITIALIZERS: dict[str, Any] = {"mean": {}, "er_avg": {}}
 PAIRS = {"mean": ["insert", "replay"], "er_avg": ["insert"]}
@@ -261,8 +264,7 @@ def test_what_is_computed_again_of_a_chain() -> None:
 
 
 def test_means_are_weighted_by_queries() -> None:
-    columns = {"queries": np.array([3, 1]), "mrr": np.array([0.5, 0.1]), "j": np.array([0, 1])}
-    table = MatrixTable(columns)
-    assert table.mean() == pytest.approx(0.4)
-    assert table.where(j=1).mean() == pytest.approx(0.1)
-    assert np.isnan(table.where(j=2).mean())
+    rows = pd.DataFrame({"queries": [3, 1], "mrr": [0.5, 0.1], "j": [0, 1]})
+    assert mean_of(rows) == pytest.approx(0.4)
+    assert mean_of(where(rows, j=1)) == pytest.approx(0.1)
+    assert np.isnan(mean_of(where(rows, j=2)))

@@ -268,7 +268,7 @@ def large(folder: Path = BENCHMARKS) -> pd.DataFrame:
         ("an epoch of such steps", _time(step * steps), "the same, T triples"),
     ]
     epochs = _read(folder, "snapshot").set_index(_read(folder, "snapshot").columns[0])
-    for what, epoch, factor, how in (
+    for title, epoch, factor, source in (
         (
             "an epoch of cross-entropy over all entities",
             "an epoch, all entities",
@@ -283,7 +283,7 @@ def large(folder: Path = BENCHMARKS) -> pd.DataFrame:
         ),
     ):
         seconds = epochs["ms"][epoch] / 1e3 * LARGE.triples / FBINC_M.triples * factor
-        rows.append((what, _time(seconds), how))
+        rows.append((title, _time(seconds), source))
     inserted = _read(folder, "insert").query(f"`known entities` == {LARGE.entities}")
     for _, row in inserted.iterrows():
         measured = f"{row['ms'] / 1e3:.1f} s, {row['peak MiB'] / 1024:.1f} GiB"

@@ -1,4 +1,4 @@
-"""Compare learning rates, weight decays, margins and norms of embedding models;
+"""Compare batch sizes, learning rates, weight decays, margins and norms of embedding models;
 those in params.yaml were chosen so.
 
 Each setting trains the joint model with a few seeds; its score is the best validation MRR*,
@@ -12,12 +12,18 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
+from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
 from isi.experiment.store import Store
+from isi.experiment.train import TrainConfig, train_stack
 from isi.models.model import make_model
 from isi.params import load
-from tools.choose_rates import best_valid
 from tools.docs import write_table
+
+
+def best_valid(points: GridPoints, config: TrainConfig) -> np.ndarray:
+    """Best validation MRR* of each joint model; shape (M,)."""
+    return train_stack(points, config).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
 def main() -> None:
@@ -26,6 +32,7 @@ def main() -> None:
     )
     parser.add_argument("--models", nargs="+", help="default: all")
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--batches", type=int, nargs="+", help="batch sizes (that of params)")
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
     parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
@@ -34,6 +41,7 @@ def main() -> None:
     experiment = params.compare_models.experiment or next(iter(params.experiments))
     joint = Store(experiment).grid(given.seeds, seeds=given.seeds)[0].all_known
     of_training = {"learning_rate": given.rates, "weight_decay": given.decays}
+    of_training |= {"batch_size": given.batches} if given.batches else {}
     of_model = {"margin": given.margins, "squared": [False, True]}
     rows, tasks = [], []
     for name in given.models or params.models:

@@ -2,8 +2,7 @@
 and its pictures to docs/sources/.
 
 The sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of the files of
-``--params``. If none of them reads ProcTHOR's houses, random houses are made. A source that cannot
-be read here is skipped with a message.
+``--params``. A source that cannot be read here is skipped with a message.
 
 python -m tools.sources [NAME ...]
 """
@@ -16,7 +15,6 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import matplotlib as mpl
@@ -29,13 +27,10 @@ from isi.config import Name, check, read
 from isi.errors import InputError
 from isi.sources import Source
 from isi.tables import paths
-from tools import make_houses
 from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered
 
 TRIPLE = ["head", "relation", "tail"]
-#: Name and number of the random houses; the training set of ProcTHOR-10K has the same number.
-MADE, HOUSES = "procthor_made", 10_000
 #: Maximum number of objects in a picture, or the number of its rooms if that is larger.
 SHOWN = 25
 NONE = "–"
@@ -194,36 +189,19 @@ def main() -> None:
     parser.add_argument(
         "--params", type=Path, action="append", default=[], help="a YAML file with more sources"
     )
-    parser.add_argument(
-        "--houses", type=int, default=HOUSES, help=f"number of random houses ({HOUSES:,})"
-    )
     parser.add_argument("--docs", type=Path, help="folder of the table and the pictures (docs)")
     given = parser.parse_args()
     docs = given.docs or (None if given.names else BENCHMARKS.parent)
     try:
         sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
-        readers = {settings.get("reader") for settings in sources.values()}
-        with TemporaryDirectory() as folder:
-            houses = Path(folder) / "houses.jsonl.gz"
-            if "procthor_houses" not in readers:
-                section = {
-                    "reader": "procthor_houses",
-                    "path": str(houses),
-                    "sha256": None,
-                    "materials": "suncg",
-                }
-                sources[MADE] = section
-            if unknown := set(given.names) - set(sources):
-                sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
-            chosen = {name: sources[name] for name in given.names or sources}
-            if MADE in chosen:
-                make_houses.write(houses, given.houses)
-            measured, seed = [], read(paths.PARAMS)["seed"]
-            for name, settings in chosen.items():
-                try:
-                    measured.append(run(name, settings, seed))
-                except InputError as error:
-                    print(f"skipped {name}: {error}", file=sys.stderr)
+        if unknown := set(given.names) - set(sources):
+            sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
+        measured, seed = [], read(paths.PARAMS)["seed"]
+        for name in given.names or sources:
+            try:
+                measured.append(run(name, sources[name], seed))
+            except InputError as error:
+                print(f"skipped {name}: {error}", file=sys.stderr)
         if docs is None:
             print(table(measured).to_markdown(index=False, disable_numparse=True))
             return

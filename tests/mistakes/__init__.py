@@ -14,8 +14,7 @@ import yaml
 from isi.sources.recordings import FORMAT
 from tests import procthor
 from tools.fuzz import formats
-from tools.fuzz.formats import THINGS
-from tools.fuzz.mutations import Files
+from tools.fuzz.formats import THINGS, Files
 
 MUG, SHELF, FORK, FLOOR = THINGS
 LOG = "head,relation,tail\nmug,atLocation,kitchen\n"

@@ -22,7 +22,13 @@ from tests.mistakes import (
     spawned,
     vectors,
 )
-from tools.fuzz.formats import BINARY, EVENTS, GLOVE, HOME, HOUSE, NT, THINGS, small_scene_graph
+from tools.fuzz.formats import FORMATS, HOME, THINGS, small_scene_graph
+
+EVENTS = json.loads(FORMATS["scenes, list"].files["scenes.json"])
+HOUSE = FORMATS["houses of Matterport3D"].files["houses/x.house"].decode()
+NT = FORMATS["RDF, N-Triples"].files["log.nt"].decode()
+GLOVE = FORMATS["words, GloVe"].files["glove.txt"]
+BINARY = FORMATS["words, binary"].files["words.bin"]
 
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
 of_houses, MUG_ID = of_file("houses of ProcTHOR", "houses.jsonl"), MUG["objectId"]

@@ -11,26 +11,47 @@ import argparse
 import multiprocessing
 import os
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from tqdm import tqdm
 
-from tools.fuzz.campaign import Counts, try_format, try_giants
+from tools.fuzz.campaign import OF_GIANTS, try_format
 from tools.fuzz.formats import FORMATS
+from tools.fuzz.worker import Outcome
 
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.csv")
-COLUMNS = [
-    "file format",
-    "inputs",
-    "read",
-    "refused in one line",
-    "faults",
-    "longest processor time (s)",
-    "peak MiB",
-]
+
+
+def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """The row of the table in docs/benchmarks/fuzz.csv."""
+    kinds = Counter(outcome.kind for outcome in outcomes)
+    return {
+        "file format": name,
+        "inputs": f"{len(outcomes):,}",
+        "read": f"{kinds['read']:,}",
+        "refused in one line": f"{kinds['refused']:,}",
+        "faults": kinds["fault"],
+        "longest processor time (s)": f"{max(outcome.seconds for outcome in outcomes):.1f}",
+        "peak MiB": max(outcome.mib for outcome in outcomes),
+    }
+
+
+def write_faults(name: str, outcomes: Sequence[Outcome]) -> None:
+    """Write the files of each fault into a folder under .fuzz/, and print the problem."""
+    faults = [outcome for outcome in outcomes if outcome.kind == "fault"]
+    for number, fault in enumerate(faults):
+        folder = FAULTS / f"{name.replace(', ', ' ').replace(' ', '-')}-{number}"
+        problem = fault.problem.encode(errors="backslashreplace")
+        for path, content in (fault.files | {"fault.txt": problem}).items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(content)
+        print(f"{name} ({folder}): {fault.problem.strip().splitlines()[-1][:200]}")
 
 
 def main() -> None:
@@ -43,45 +64,25 @@ def main() -> None:
         "--format", choices=list(FORMATS), help="only this format; docs are not written"
     )
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
-    given = parser.parse_args()
-    names = [given.format] if given.format else list(FORMATS)
-    share = -(-given.inputs // len(names))
+    options = parser.parse_args()
+    names = [options.format] if options.format else [*FORMATS, OF_GIANTS]
+    share = -(-options.inputs // len(names))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=context) as pool:
-        waiting = [pool.submit(try_format, name, share, given.seed) for name in names]
-        waiting += [pool.submit(try_giants)] * (not given.format)
-        for _ in tqdm(as_completed(waiting), total=len(waiting), unit=" formats", disable=None):
+        waiting = {name: pool.submit(try_format, name, share, options.seed) for name in names}
+        for _ in tqdm(
+            as_completed(waiting.values()), total=len(names), unit=" formats", disable=None
+        ):
             pass
-    counts = [future.result() for future in waiting]
-    for of_format in counts:
-        write_faults(of_format)
-    rows = pd.DataFrame([of_format.row() for of_format in counts], columns=COLUMNS)
-    total = {
-        "file format": "all",
-        **rows[COLUMNS[1:5]].sum(),
-        **{name: rows[name].max() for name in COLUMNS[5:]},
-    }
-    if not given.format:
-        table = pd.concat([rows, pd.DataFrame([total])])
-        counts = {name: table[name].map("{:,}".format) for name in COLUMNS[1:5]}
-        table.assign(**counts).to_csv(
-            given.out, index=False, float_format="%.1f", lineterminator="\n"
-        )
-    print(f"{total['inputs']:,} inputs, {total['faults']} faults")
+    outcomes = {name: future.result() for name, future in waiting.items()}
+    for name, of_format in outcomes.items():
+        write_faults(name, of_format)
+    total = row("all", [outcome for of_format in outcomes.values() for outcome in of_format])
+    if not options.format:
+        rows = [row(name, of_format) for name, of_format in outcomes.items()]
+        pd.DataFrame([*rows, total]).to_csv(options.out, index=False, lineterminator="\n")
+    print(f"{total['inputs']} inputs, {total['faults']} faults")
     sys.exit(f"{total['faults']} faults: their files are under {FAULTS}/" if total["faults"] else 0)
-
-
-def write_faults(counts: Counts) -> None:
-    """Write the files of each fault into a folder under .fuzz/, and print the problem."""
-    for number, (problem, files) in enumerate(counts.faults):
-        folder = FAULTS / f"{counts.format.replace(', ', ' ').replace(' ', '-')}-{number}"
-        for name, content in {
-            **files,
-            "fault.txt": problem.encode(errors="backslashreplace"),
-        }.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(content)
-        print(f"{counts.format} ({folder}): {problem.strip().splitlines()[-1][:200]}")
 
 
 if __name__ == "__main__":

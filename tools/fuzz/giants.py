@@ -4,13 +4,19 @@ import gzip
 import json
 import struct
 from collections.abc import Callable
+from typing import Any
 
 from isi.sources.recordings import FORMAT
 from tests import procthor
-from tools.fuzz.formats import HEADER, HOUSE
-from tools.fuzz.mutations import Files
+from tools.fuzz.formats import FORMATS, HEADER, Files
 
-MANY, DEEP = 1_000_000, 1_000_000
+MANY, DEEP, HUGE = 1_000_000, 1_000_000, 2**30
+HOUSE = FORMATS["houses of Matterport3D"].files["houses/x.house"]
+
+
+def joined(*parts: tuple[bytes, int]) -> bytes:
+    """Each text as often as its number says."""
+    return b"".join(text * number for text, number in parts)
 
 
 def things(number: int) -> bytes:
@@ -24,165 +30,117 @@ def things(number: int) -> bytes:
 
 def crossing(number: int) -> bytes:
     """Objects of a scene as JSON; each object is in all others."""
-    ids = [str(n) for n in range(number)]
-    others = {name: [other for other in ids if other != name] for name in ids}
+    ids = {str(n) for n in range(number)}
+    others = {name: sorted(ids - {name}) for name in sorted(ids)}
+    alike = {"objectType": "Mug"}
     return json.dumps(
         [
-            {
-                "objectId": name,
-                "objectType": "Mug",
-                "parentReceptacles": rest,
-                "receptacleObjectIds": rest,
-            }
+            alike | {"objectId": name, "parentReceptacles": rest, "receptacleObjectIds": rest}
             for name, rest in others.items()
         ]
     ).encode()
 
 
-def line(objects: bytes) -> bytes:
-    """A recording of one scene with these objects."""
-    head = json.dumps(FORMAT | dict(HEADER)).encode()
-    return gzip.compress(
-        head + b'\n{"scene": "FloorPlan1", "spawn": null, "objects": ' + objects + b"}\n",
-        1,
-        mtime=0,
-    )
+def recording(make: Callable[[int], bytes], number: int) -> bytes:
+    """A recording of one scene with the objects of ``make``."""
+    scene = b'\n{"scene": "FloorPlan1", "spawn": null, "objects": ' + make(number) + b"}\n"
+    return json.dumps(FORMAT | dict(HEADER)).encode() + scene
 
 
 def house(objects: int, corners: int) -> bytes:
     """A house of one room, with these numbers of objects and of corners of the floor."""
-    made = procthor.house()
-    made["rooms"] = [
-        made["rooms"][0] | {"floorPolygon": [{"x": n % 7, "z": n % 5} for n in range(corners)]}
-    ]
-    text = json.dumps(made)
+    room = procthor.house()["rooms"][0] | {
+        "floorPolygon": [{"x": n % 7, "z": n % 5} for n in range(corners)]
+    }
     rows = (f'{{"id":"Mug|{n}","assetId":"A","position":{{"x":1,"z":1}}}}' for n in range(objects))
-    return text.replace('"objects": []', f'"objects": [{",".join(rows)}]').encode()
+    text = json.dumps(procthor.house("@", rooms=[room]))
+    return text.replace('"@"', ",".join(rows)).encode()
 
 
 def nested_house(depth: int) -> bytes:
     """A house with objects in objects, to this depth."""
-    item = '{"id":"Mug|1","assetId":"A","position":{"x":1,"z":1},"children":['
-    return (
-        json.dumps(procthor.house())
-        .replace('"objects": []', f'"objects": [{item * depth}{"]}" * depth}]')
-        .encode()
-    )
+    before, after = json.dumps(procthor.house("@")).encode().split(b'"@"')
+    item = b'{"id":"Mug|1","assetId":"A","position":{"x":1,"z":1},"children":['
+    return joined((before, 1), (item, depth), (b"]}", depth), (after, 1))
 
 
-def rows(number: int, separator: bytes = b",") -> bytes:
+def triples(number: int) -> bytes:
     """A table of ``number`` triples, each with a new entity."""
-    lines = (b"e%d%snear%se%d\n" % (n, separator, separator, n * 7 % number) for n in range(number))
-    return separator.join([b"head", b"relation", b"tail"]) + b"\n" + b"".join(lines)
+    rows = (b"e%d\tnear\te%d\n" % (n, n * 7 % number) for n in range(number))
+    return b"head\trelation\ttail\n" + b"".join(rows)
 
 
-def deep(opening: bytes, closing: bytes) -> bytes:
-    return opening * DEEP + closing * DEEP
+def vectors(number: int) -> bytes:
+    return b"".join(b"w%d 0.5 0.25 1\n" % n for n in range(number))
 
 
-#: By title: the format, and a function that makes the files.
-GIANTS: dict[str, tuple[str, Callable[[], Files]]] = {
-    "a scene of a million objects": ("scene", lambda: {"scene.json": things(MANY)}),
-    "a scene of 100,000 objects": ("scene", lambda: {"scene.json": things(100_000)}),
-    "a recorded scene of a million objects": (
-        "recording",
-        lambda: {"r.jsonl.gz": line(things(MANY))},
-    ),
-    "a recorded scene of 100,000 objects": (
-        "recording",
-        lambda: {"r.jsonl.gz": line(things(100_000))},
-    ),
+SCENE, RECORDING, UNTIDY = ("scene", "scene.json"), ("recording", "r.jsonl.gz"), "recording, untidy"
+HOUSES, CSV, TSV = (
+    ("houses of ProcTHOR", "houses.jsonl"),
+    ("table, CSV", "log.csv"),
+    ("table, TSV", "log.tsv.gz"),
+)
+LISTS = (b"[", DEEP), (b"]", DEEP)
+SCENES = (b'{"scenes":', DEEP), (b"}", DEEP)
+#: By title: the format, the file, the function that makes the file, and its arguments.
+GIANTS: dict[str, tuple[Any, ...]] = {
+    "a scene of a million objects": (*SCENE, things, MANY),
+    "a scene of 100,000 objects": (*SCENE, things, 100_000),
+    "a recorded scene of a million objects": (*RECORDING, recording, things, MANY),
+    "a recorded scene of 100,000 objects": (*RECORDING, recording, things, 100_000),
     "a chain of 100,000 receptacles, looked at for circles": (
-        "recording, untidy",
-        lambda: {"r.jsonl.gz": line(things(100_000))},
+        UNTIDY, "r.jsonl.gz", recording, things, 100_000,
     ),
-    "1,000 objects in each other": (
-        "recording, untidy",
-        lambda: {"r.jsonl.gz": line(crossing(1_000))},
-    ),
-    "a house of a million objects": (
-        "houses of ProcTHOR",
-        lambda: {"houses.jsonl": house(MANY, 4)},
-    ),
-    "a house of 10,000 objects": (
-        "houses of ProcTHOR",
-        lambda: {"houses.jsonl": house(10_000, 1_000)},
-    ),
-    "a floor of a million corners": (
-        "houses of ProcTHOR",
-        lambda: {"houses.jsonl": house(10, MANY)},
-    ),
-    "objects in objects, a hundred deep": (
-        "houses of ProcTHOR",
-        lambda: {"houses.jsonl": nested_house(100)},
-    ),
-    "objects in objects, a million deep": (
-        "houses of ProcTHOR",
-        lambda: {"houses.jsonl": nested_house(100_000)},
-    ),
-    "lists in lists in a scene, a million deep": (
-        "scene",
-        lambda: {"scene.json": deep(b"[", b"]")},
-    ),
+    "1,000 objects in each other": (UNTIDY, "r.jsonl.gz", recording, crossing, 1_000),
+    "a house of a million objects": (*HOUSES, house, MANY, 4),
+    "a house of 10,000 objects": (*HOUSES, house, 10_000, 1_000),
+    "a floor of a million corners": (*HOUSES, house, 10, MANY),
+    "objects in objects, a hundred deep": (*HOUSES, nested_house, 100),
+    "objects in objects, 100,000 deep": (*HOUSES, nested_house, 100_000),
+    "lists in lists in a scene, a million deep": (*SCENE, joined, *LISTS),
     "lists in lists of any kind, a million deep": (
-        "file of any kind",
-        lambda: {"any.json": deep(b"[", b"]")},
+        "file of any kind", "any.json", joined, *LISTS,
     ),
     "mappings in mappings, a million deep": (
-        "recording of the package",
-        lambda: {"r.json": deep(b'{"kitchens":', b"}")},
+        "recording of the package", "r.json", joined, (b'{"kitchens":', DEEP), (b"}", DEEP),
     ),
-    "lists in lists in a recording": (
-        "recording",
-        lambda: {"r.jsonl.gz": gzip.compress(deep(b"[", b"]"), 1)},
-    ),
-    "lists in lists in BEHAVIOR": (
-        "BEHAVIOR",
-        lambda: {"behavior/combined_room_object_list.json": deep(b'{"scenes":', b"}")},
+    "lists in lists in a recording": (*RECORDING, joined, *LISTS),
+    "mappings in mappings in BEHAVIOR": (
+        "BEHAVIOR", "behavior/combined_room_object_list.json", joined, *SCENES,
     ),
     "lists in lists in Turtle": (
-        "RDF, Turtle",
-        lambda: {"log.ttl": b"<a:b> <a:c> " + deep(b"(", b")") + b" ."},
+        "RDF, Turtle", "log.ttl", joined,
+        (b"<a:b> <a:c> ", 1), (b"(", DEEP), (b")", DEEP), (b" .", 1),
     ),
-    "a table of 100,000 triples": (
-        "table, TSV",
-        lambda: {"log.tsv.gz": gzip.compress(rows(100_000, b"\t"), 1)},
-    ),
+    "a table of 100,000 triples": (*TSV, triples, 100_000),
     "a line of 60 million characters": (
-        "table, CSV",
-        lambda: {"log.csv": b"head,relation,tail\n" + b"x" * 60_000_000},
+        *CSV, joined, (b"head,relation,tail\n", 1), (b"x", 60_000_000),
     ),
-    "a gigabyte of zeros, compressed": (
-        "table, TSV",
-        lambda: {"log.tsv.gz": gzip.compress(bytes(2**30), 1)},
-    ),
-    "a recording of a gigabyte of zeros": (
-        "recording",
-        lambda: {"r.jsonl.gz": gzip.compress(bytes(2**30), 1)},
-    ),
-    "a recording of zeros to go on with": (
-        "recording to continue",
-        lambda: {"r.jsonl.gz": gzip.compress(bytes(2**30), 1)},
-    ),
+    "a gigabyte of zeros, compressed": (*TSV, bytes, HUGE),
+    "a recording of a gigabyte of zeros": (*RECORDING, bytes, HUGE),
+    "a recording of zeros to go on with": ("recording to continue", "r.jsonl.gz", bytes, HUGE),
     "a house of a million records": (
-        "houses of Matterport3D",
-        lambda: {"houses/x.house": (HOUSE + "V 0 0 - 1 2 3\n" * MANY).encode()},
+        "houses of Matterport3D", "houses/x.house", joined,
+        (HOUSE, 1), (b"V 0 0 - 1 2 3\n", MANY),
     ),
-    "a number of a million digits": ("scene", lambda: {"scene.json": b"[" + b"9" * MANY + b"]"}),
-    "counts of a million digits": (
-        "table, CSV",
-        lambda: {"log.csv": b"head,relation,tail,count\na,b,c," + b"9" * 100_000 + b"\n"},
+    "a number of a million digits": (*SCENE, joined, (b"[", 1), (b"9", MANY), (b"]", 1)),
+    "counts of 100,000 digits": (
+        *CSV, joined, (b"head,relation,tail,count\na,b,c,", 1), (b"9", 100_000), (b"\n", 1),
     ),
     "vectors of 100,000 numbers": (
-        "words, GloVe",
-        lambda: {"glove.txt": b"mug" + b" 0.5" * 100_000 + b"\n"},
+        "words, GloVe", "glove.txt", joined, (b"mug", 1), (b" 0.5", 100_000), (b"\n", 1),
     ),
-    "a million vectors": (
-        "words, GloVe",
-        lambda: {"glove.txt": b"".join(b"w%d 0.5 0.25 1\n" % n for n in range(MANY))},
-    ),
+    "a million vectors": ("words, GloVe", "glove.txt", vectors, MANY),
     "a header that promises a billion vectors": (
-        "words, binary",
-        lambda: {"words.bin": b"999999999 1000\nmug " + struct.pack("<f", 1.0) * 1_000},
+        "words, binary", "words.bin", joined,
+        (b"999999999 1000\nmug ", 1), (struct.pack("<f", 1.0), 1_000),
     ),
-}
+}  # fmt: skip
+
+
+def giant(title: str) -> tuple[str, Files]:
+    """The format and the files of a giant."""
+    name, file, make, *arguments = GIANTS[title]
+    content = make(*arguments)
+    packed = gzip.compress(content, 1, mtime=0) if file.endswith(".gz") else content
+    return name, FORMATS[name].files | {file: packed}

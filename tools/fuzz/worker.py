@@ -3,25 +3,22 @@
 """
 
 import multiprocessing
-import os
 import resource
 import signal
-import sys
 import tempfile
 import time
 import traceback
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import chdir
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import torch
 
 from isi.errors import InputError
-from tools.fuzz.faulty import FAULTY
-from tools.fuzz.formats import FORMATS
-from tools.fuzz.mutations import Files
+from tools.fuzz.formats import Files, Format
 
 MEMORY = 2 * 2**30
 SECONDS = 10
@@ -34,8 +31,8 @@ PRELOADED = [
     "safetensors.torch",
     "rdflib.plugins.parsers.notation3",
 ]
-#: Maximum number of characters in a line of refusal.
-LONGEST = 300
+LONGEST = 300  #: Maximum number of characters in a line of refusal.
+EARLIER = b"the last good one"  #: What is in an output before.
 
 
 @dataclass(frozen=True)
@@ -49,80 +46,56 @@ class Outcome:
     meaning: str = ""
     seconds: float = 0.0
     mib: int = 0
+    #: what was read, of a fault
+    files: Files = field(default_factory=dict)
 
 
-def attempt(name: str, files: Files) -> Outcome:
+def attempt(form: Format, files: Files, seconds: float) -> Outcome:
     """Read files in a temporary folder as a stage does,
     and check the message and the files that are left.
     """
-    start, home = time.process_time(), Path.cwd()
-    with tempfile.TemporaryDirectory(prefix="isi-fuzz-") as folder:
-        root = Path(folder).resolve()
-        os.chdir(root)
-        try:
-            for path, content in files.items():
-                Path(path).parent.mkdir(parents=True, exist_ok=True)
-                Path(path).write_bytes(content)
-            kind, problem, meaning = _read(name, set(files))
-        finally:
-            os.chdir(home)
+    signal.setitimer(signal.ITIMER_PROF, seconds)  # ends the process, even in a loop of C
+    signal.alarm(PATIENCE)
+    start = time.process_time()
+    with tempfile.TemporaryDirectory(prefix="isi-fuzz-") as folder, chdir(folder):
+        for path, content in (files | {str(path): EARLIER for path in form.writes}).items():
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_bytes(content)
+        outcome = _read(form, files)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.alarm(0)
     mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    return Outcome(kind, problem, meaning, time.process_time() - start, mib)
+    return replace(outcome, seconds=time.process_time() - start, mib=mib)
 
 
-def _read(name: str, given: set[str]) -> tuple[Literal["read", "refused", "fault"], str, str]:
-    form = FORMATS.get(name) or FAULTY[name]
-    earlier = b"the last good one"
-    for path in form.writes:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(earlier)
+def _read(form: Format, files: Files) -> Outcome:
+    line, faults = "", list[str]()
     try:
-        meaning = form.read()
-        wrong = ""
+        outcome = Outcome("read", meaning=form.read())
     except InputError as error:
-        meaning, line = "", str(error)
-        wrong = _wrong_line(line)
-        if any(Path(path).read_bytes() != earlier for path in form.writes):
-            wrong = f"an output was touched: {line}"
+        line = str(error)
+        outcome = Outcome("refused", line)
+        if not line.isprintable():
+            faults.append(f"not printable: {line!r}")
+        if len(line) > LONGEST:
+            faults.append(f"{len(line)} characters: {line}")
+        if any(path.read_bytes() != EARLIER for path in form.writes):
+            faults.append(f"an output was touched: {line}")
     except Exception:
-        return "fault", traceback.format_exc(limit=-12), ""
-    else:
-        line = ""
-    left = (
-        {str(path) for path in Path().rglob("*") if path.is_file()}
-        - given
-        - set(map(str, form.writes))
-    )
-    if left:
-        wrong = f"files are left: {sorted(left)}"
-    return (
-        ("fault", wrong, "") if wrong else ("refused", line, "") if line else ("read", "", meaning)
-    )
+        return Outcome("fault", traceback.format_exc(limit=-12))
+    present = {str(path) for path in Path().rglob("*") if path.is_file()}
+    if left := present - files.keys() - set(map(str, form.writes)):
+        faults.append(f"files are left: {sorted(left)}")
+    return Outcome("fault", "; ".join(faults)) if faults else outcome
 
 
-def _wrong_line(line: str) -> str:
-    if not line.isprintable():
-        return f"not printable: {line!r}"
-    return f"{len(line)} characters: {line}" if len(line) > LONGEST else ""
-
-
-def _serve(jobs: Connection, seconds: float) -> None:
+def _limit() -> None:
     torch.set_num_threads(1)  # on a busy machine, threads that wait for each other use up the time
     status = Path("/proc/self/statm")
-    has = int(status.read_text().split()[0]) * resource.getpagesize() if status.exists() else 0
-    if has:
-        resource.setrlimit(resource.RLIMIT_AS, (has + MEMORY,) * 2)
+    if status.exists():
+        size = int(status.read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY,) * 2)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    jobs.send("ready")
-    while True:
-        try:
-            name, files = jobs.recv()
-        except EOFError:
-            return
-        signal.setitimer(signal.ITIMER_PROF, seconds)  # ends the process, even in a loop of C
-        outcome = attempt(name, files)
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        jobs.send(outcome)
 
 
 class Worker:
@@ -132,49 +105,20 @@ class Worker:
         self._seconds = seconds
 
     def __enter__(self) -> Self:
-        self._start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        self._end()
-
-    def read(self, name: str, files: Files) -> Outcome:
-        """The outcome of reading files of a format."""
-        self._jobs.send((name, files))
-        try:
-            if self._jobs.poll(PATIENCE):
-                outcome: Outcome = self._jobs.recv()
-                return outcome
-            died = f"no answer within {PATIENCE} s"
-        except EOFError:
-            self._process.join()
-            status = self._process.exitcode or 0
-            hung = status == -signal.SIGPROF
-            died = (
-                f"more than {self._seconds:g} s"
-                if hung
-                else f"the process ended with status {status}"
-            )
-        self._end()
-        self._start()
-        return Outcome("fault", died)
-
-    def _start(self) -> None:
         context: Any = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(PRELOADED)
-        self._jobs, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, self._seconds), daemon=True)
-        self._process.start()
-        theirs.close()
-        if not self._jobs.poll(PATIENCE) or self._jobs.recv() != "ready":
-            sys.exit("the process that reads cannot be started")
+        self._pool = ProcessPoolExecutor(1, context, _limit)
+        return self
 
-    def _end(self) -> None:
-        self._jobs.close()
-        self._process.kill()
-        self._process.join()
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
+
+    def read(self, form: Format, files: Files) -> Outcome:
+        """The outcome of reading files of a format."""
+        try:
+            outcome = self._pool.submit(attempt, form, files, self._seconds).result()
+        except BrokenProcessPool:
+            self.__enter__()
+            problem = f"the process died: a crash, or more than {self._seconds:g} s"
+            outcome = Outcome("fault", problem)
+        return replace(outcome, files=files) if outcome.kind == "fault" else outcome

@@ -18,6 +18,7 @@ from typing import Any
 
 import psutil
 
+from isi.config import read
 from isi.process import tie_to_parent
 from tests.environment import ENVIRONMENT
 from tools import workspace
@@ -39,23 +40,11 @@ SMALL: dict[str, Any] = {
     "compute.stack": 1,
     "compute.workers": 2,
     "final_model.experiments": ["published"],
-    **{
-        f"initializers.{name}": workspace.DROP
-        for name in (
-            "iu",
-            "es",
-            "rs",
-            "mean",
-            "kind_mean",
-            "gaussian",
-            "gaussian_centred",
-            "es_permuted",
-            "es_permuted_kinds",
-            "soft_hybrid",
-            "map",
-            "map_own_facts",
-        )
-    },
+}
+SMALL |= {
+    f"initializers.{name}": workspace.DROP
+    for name in read(workspace.ROOT / "params.yaml")["initializers"]
+    if name not in SMALL["experiments.published.initializers"]
 }
 WHOM = ("make repro", "DVC", "a stage", "a worker")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
