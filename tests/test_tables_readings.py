@@ -205,8 +205,8 @@ def test_tables_have_the_columns_and_rows_that_git_keeps(
     folder = ROOT / "reports/readings/tables"
     assert set(made) == {path.stem for path in folder.glob("*.csv")}
     for name, frame in made.items():
-        kept = pd.read_csv(folder / f"{name}.csv")
-        assert list(frame) == list(kept), name
+        header = (folder / f"{name}.csv").read_text("utf-8").splitlines()[0]
+        assert ",".join(map(str, frame)) == header.replace('"', ""), name
     titles = pd.read_csv(folder / "paper_results.csv")
     assert made["paper_results"][["what", "paper"]].equals(titles[["what", "paper"]])
     assert made["table3_readings"]["ES"].tolist()[:4] == ["put", "open", "fill", "× mug"]

@@ -102,15 +102,15 @@ def results_by_kind(results: Readings) -> pd.DataFrame | None:
         row["most of the allowed"] = int(counts[kind][ALLOWED].max())
         best = results.nearest([kind])
         row["best reading of the kind"] = best
-        row["chosen by the other kinds: reading"] = left_out
+        row["reading of the other kinds"] = left_out
         rows.append(row)
     frame = pd.DataFrame(rows)
     numbers, sums = frame.select_dtypes("number").sum(), counts.sum(axis=1)
     total: dict[str, Any] = {str(name): value for name, value in numbers.items()}
     total |= {"results": "all", "median of the allowed": float(sums[ALLOWED].median())}
     total |= {"most of the allowed": int(sums[ALLOWED].max()), "best reading of the kind": chosen}
-    total["chosen by the other kinds: reading"] = ""
-    total["nearest of all readings: reading"] = readings["nearest of all readings"]
+    total["reading of the other kinds"] = ""
+    total["nearest reading"] = readings["nearest of all readings"]
     return pd.concat([frame, pd.DataFrame([total])], ignore_index=True)
 
 
@@ -352,7 +352,7 @@ def curves_readings(results: Readings) -> Frames:
 
 def _curves(runs: CaseRuns, path: Path, reading: str) -> pd.DataFrame:
     """MRR* (points) by model and epoch under a reading, with its interval over seeds: each of the
-    first epochs, then every fifth.
+    first epochs, then every tenth.
     """
     (size,) = runs.case.curves
     seeds, place = runs.case.finetuned_seeds, READINGS.index(reading)
@@ -365,7 +365,7 @@ def _curves(runs: CaseRuns, path: Path, reading: str) -> pd.DataFrame:
         epoch = np.arange(len(mean))
         columns = {"epoch": epoch, "MRR*": mean, "MRR* low": mean - around}
         frame = pd.DataFrame({"model": model, **columns, "MRR* high": mean + around})
-        frames.append(frame[(epoch <= 10) | (epoch % 5 == 0)])
+        frames.append(frame[(epoch <= 10) | (epoch % 10 == 0)])
     return pd.concat(frames, ignore_index=True).assign(joint=joint.mean())
 
 
