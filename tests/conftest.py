@@ -19,6 +19,18 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     return argname if isinstance(val, bytes) else None
 
 
+@pytest.fixture
+def registries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test registers is forgotten after it."""
+    from isi.initializers.api import INITIALIZERS
+    from isi.models.model import MODELS
+    from isi.sources import READERS
+
+    for plugins in (INITIALIZERS, MODELS, READERS):
+        every = {name: plugins.get(name) for name in plugins.names()}  # type: ignore[attr-defined]
+        monkeypatch.setattr(plugins, "_registered", every)
+
+
 #: The files that take longest.
 LONGEST = (
     "test_kills",

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from isi.config import Option
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
-from isi.models.model import Model
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, random_embedding
 
@@ -26,8 +26,24 @@ TRIPLES = [
     (10, 2, 1),
     (3, 2, 1),
 ]
+#: The known entities of ``four_novel``.
+KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
+LINEAR = ("analogy", "complex", "distmult")
+DISTANCES: list[tuple[str, dict[str, Option]]] = [
+    (name, {"margin": margin, "squared": squared})
+    for name, margin in (("transe", 2.0), ("rotate", 4.0))
+    for squared in (True, False)
+]
 #: An insert triple: the known end, the relation, and whether the novel entity is the tail.
 Seen = tuple[int, int, bool]
+
+
+def model_named(name: str, **options: Option) -> Model:
+    return make_model(name, options, f"models.{name}")
+
+
+def fallbacks(result: InitResult) -> list[str | None]:
+    return [FALLBACKS[code] for code in result.fallback[0].tolist()]
 
 
 def initialize(name: str, context: InitContext, **options: Option) -> InitResult:

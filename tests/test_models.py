@@ -10,13 +10,12 @@ import pytest
 import torch
 from scipy.stats import kstest
 from torch import Tensor
-from torch.nn.functional import logsigmoid
 
 import isi
 from isi import config
 from isi.config import Option
 from isi.errors import InputError
-from isi.graph.sessions import TRAIN, Session, session_of
+from isi.graph.sessions import TRAIN, Session
 from isi.models.bilinear import BlockModel
 from isi.models.distance import TransE
 from isi.models.model import (
@@ -31,7 +30,7 @@ from isi.models.scoring import EPSILON, Distance, padded
 from isi.models.stack import select, uniform
 from isi.tables import paths
 from isi.training import trainer
-from isi.training.batches import DenseBatch, Negatives, batches, training_data
+from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer
 from tests.small_graphs import (
     ANALOGY,
@@ -40,7 +39,6 @@ from tests.small_graphs import (
     points_of,
     random_embedding,
     random_graph,
-    score_all,
 )
 from tests.small_grid import MODEL_OPTIONS
 
@@ -116,26 +114,6 @@ def test_epochs_are_bit_identical_whatever_the_stack(
         assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
 
 
-@over_all
-def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scoring: Model) -> None:
-    entities, ratio = 13, 5
-    steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
-    session = session_of(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
-    data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
-    negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
-    settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)
-    state = trainer.start(uniform(session.entities, 2, scoring, DIMENSION, 0.1, 0, data.keys))
-    for epoch in range(settings.max_epochs):
-        trainer.run_epoch(state, data, negatives, settings, 0, epoch)
-    batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
-    assert isinstance(batch, DenseBatch)
-    scores, share = score_all(state.embedding), 1 / (1 + 3 * ratio)
-    loss = -(
-        batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)
-    ).sum() / len(steps)
-    assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
-
-
 @pytest.mark.parametrize(
     ("name", "dimension"), [("analogy", 6), ("analogy", 9), ("complex", 7), ("rotate", 5)]
 )
@@ -154,10 +132,8 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
         )
 
 
-def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(MODELS, "_registered", dict(MODELS._registered))
+@pytest.mark.usefixtures("registries")
+def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own() -> None:
     before = compared_models()
     triples = [(f"e{number}", "next", f"e{number + 1}") for number in range(4)]
 

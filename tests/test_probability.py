@@ -35,11 +35,8 @@ ALL_OF_NEW = np.array(
 
 
 @pytest.fixture(autouse=True)
-def oracle(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An initializer that knows the best vectors; the registry is restored after the test."""
-    monkeypatch.setattr(
-        INITIALIZERS, "_registered", {name: INITIALIZERS.get(name) for name in INITIALIZERS.names()}
-    )
+def oracle(registries: None) -> None:  # noqa: ARG001
+    """An initializer that knows the best vectors."""
 
     @initializer("oracle", cost="entities")
     def function(context: InitContext) -> InitResult:

@@ -29,7 +29,6 @@ from isi.initializers.api import INITIALIZERS
 from isi.insertion.engine import Method
 from isi.insertion.inverses import both_ways, unpack_first
 from isi.insertion.probability import fit_curves
-from isi.models.model import MODELS as OURS
 from isi.models.model import Model, register_model
 from isi.pykeen import InteractionModel, read_model
 from tests.small_pykeen import DIMENSION, ENTITIES, RELATIONS, model_of, ring
@@ -120,11 +119,8 @@ class Rescal(Model):
         return relation.unflatten(-1, (round(relation.shape[-1] ** 0.5), -1))
 
 
-def test_a_model_of_a_users_own_serves_where_it_scores_as_pykeens(
-    factory: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    every = {name: OURS.get(name) for name in OURS.names()}
-    monkeypatch.setattr(OURS, "_registered", every)
+@pytest.mark.usefixtures("registries")
+def test_a_model_of_a_users_own_serves_where_it_scores_as_pykeens(factory: Any) -> None:
     register_model("rescal")(Rescal)
     model = model_of("rescal", factory)
     read = read_model(model, factory.mapped_triples, None)
@@ -210,20 +206,20 @@ def test_a_constraint_of_pykeens_is_read_and_another_one_is_kept_as_it_is(
 ) -> None:
     if interaction == "complex" and constrainer is torch.clamp:
         return  # which complex numbers do not have
+    of_table = {
+        "shape": DIMENSION,
+        "dtype": torch.cfloat if interaction == "complex" else torch.float,
+    }
     model = ERModel(
         triples_factory=factory,
         interaction=interaction,
         interaction_kwargs={"p": 2} if interaction == "transe" else {},
         entity_representations_kwargs={
-            "shape": DIMENSION,
-            "dtype": torch.cfloat if interaction == "complex" else torch.float,
+            **of_table,
             "constrainer": constrainer,
             "constrainer_kwargs": options,
         },
-        relation_representations_kwargs={
-            "shape": DIMENSION,
-            "dtype": torch.cfloat if interaction == "complex" else torch.float,
-        },
+        relation_representations_kwargs=of_table,
         random_seed=0,
     )
     read = read_model(model, factory.mapped_triples, None)
@@ -343,7 +339,8 @@ def test_a_model_without_inverse_takes_initializers_that_need_none(name: str, fa
 
 
 def test_an_optimizer_goes_on_from_what_it_knows(factory: Any) -> None:
-    larger, more = isi.pykeen.insert(model_of("complex", factory), factory, NEW)
+    model = model_of("complex", factory)
+    larger, more = isi.pykeen.insert(model, factory, NEW, initializer="mean")
     before = larger.entity_representations[0]._embeddings.weight.detach().clone()
     for optimizer in (
         Adam(larger.parameters(), lr=1e-6),
@@ -451,13 +448,19 @@ def test_what_is_new_is_saved_loaded_and_trained_on(tmp_path: Path, inverse: Any
 def test_what_is_new_goes_by_ids_in_a_factory_without_labels(factory: Any) -> None:
     plain, triples = factory.to_core_triples_factory(), [(1, 3, 2), (20, 4, 1), (21, 2, 2)]
     larger, more = isi.pykeen.insert(
-        model_of("distmult", plain), plain, torch.tensor(triples), new=2, new_relations=2
+        model_of("distmult", plain),
+        plain,
+        torch.tensor(triples),
+        new=2,
+        new_relations=2,
+        choose=False,
     )
     named, _ = isi.pykeen.insert(
         model_of("distmult", factory),
         factory,
         [("e1", "a", "e2"), ("cup", "b", "e1"), ("mug", "r2", "e2")],
         new_relations=["a", "b"],
+        choose=False,
     )
     assert (more.num_entities, more.num_relations) == (22, 5)
     for key, value in larger.state_dict().items():
@@ -497,10 +500,10 @@ def test_the_result_of_a_pipeline_stands_for_model_and_factory(factory: Any) -> 
         train_seconds=0.0,
         evaluate_seconds=0.0,
     )
-    expected, more = isi.pykeen.insert(model, factory, NEW)
+    expected, more = isi.pykeen.insert(model, factory, NEW, choose=False)
     for larger, enlarged in (
-        isi.pykeen.insert(result, NEW),
-        isi.pykeen.insert(result, triples=NEW),
+        isi.pykeen.insert(result, NEW, choose=False),
+        isi.pykeen.insert(result, triples=NEW, choose=False),
     ):
         assert enlarged == more
         assert torch.equal(*(one.entity_representations[0]() for one in (larger, expected)))
@@ -537,7 +540,7 @@ def test_a_label_that_is_nearly_known_is_named(factory: Any) -> None:
     assert larger.num_entities == ENTITIES + 2
     triples = [("cup", "r0", "thing bb"), ("thing_aa", "r1", "thing cc")]
     with pytest.warns(UserWarning, match="'thing_aa': did you mean 'thing aa'"):
-        isi.pykeen.insert(model, named, triples)
+        isi.pykeen.insert(model, named, triples, choose=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         isi.pykeen.insert(model, named, triples, new=["cup", "thing_aa"], choose=False)
@@ -586,7 +589,7 @@ def test_numeric_literals_stay_and_those_of_new_entities_are_zero(factory: Any) 
         numeric_literals=literals,
         literals_to_id={"height": 0, "weight": 1},
     )
-    _, more = isi.pykeen.insert(model_of("distmult", known), known, NEW)
+    _, more = isi.pykeen.insert(model_of("distmult", known), known, NEW, choose=False)
     np.testing.assert_array_equal(
         more.numeric_literals, np.concatenate([literals, np.zeros((2, 2))])
     )
