@@ -112,12 +112,6 @@ def test_tables_may_be_tensors_with_gradients_and_of_short_types(dtype: torch.dt
     np.testing.assert_array_equal(trained.entities[:ENTITIES], arrays["entities"])
 
 
-def test_the_order_of_new_names_is_the_order_of_ids() -> None:
-    one, other = call(initializer="map"), call(initializer="map", new=NEW[::-1])
-    assert other.entity_names == [*KNOWN, "mug", "cup"]
-    np.testing.assert_allclose(one.entities[ENTITIES], other.entities[ENTITIES + 1], rtol=1e-5)
-
-
 def test_ids_do_what_names_do() -> None:
     ids = {name: number for number, name in enumerate([*KNOWN, *NEW])}
     triples = np.array(
@@ -165,12 +159,6 @@ def test_triples_come_in_many_forms(form: Any) -> None:
     done = call(triples=form)
     np.testing.assert_allclose(done.entities, call().entities, rtol=1e-4)
     assert (len(done.details.insert_triples), len(done.details.between)) == (3, 1)
-
-
-def test_a_triple_that_repeats_counts_once() -> None:
-    np.testing.assert_array_equal(
-        call(triples=[*TRIPLES, *TRIPLES[::-1]]).entities, call().entities
-    )
 
 
 @given(

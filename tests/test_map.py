@@ -178,12 +178,12 @@ def plain_objective(
     known_negatives: float,
 ) -> Callable[[np.ndarray], float]:
     """The objective of MAP for one novel entity,
-    computed triple by triple from lists of true and corrupted triples.
+    computed from lists of true and corrupted triples.
     """
     theta0 = mapped(of.theta0, Tensor.double)
     # whether it is the tail, relation, other end, ± weight
     weighted: list[tuple[bool, int, int, float]] = []
-    for other, relation, is_tail, there in zip(
+    for end, label, last, there in zip(
         of.other[0, place].tolist(),
         of.relation[0, place].tolist(),
         of.novel_is_tail[0, place].tolist(),
@@ -191,27 +191,31 @@ def plain_objective(
         strict=True,
     ):
         if there:
-            weighted.append((is_tail, relation, other, 1.0))
-            weighted += [(is_tail, relation, end, -ratio / len(KNOWN)) for end in KNOWN]
-            others = [r for r in range(RELATIONS) if r != relation]
-            weighted += [(is_tail, r, other, -ratio / len(others)) for r in others]
+            weighted.append((last, label, end, 1.0))
+            weighted += [(last, label, known, -ratio / len(KNOWN)) for known in KNOWN]
+            others = [r for r in range(RELATIONS) if r != label]
+            weighted += [(last, r, end, -ratio / len(others)) for r in others]
     share = min(1.0, int(of.observed[0, place].sum()) / (2 * len(TRIPLES) / len(KNOWN)))
-    for head, relation, tail in TRIPLES:
-        weight = -known_negatives * ratio * share / len(KNOWN)
-        weighted += [(False, relation, tail, weight), (True, relation, head, weight)] * (weight < 0)
+    of_known = -known_negatives * ratio * share / len(KNOWN)
+    for head, label, tail in TRIPLES:
+        weighted += [(False, label, tail, of_known), (True, label, head, of_known)]
     sigma = np.cov(theta0.entity[0, list(KNOWN)].numpy().T, bias=True)
     shrinkage = maximum.SHRINKAGE
     sigma = (1 - shrinkage) * sigma + shrinkage * np.trace(sigma) / len(sigma) * np.eye(len(sigma))
 
+    is_tail, relation, other = (
+        torch.tensor(part) for part in zip(*(row[:3] for row in weighted), strict=True)
+    )
+    weight = np.array([row[3] for row in weighted])
+    row, end = theta0.relation[0, relation], theta0.entity[0, other]
+
     def objective(vector: np.ndarray) -> float:
-        v, total = torch.as_tensor(vector), 0.0
-        for is_tail, relation, other, weight in weighted:
-            row, end = theta0.relation[0, relation], theta0.entity[0, other]
-            score = float(
-                theta0.model.score(end, row, v) if is_tail else theta0.model.score(v, row, end)
-            )
-            total += abs(weight) * np.logaddexp(0, -score if weight > 0 else score)
-        return total + strength / 2 * float((vector - mean) @ np.linalg.solve(sigma, vector - mean))
+        v = torch.as_tensor(vector).expand_as(end)
+        head, tail = torch.where(is_tail[:, None], end, v), torch.where(is_tail[:, None], v, end)
+        score = theta0.model.score(head, row, tail).numpy()
+        loss = abs(weight) @ np.logaddexp(0, -np.sign(weight) * score)
+        apart = vector - mean
+        return float(loss + strength / 2 * apart @ np.linalg.solve(sigma, apart))
 
     return objective
 
