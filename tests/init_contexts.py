@@ -34,6 +34,34 @@ DISTANCES: list[tuple[str, dict[str, Option]]] = [
     for name, margin in (("transe", 2.0), ("rotate", 4.0))
     for squared in (True, False)
 ]
+_MAP: dict[str, Option] = {"strength": 0.5, "ratio": 3}
+#: All initializers that ship, with options.
+EVERYONE: dict[str, dict[str, Option]] = {
+    "xavier": {},
+    "iu": {},
+    "es": {"k": 3},
+    "rs": {"k": 4},
+    "ers": {"k": 2, "candidates": 5},
+    "mean": {},
+    "kind_mean": {},
+    "gaussian": {},
+    "gaussian_centred": {},
+    "es_permuted": {"k": 3},
+    "es_permuted_kinds": {"k": 3},
+    "rs_alive": {"k": 4},
+    "neighbour_mean": {},
+    "er_avg": {},
+    "class_noise": {"fraction": 0.5},
+    "projection": {"penalty": 0.3},
+    "soft_es": {"temperature": 0.2},
+    "soft_rs": {"temperature": 0.1},
+    "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
+    "ridge": _MAP,
+    "map_mean": _MAP,
+    "map_ers": {"k": 2, "candidates": 5, **_MAP},
+    "map_own_facts": {"word_weight": 4.0, "relation_weight": 6.0, **_MAP},
+    "map": {"word_weight": 4.0, "relation_weight": 6.0, **_MAP, "known_negatives": 2.0},
+}
 #: An insert triple: the known end, the relation, and whether the novel entity is the tail.
 Seen = tuple[int, int, bool]
 

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
-from isi.config import Option
 from isi.errors import InputError
 from isi.initializers import similarity
 from isi.initializers.api import InitContext
@@ -19,6 +18,7 @@ from tests.init_contexts import (
     DIMENSION,
     DISTANCES,
     ENTITIES,
+    EVERYONE,
     KNOWN,
     fallbacks,
     four_novel,
@@ -27,8 +27,6 @@ from tests.init_contexts import (
 )
 from tests.init_contexts import initialize as insert
 from tests.small_graphs import dense, random_embedding
-
-MAP = {"strength": 0.5, "ratio": 3}
 
 
 @pytest.fixture
@@ -199,35 +197,20 @@ def test_soft_similarities_fall_back_to_what_there_is(of: InitContext) -> None:
     torch.testing.assert_close(both.vectors[0, 3], by_relations.vectors[0, 3])
 
 
-SOFT: dict[str, Option] = {"word_weight": 3.0, "relation_weight": 3.0}
-
-
 @pytest.mark.parametrize(
-    ("name", "options"),
+    "name",
     [
-        ("soft_es", {"temperature": 0.2}),
-        ("soft_rs", {"temperature": 0.2}),
-        ("neighbour_mean", {}),
-        ("er_avg", {}),
-        ("soft_hybrid", SOFT),
-        ("projection", {"penalty": 1.0}),
-        ("ridge", MAP),
-        ("map_mean", MAP),
-        ("map_ers", {"k": 2, "candidates": 4, **MAP}),
-        ("map_own_facts", SOFT | MAP),
-        ("map", SOFT | MAP | {"known_negatives": 2.0}),
-        ("rs_alive", {"k": 2}),
+        *("soft_es", "soft_rs", "neighbour_mean", "er_avg", "soft_hybrid", "projection"),
+        *("ridge", "map_mean", "map_ers", "map_own_facts", "map", "rs_alive"),
     ],
 )
 def test_without_words_triples_or_eligible_entities_it_is_the_centroid(
-    of: InitContext, name: str, options: dict[str, Option]
+    of: InitContext, name: str
 ) -> None:
     bare = replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
-    contexts = [bare] + [replace(of, eligible=torch.zeros_like(of.eligible))] * name.startswith(
-        "soft"
-    )
-    for context in contexts:
-        result = insert(name, context, **options)
+    without = replace(of, eligible=torch.zeros_like(of.eligible))
+    for context in [bare, *[without] * name.startswith("soft")]:
+        result = insert(name, context, **EVERYONE[name])
         assert fallbacks(result) == ["centroid"] * 4
         torch.testing.assert_close(result.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
 
@@ -257,5 +240,5 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_translations_never_die() -
     assert alive(theta0).all()
     for name, options in DISTANCES:
         with pytest.raises(InputError, match="linear"):
-            insert("ridge", four_novel(model_named(name, **options)), **MAP)
+            insert("ridge", four_novel(model_named(name, **options)), **EVERYONE["ridge"])
         assert alive(random_embedding(1, 3, 2, DIMENSION, model=model_named(name, **options))).all()

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 import isi
-from isi.config import Count, Option, read
+from isi.config import Count, read
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.api import (
     FALLBACKS,
@@ -27,6 +27,7 @@ from isi.initializers.api import (
 from isi.insertion.engine import context_in_session
 from isi.tables import paths
 from tests.environment import ENVIRONMENT
+from tests.init_contexts import EVERYONE
 from tests.init_contexts import initialize as insert
 from tests.small_graphs import dense, generator, points_of, random_embedding, random_graph
 from tests.small_insertion import (
@@ -40,33 +41,6 @@ from tests.small_insertion import (
     world,
 )
 
-MAP: dict[str, Option] = {"strength": 0.5, "ratio": 3}
-EVERYONE: dict[str, dict[str, Option]] = {
-    "xavier": {},
-    "iu": {},
-    "es": {"k": 3},
-    "rs": {"k": 4},
-    "ers": {"k": 2, "candidates": 5},
-    "mean": {},
-    "kind_mean": {},
-    "gaussian": {},
-    "gaussian_centred": {},
-    "es_permuted": {"k": 3},
-    "es_permuted_kinds": {"k": 3},
-    "rs_alive": {"k": 4},
-    "neighbour_mean": {},
-    "er_avg": {},
-    "class_noise": {"fraction": 0.5},
-    "projection": {"penalty": 0.3},
-    "soft_es": {"temperature": 0.2},
-    "soft_rs": {"temperature": 0.1},
-    "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
-    "ridge": MAP,
-    "map_mean": MAP,
-    "map_ers": {"k": 2, "candidates": 5, **MAP},
-    "map_own_facts": {"word_weight": 4.0, "relation_weight": 6.0, **MAP},
-    "map": {"word_weight": 4.0, "relation_weight": 6.0, **MAP, "known_negatives": 2.0},
-}
 RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
 
 #: An insert triple: its known end, its relation, and whether the novel entity is the tail.
