@@ -329,17 +329,3 @@ def test_triples_without_a_row_have_no_split() -> None:
         0: [0, 1, OUT],
         1: [0, OUT, 2],
     }
-
-
-def test_added_entities_are_novel_or_take_no_part() -> None:
-    graph, sources = as_stored(random_graph(14, 2, 120)), ["here"] * 8 + ["there"] * 6
-    for size, steps in ((3, 2), (2, 1)):
-        (points,) = store_of(
-            graph, sources, novel="added", sizes=[size], seeds=4, steps=steps
-        ).grid(4)
-        for model, novel in enumerate(points.novel):
-            before, after = (
-                points.session(number).entities[model].numpy() for number in (0, steps)
-            )
-            assert set(np.flatnonzero(before)) == set(range(8))
-            assert set(np.flatnonzero(after)) == set(range(8)) | set(novel.ravel().tolist())
