@@ -27,7 +27,7 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> None:
     from isi.sources import READERS
 
     for plugins in (INITIALIZERS, MODELS, READERS):
-        every = {name: plugins.get(name) for name in plugins.names()}  # type: ignore[attr-defined]
+        every = {name: plugins.get(name) for name in plugins.names()}
         monkeypatch.setattr(plugins, "_registered", every)
 
 

@@ -140,6 +140,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(
     copy_pipelines(tmp_path)
     training = TRAINING | {"batch_size": 512}
     few = {"seeds": 2, "max_insert_triples": [None], "epochs": 1, "training": training}
+    few |= {"train_all_rows": False, "retrain": False}
     list_entries(hidden={"nations": HIDDEN | few})
     monkeypatch.setattr(sys, "argv", ["insert_hidden", "nations"])
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
