@@ -276,6 +276,7 @@ def test_a_triple_counts_in_both_directions_if_the_model_has_inverses(
     assert done.relations.shape == (RELATIONS, 2 * DIMENSION)
 
 
+@pytest.mark.usefixtures("few_initializers")
 @pytest.mark.filterwarnings("ignore:the model ranks its own triples almost at random")
 def test_no_inverse_of_a_query_is_inserted_in_the_calibration() -> None:
     """Random triples and vectors: nothing but its own inverse, which scores alike here,
@@ -627,6 +628,7 @@ def test_a_result_is_made_on_first_use_and_shows_few_names(factory: Any) -> None
     assert repr(done) == repr(done.rows)
 
 
+@pytest.mark.usefixtures("few_initializers")
 def test_harm_is_measured_on_validation_triples_in_any_form(factory: Any) -> None:
     model = model_of("distmult", factory, 50)
     known, held_out = factory.split([0.7, 0.3], random_state=0)

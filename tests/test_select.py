@@ -46,13 +46,6 @@ pytestmark = pytest.mark.usefixtures("registries")
 GIVEN = [(ENTITIES, 0, 3), (5, 1, ENTITIES), (ENTITIES, 2, 8)]
 
 
-@pytest.fixture
-def few(registries: None, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
-    """Initializers that are compared in no time."""
-    fast = {name: INITIALIZERS.get(name) for name in ("mean", "soft_rs", "er_avg")}
-    monkeypatch.setattr(INITIALIZERS, "_registered", fast)
-
-
 def own(name: str, vectors: Callable[[InitContext], Tensor], **about: Any) -> Registered:
     """Register an initializer; the registry is restored after the test."""
 
@@ -149,7 +142,7 @@ def test_means_of_a_few_vectors_and_controls_take_no_part() -> None:
     assert tried == {"map", "fold_in", "soft_es", "mean", "soft_rs", "er_avg", "soft_hybrid"}
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_initializers")
 def test_options_in_calibration_are_candidates_and_the_chosen_ones_are_used() -> None:
     own("scaled", oracle, defaults={"times": 0.01}, calibration=[{"times": -1.0}, {"times": 1.0}])
     done = insert()
@@ -172,7 +165,7 @@ def test_a_loud_vector_is_chosen_with_a_warning_and_only_if_there_is_nothing_els
     assert f"{alone.selected.harm:.3f} (by triples of training)" in warning
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_initializers")
 def test_a_model_that_has_not_learned_is_noticed() -> None:
     swapped = RNG.permutation(ENTITIES)[TRIPLES[:, TAIL]]
     with pytest.warns(UserWarning, match="random"):
@@ -357,7 +350,7 @@ def test_harm_is_measured_on_validation_triples_where_there_are_enough() -> None
     assert measured.harm == pytest.approx(measured.h_old - measured.h_cur)
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_initializers")
 def test_a_choice_is_made_once_for_an_embedding_and_numbers_of_facts() -> None:
     made = list[int]()
 
@@ -375,7 +368,7 @@ def test_a_choice_is_made_once_for_an_embedding_and_numbers_of_facts() -> None:
     assert more.selection is not first.selection
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few_initializers")
 def test_harm_is_measured_on_validation_triples() -> None:
     """Triples of training that are left out: the same as if the model had not seen them."""
     trained, left_out = TRIPLES[::2], TRIPLES[1::2]
