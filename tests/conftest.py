@@ -19,6 +19,27 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     return argname if isinstance(val, bytes) else None
 
 
+@pytest.fixture
+def registries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test registers is forgotten after it."""
+    from isi.initializers.api import INITIALIZERS
+    from isi.models.model import MODELS
+    from isi.sources import READERS
+
+    for plugins in (INITIALIZERS, MODELS, READERS):
+        every = {name: plugins.get(name) for name in plugins.names()}
+        monkeypatch.setattr(plugins, "_registered", every)
+
+
+@pytest.fixture
+def few_initializers(registries: None, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """Only initializers that a choice compares in no time."""
+    from isi.initializers.api import INITIALIZERS
+
+    few = {name: INITIALIZERS.get(name) for name in ("mean", "soft_rs", "er_avg")}
+    monkeypatch.setattr(INITIALIZERS, "_registered", few)
+
+
 #: The files that take longest.
 LONGEST = (
     "test_kills",

@@ -38,9 +38,3 @@ def blocks(page: str, language: str) -> list[str]:
         (DOCS / page).read_text(encoding="utf-8"),
         re.DOTALL | re.MULTILINE,
     )
-
-
-def commands(page: str) -> list[str]:
-    """All commands after a prompt ``$`` on a page, in order."""
-    shown = "".join(blocks(page, "console"))
-    return [line.removeprefix("$ ") for line in shown.splitlines() if line.startswith("$ ")]

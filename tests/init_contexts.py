@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from isi.config import Option
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
-from isi.models.model import Model
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, random_embedding
 
@@ -26,8 +26,52 @@ TRIPLES = [
     (10, 2, 1),
     (3, 2, 1),
 ]
+#: The known entities of ``four_novel``.
+KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
+LINEAR = ("analogy", "complex", "distmult")
+DISTANCES: list[tuple[str, dict[str, Option]]] = [
+    (name, {"margin": margin, "squared": squared})
+    for name, margin in (("transe", 2.0), ("rotate", 4.0))
+    for squared in (True, False)
+]
+_MAP: dict[str, Option] = {"strength": 0.5, "ratio": 3}
+#: All initializers that ship, with options.
+EVERYONE: dict[str, dict[str, Option]] = {
+    "xavier": {},
+    "iu": {},
+    "es": {"k": 3},
+    "rs": {"k": 4},
+    "ers": {"k": 2, "candidates": 5},
+    "mean": {},
+    "kind_mean": {},
+    "gaussian": {},
+    "gaussian_centred": {},
+    "es_permuted": {"k": 3},
+    "es_permuted_kinds": {"k": 3},
+    "rs_alive": {"k": 4},
+    "neighbour_mean": {},
+    "er_avg": {},
+    "class_noise": {"fraction": 0.5},
+    "projection": {"penalty": 0.3},
+    "soft_es": {"temperature": 0.2},
+    "soft_rs": {"temperature": 0.1},
+    "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
+    "ridge": _MAP,
+    "map_mean": _MAP,
+    "map_ers": {"k": 2, "candidates": 5, **_MAP},
+    "map_own_facts": {"word_weight": 4.0, "relation_weight": 6.0, **_MAP},
+    "map": {"word_weight": 4.0, "relation_weight": 6.0, **_MAP, "known_negatives": 2.0},
+}
 #: An insert triple: the known end, the relation, and whether the novel entity is the tail.
 Seen = tuple[int, int, bool]
+
+
+def model_named(name: str, **options: Option) -> Model:
+    return make_model(name, options, f"models.{name}")
+
+
+def fallbacks(result: InitResult) -> list[str | None]:
+    return [FALLBACKS[code] for code in result.fallback[0].tolist()]
 
 
 def initialize(name: str, context: InitContext, **options: Option) -> InitResult:

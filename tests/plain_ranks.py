@@ -1,6 +1,6 @@
 """The rule of ranks a second time: one comparison after another."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 
 def won(score: float, answer: float, tie: float = 0.0) -> float:
@@ -16,3 +16,19 @@ def plain_rank(competitors: Iterable[float], answer: float, tie: float = 0.0) ->
     for score in competitors:
         rank += won(score, answer, tie)
     return rank
+
+
+def filtered_rank(
+    score: Callable[..., float],
+    triple: Sequence[int],
+    slot: int,
+    candidates: Iterable[int],
+    true: Collection[tuple[int, ...]],
+    tie: float = 0.0,
+) -> float:
+    """The rank of an answer among candidates that do not give another true triple;
+    each is scored alone.
+    """
+    others = {(*triple[:slot], each, *triple[slot + 1 :]) for each in candidates} - {tuple(triple)}
+    scores = [score(*other) for other in sorted(others) if other not in true]
+    return plain_rank(scores, score(*triple), tie)

@@ -14,6 +14,7 @@ from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
+from tests.init_contexts import EVERYONE
 from tests.small_graphs import ANALOGY, points_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
@@ -33,16 +34,12 @@ LEARNING = TrainConfig(
 )
 OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5)
 MARGIN = 0.05
-INITIALIZERS: dict[str, dict[str, Option]] = {
-    "xavier": {},
-    "iu": {},
-    "es": {"k": 3},
-    "rs": {"k": 4},
-    "ers": {"k": 2, "candidates": 5},
-    "mean": {},
-    "gaussian": {},
-    "gaussian_centred": {},
-    "es_permuted": {"k": 3},
+INITIALIZERS = {
+    name: EVERYONE[name]
+    for name in (
+        *("xavier", "iu", "es", "rs", "ers", "mean"),
+        *("gaussian", "gaussian_centred", "es_permuted"),
+    )
 }
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}

@@ -10,7 +10,7 @@ from isi.continual import Timeline
 from isi.continual.timeline import SPLITS
 from isi.models.model import make_model
 from isi.models.stack import Embedding
-from tests.plain_ranks import plain_rank
+from tests.plain_ranks import filtered_rank
 
 Triple = tuple[str, str, str]
 #: Of each protocol: the last snapshot of its candidates and of its filter, and the filter's splits.
@@ -59,6 +59,10 @@ def ranks_by_loops(
     """The rank of each query, tests 0 to i, heads before tails; None: not ranked."""
     entity, relation = theta.entity[0].numpy(), theta.relation[0].numpy()
     candidates, filtered, splits = DEFINITIONS[protocol]
+
+    def score(head: int, name: int, tail: int) -> float:
+        return float((entity[head] * relation[name] * entity[tail]).sum())
+
     for j in range(i + 1):
         snapshots = {"i": i, "j": j, "i - 1": i - 1}
         last, facts = snapshots[candidates], known_facts(timeline, snapshots[filtered], splits)
@@ -67,13 +71,4 @@ def ranks_by_loops(
                 if last < j:
                     yield None
                     continue
-                competitors = []
-                right = float((entity[triple[0]] * relation[triple[1]] * entity[triple[2]]).sum())
-                for candidate in range(int(timeline.entities[last])):
-                    other = [*triple]
-                    other[slot] = candidate
-                    if other == triple or tuple(other) in facts:
-                        continue
-                    head, name, tail = other
-                    competitors.append(float((entity[head] * relation[name] * entity[tail]).sum()))
-                yield plain_rank(competitors, right)
+                yield filtered_rank(score, triple, slot, range(int(timeline.entities[last])), facts)

@@ -5,19 +5,14 @@ and the code runs.
 import contextlib
 import io
 import re
-import shlex
-import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from isi.__main__ import main
 from tests import committed
-from tests.documented import blocks, commands
 from tests.prose import crowded
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, small, written
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
@@ -88,27 +83,6 @@ def test_numbers_of_prose_alone_are_counted() -> None:
     assert crowded("It has 1, 2, 3, 4 and <!-- value: a::1 -->5<!-- end -->.") != []
     assert crowded("<!-- value: a::1::2 -->3<!-- end -->, 4 and `5, 6` in [7](8.md).") == []
     assert crowded(f"# {many}\n\n| {many} |\n\n```\n{many}\n```\n") == []
-
-
-@pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
-def test_code_runs_as_it_stands(page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    left: dict[str, Any] = {}
-    for place, block in enumerate(
-        block for block in blocks(page, "python") if "pykeen" not in block
-    ):
-        exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
-    assert left["done"].entities[:5].tobytes() == left["entities"].tobytes()
-    assert capsys.readouterr().out
-
-
-def test_code_for_pykeen_runs_as_it_stands() -> None:
-    pytest.importorskip("pykeen")
-    left: dict[str, Any] = {}
-    for place, block in enumerate(
-        block for block in blocks("insert_reference.md", "python") if "pykeen" in block
-    ):
-        exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
-    assert left["model"].num_entities == left["factory"].num_entities > 132
 
 
 def printed(arguments: list[str], folder: Path) -> str:
@@ -214,42 +188,3 @@ def test_lines_that_are_left_out_of_output_stay_out() -> None:
 )
 def test_only_the_last_digits_of_numbers_may_differ(other: str, same: bool) -> None:
     assert docs.alike("a 0.512 0\n", other) is same
-
-
-def test_commands_about_entities_run_as_they_stand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names, relations = ["kitchen", "counter top", *NAMES[2:]], [*BETWEEN, "hasMaterial"]
-    known = small(
-        entity_names=names,
-        phrases=names,
-        relation_names=relations,
-        relations=np.eye(3, 4, dtype=np.float32),
-    )
-    written(tmp_path / "data" / "final_models" / "ai2thor", known)
-    monkeypatch.chdir(tmp_path)
-    for line in commands("insert.md"):
-        if line.startswith("isi "):
-            main(shlex.split(line)[1:])
-            assert capsys.readouterr().out
-
-
-def test_commands_of_the_reference_run_as_they_stand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for path in (docs.ROOT / "examples").glob("home*.csv"):
-        shutil.copy(path, tmp_path)
-    Path("mine").mkdir()
-    for name, listed in (("entities", NAMES), ("relations", BETWEEN)):
-        Path("mine", f"{name}.txt").write_text("\n".join(listed) + "\n", encoding="utf-8")
-    np.savez(
-        "mine/tables.npz", entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float)
-    )
-    lines = re.findall(
-        r"^\$ isi (.+)$", (docs.ROOT / "docs/command.md").read_text("utf-8"), re.MULTILINE
-    )
-    assert lines
-    for line in lines:
-        # a short training: what it learns is shown on another page
-        main([*shlex.split(line), *(["--budget", "1"] if line.startswith("train") else [])])

@@ -12,10 +12,7 @@ import pytest
 
 import isi
 from isi.continual.timeline import Timeline
-from isi.initializers.api import INITIALIZERS
 from isi.live.embedding import LiveEmbedding
-from isi.models.model import MODELS
-from isi.sources import READERS
 
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
@@ -96,12 +93,11 @@ def shared() -> dict[str, Any]:
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize("name", list(public_names()))
 def test_a_public_name_has_an_example_that_prints_what_it_says(
     name: str, shared: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for plugins in (MODELS, INITIALIZERS, READERS):
-        monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     monkeypatch.chdir(tmp_path)
     home = LiveEmbedding(shared["home"].base)
     assert printed(name, {**shared, "home": home}) or name in NO_EXAMPLE

@@ -15,7 +15,6 @@ import pandas as pd
 import pytest
 
 import isi
-from isi.initializers.api import INITIALIZERS
 from tests import stage_run
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -68,11 +67,15 @@ def test_without_runs_a_line_says_what_makes_them(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(
+    tmp_path: Path,
+    registries: None,  # noqa: ARG001
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Run:
     """Runs a script in an empty folder; the names that it leaves, and what it prints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["example"])
-    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))
     return lambda name: (runpy.run_path(str(EXAMPLES / name)), capsys.readouterr().out)
 
 

@@ -18,9 +18,9 @@ from isi.__main__ import main
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitResult, Registered, options_of
 from isi.live.phrases import with_words
-from isi.models.model import MODELS, make_model
+from isi.models.model import make_model
 from isi.models.stack import uniform
-from isi.sources import READERS, Source
+from isi.sources import Source
 from tests.documented import code, params
 from tests.small_bundle import home_of, small
 from tests.small_graphs import score_all
@@ -28,11 +28,12 @@ from tests.small_insertion import insertion
 
 
 @pytest.fixture
-def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
+def own(
+    registries: None,  # noqa: ARG001
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> ModuleType:
     """The module that docs/extending.md shows for an extension."""
-    for plugins in (MODELS, INITIALIZERS):  # undo the page's registrations after the test
-        monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
-    monkeypatch.setattr(READERS, "_registered", dict(READERS._registered))
     module = ModuleType(request.param.replace(" ", "_"))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(code(request.param), request.param, "exec"), module.__dict__)  # noqa: S102

@@ -12,47 +12,18 @@ import torch
 
 import isi
 from isi.errors import InputError
-from isi.insertion.arguments import stack_of_one
-from isi.insertion.result import Inserted
 from isi.models.bilinear import DistMult
 from tests.small_embedding import (
     BETWEEN,
     ENTITIES,
-    KNOWN,
     KNOWN_TRIPLES,
     LINE,
     NAMES,
-    NEW,
     TRIPLES,
     call,
     on_a_line,
 )
 from tests.small_graphs import random_embedding
-
-
-def margins(done: Inserted) -> np.ndarray:
-    """Scores of the insert triples minus the mean score with other heads and tails."""
-    stack = stack_of_one(done.entities, done.relations, done.details.model)
-    names = [*KNOWN, *NEW]
-    triples = [
-        (names.index(head), BETWEEN.index(relation), names.index(tail))
-        for head, relation, tail in TRIPLES
-    ]
-    head, relation, tail = torch.tensor(triples).T[:, None]
-    others = stack.score_tails(head, relation).mean(-1) + stack.score_heads(relation, tail).mean(-1)
-    return (stack.score(head, relation, tail) - others / 2)[0].numpy()
-
-
-@pytest.mark.parametrize("loss", ["softmax", "margin", "logistic"])
-def test_every_loss_pulls_new_entities_to_their_facts(loss: Any) -> None:
-    wide = random_embedding(1, ENTITIES, len(BETWEEN), 32)
-    tables = {"entities": wide.entity[0].numpy(), "relations": wide.relation[0].numpy()}
-    done = call(initializer="mean", trained_with=loss, **tables)
-    trained = done.train(epochs=60)
-    assert trained.entities[:ENTITIES].tobytes() == done.entities[:ENTITIES].tobytes()
-    assert trained.relations.tobytes() == done.relations.tobytes()
-    assert margins(trained).mean() > margins(done).mean()
-
 
 # The name of before
 

@@ -12,7 +12,7 @@ import yaml
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path, study_of
+from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.tables import paths
 from tests.beyond_entries import HIDDEN, ROOT, TRAINING, copy_pipelines, list_entries
 from tests.small_graphs import random_graph
@@ -43,23 +43,6 @@ def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
         InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected fewer hidden"
     ):
         hidden(GRAPH, settings_of(fraction=0.9), "hidden.ring", 0, 0)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "line"),
-    [
-        ({"fewest": 1}, "fewest: "),
-        ({"initializers": ["best"]}, "initializers: expected names among "),
-        ({"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
-        ({"training": TRAINING | {"loop": "lcwa"}}, "training: expected negatives with the loop"),
-        ({"training": TRAINING | {"negatives": None}}, "training: expected negatives with the"),
-        ({"training": TRAINING | {"valid": 0.5}}, "training: expected valid below a half"),
-    ],
-)
-def test_what_a_study_cannot_have_is_refused(wrong: dict[str, Any], line: str) -> None:
-    with pytest.raises(InputError) as refused:
-        study_of({"ring": HIDDEN | wrong}, "ring")
-    assert str(refused.value).startswith(f"beyond/params.yaml: hidden.ring.{line}")
 
 
 # With PyKEEN
@@ -157,6 +140,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(
     copy_pipelines(tmp_path)
     training = TRAINING | {"batch_size": 512}
     few = {"seeds": 2, "max_insert_triples": [None], "epochs": 1, "training": training}
+    few |= {"train_all_rows": False, "retrain": False}
     list_entries(hidden={"nations": HIDDEN | few})
     monkeypatch.setattr(sys, "argv", ["insert_hidden", "nations"])
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []

@@ -7,12 +7,10 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import isi
-from tests.documented import blocks
 from tests.live_processes import connect, socket_of
 from tests.ros_bus import Bus, String
 from tests.small_bundle import home_of, without_words
@@ -37,19 +35,6 @@ def test_the_client_tells_and_asks(home: Path, tmp_path: Path) -> None:
     assert updated == "['espresso machine']"
     assert found.startswith("['turn on'")
     assert [change.verb for change in isi.open(home).history] == ["tell", "tell", "undo"]
-
-
-@pytest.mark.filterwarnings("ignore:the model has learned nothing")
-def test_the_code_of_the_page_runs_as_it_stands(
-    home: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(home.parent)
-    left: dict[str, Any] = {}
-    for block in blocks("live.md", "python"):
-        exec(compile(block, "live.md", "exec"), left)  # noqa: S102
-    assert left["answers"].answers[0].given
-    assert [row.fact for row in left["told"]] == [(MACHINE, "atLocation", "kitchen")]
-    assert MACHINE in left["again"].base.entity_names
 
 
 def test_the_ros_node_answers_on_a_topic_and_by_a_service(

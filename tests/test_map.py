@@ -13,35 +13,32 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
-from torch.nn.functional import cosine_similarity, softplus
+from torch.nn.functional import cosine_similarity
 
 from isi.checks.sample import sample_context
 from isi.config import Option
 from isi.initializers import evidence
 from isi.initializers import map as maximum
-from isi.initializers.api import FALLBACKS, InitContext, InitResult
+from isi.initializers.api import InitContext
 from isi.initializers.evidence import Evidence, evidence_of, spread
 from isi.initializers.newton import newton_step, step_size
-from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite, mapped
 from tests.init_contexts import (
     DIMENSION,
+    DISTANCES,
     ENTITIES,
+    KNOWN,
+    LINEAR,
     RELATIONS,
     TRIPLES,
+    fallbacks,
     four_novel,
     insertion,
+    model_named,
 )
 from tests.init_contexts import initialize as insert
 from tests.small_graphs import ANALOGY, random_embedding
 
-LINEAR = ("analogy", "complex", "distmult")
-DISTANCES: list[tuple[str, dict[str, Option]]] = [
-    ("transe", {"margin": 2.0, "squared": True}),
-    ("transe", {"margin": 2.0, "squared": False}),
-    ("rotate", {"margin": 4.0, "squared": True}),
-    ("rotate", {"margin": 4.0, "squared": False}),
-]
 OWN: dict[str, Option] = {"strength": 0.5, "ratio": 3}
 #: Options of MAP with a prior at the centroid.
 MEAN: dict[str, Option] = {
@@ -50,20 +47,11 @@ MEAN: dict[str, Option] = {
     **OWN,
     "known_negatives": 2.0,
 }
-KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
 
 
 @pytest.fixture
 def of() -> InitContext:
     return four_novel()
-
-
-def model_named(name: str, **options: Option) -> Model:
-    return make_model(name, options, f"models.{name}")
-
-
-def fallbacks(result: InitResult) -> list[str | None]:
-    return [FALLBACKS[code] for code in result.fallback[0].tolist()]
 
 
 def mean_of(of: InitContext) -> np.ndarray:
@@ -133,26 +121,6 @@ def test_known_triples_bring_negatives_by_the_share_of_the_entity_that_is_given(
     assert evidence.corrupted_known(untrained, 1.0).negative.sum() == 0
 
 
-def test_with_more_weight_on_known_triples_a_vector_scores_lower_as_their_wrong_end(
-    of: InitContext,
-) -> None:
-    weighted, theta0 = evidence.corrupted_known(of, 1.0), of.theta0
-
-    def loss(known_negatives: float) -> Tensor:
-        vectors = insert("map", of, **MEAN | {"known_negatives": known_negatives}).vectors[0]
-        known, relation = (
-            theta0.entity[0][weighted.other[0]],
-            theta0.relation[0][weighted.relation[0]],
-        )
-        novel, is_tail = vectors[:, None].expand_as(known), weighted.is_tail[0, ..., None]
-        head, tail = torch.where(is_tail, known, novel), torch.where(is_tail, novel, known)
-        return (weighted.negative[0] * softplus(theta0.model.score(head, relation, tail))).sum(-1)
-
-    for less, more in itertools.pairwise(map(loss, (0.0, 0.5, 2.0, 8.0))):
-        assert (more < less)[[0, 1, 3]].all()
-        assert more[2] == less[2]  # without insert triples
-
-
 @given(st.lists(st.floats(0.01, 5), min_size=2, max_size=40), st.integers(1, 12))
 def test_a_sample_has_the_total_and_each_item_as_often_as_its_weight_says(
     listed: list[float], most: int
@@ -210,12 +178,12 @@ def plain_objective(
     known_negatives: float,
 ) -> Callable[[np.ndarray], float]:
     """The objective of MAP for one novel entity,
-    computed triple by triple from lists of true and corrupted triples.
+    computed from lists of true and corrupted triples.
     """
     theta0 = mapped(of.theta0, Tensor.double)
     # whether it is the tail, relation, other end, ± weight
     weighted: list[tuple[bool, int, int, float]] = []
-    for other, relation, is_tail, there in zip(
+    for end, label, last, there in zip(
         of.other[0, place].tolist(),
         of.relation[0, place].tolist(),
         of.novel_is_tail[0, place].tolist(),
@@ -223,27 +191,31 @@ def plain_objective(
         strict=True,
     ):
         if there:
-            weighted.append((is_tail, relation, other, 1.0))
-            weighted += [(is_tail, relation, end, -ratio / len(KNOWN)) for end in KNOWN]
-            others = [r for r in range(RELATIONS) if r != relation]
-            weighted += [(is_tail, r, other, -ratio / len(others)) for r in others]
+            weighted.append((last, label, end, 1.0))
+            weighted += [(last, label, known, -ratio / len(KNOWN)) for known in KNOWN]
+            others = [r for r in range(RELATIONS) if r != label]
+            weighted += [(last, r, end, -ratio / len(others)) for r in others]
     share = min(1.0, int(of.observed[0, place].sum()) / (2 * len(TRIPLES) / len(KNOWN)))
-    for head, relation, tail in TRIPLES:
-        weight = -known_negatives * ratio * share / len(KNOWN)
-        weighted += [(False, relation, tail, weight), (True, relation, head, weight)] * (weight < 0)
+    of_known = -known_negatives * ratio * share / len(KNOWN)
+    for head, label, tail in TRIPLES:
+        weighted += [(False, label, tail, of_known), (True, label, head, of_known)]
     sigma = np.cov(theta0.entity[0, list(KNOWN)].numpy().T, bias=True)
     shrinkage = maximum.SHRINKAGE
     sigma = (1 - shrinkage) * sigma + shrinkage * np.trace(sigma) / len(sigma) * np.eye(len(sigma))
 
+    is_tail, relation, other = (
+        torch.tensor(part) for part in zip(*(row[:3] for row in weighted), strict=True)
+    )
+    weight = np.array([row[3] for row in weighted])
+    row, end = theta0.relation[0, relation], theta0.entity[0, other]
+
     def objective(vector: np.ndarray) -> float:
-        v, total = torch.as_tensor(vector), 0.0
-        for is_tail, relation, other, weight in weighted:
-            row, end = theta0.relation[0, relation], theta0.entity[0, other]
-            score = float(
-                theta0.model.score(end, row, v) if is_tail else theta0.model.score(v, row, end)
-            )
-            total += abs(weight) * np.logaddexp(0, -score if weight > 0 else score)
-        return total + strength / 2 * float((vector - mean) @ np.linalg.solve(sigma, vector - mean))
+        v = torch.as_tensor(vector).expand_as(end)
+        head, tail = torch.where(is_tail[:, None], end, v), torch.where(is_tail[:, None], v, end)
+        score = theta0.model.score(head, row, tail).numpy()
+        loss = abs(weight) @ np.logaddexp(0, -np.sign(weight) * score)
+        apart = vector - mean
+        return float(loss + strength / 2 * apart @ np.linalg.solve(sigma, apart))
 
     return objective
 
@@ -343,21 +315,6 @@ def test_a_fact_counts_as_much_as_it_is_believed(of: InitContext) -> None:
     # known triples stay; corrupted ones weigh as the fact that they stem from
     fewer = whole.negative.sum() - believed.negative.sum()
     assert fewer == pytest.approx(2 * 4 * (of.observed.sum() - weights.sum()))
-
-
-def test_map_of_doubtful_facts_lies_between_that_of_sure_ones_and_the_prior(
-    of: InitContext,
-) -> None:
-    prior, sure = insert("mean", of).vectors, insert("map", of, **MEAN)
-    ones = torch.ones(of.observed.shape, dtype=torch.float64)
-    assert torch.equal(insert("map", replace(of, confidence=ones), **MEAN).vectors, sure.vectors)
-    options = MEAN | {"known_negatives": 0.0, "prior": "mean"}
-    distances = list[torch.Tensor]()
-    for belief in (1.0, 0.5, 0.1, 1e-9):
-        doubtful = insert("map", replace(of, confidence=belief * ones), **options).vectors
-        distances.append((doubtful - prior)[0, [0, 1, 3]].norm(dim=-1))
-    assert (torch.stack(distances).diff(dim=0) < 0).all()
-    assert (distances[-1] < 1e-5).all()
 
 
 def test_entities_are_solved_alike_in_batches_of_any_size(

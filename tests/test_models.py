@@ -10,13 +10,12 @@ import pytest
 import torch
 from scipy.stats import kstest
 from torch import Tensor
-from torch.nn.functional import logsigmoid
 
 import isi
 from isi import config
 from isi.config import Option
 from isi.errors import InputError
-from isi.graph.sessions import TRAIN, Session, session_of
+from isi.graph.sessions import TRAIN, Session
 from isi.models.bilinear import BlockModel
 from isi.models.distance import TransE
 from isi.models.model import (
@@ -27,11 +26,11 @@ from isi.models.model import (
     make_model,
     register_model,
 )
-from isi.models.scoring import EPSILON, DenseTriples, Distance, TripleList, padded
+from isi.models.scoring import EPSILON, Distance, padded
 from isi.models.stack import select, uniform
 from isi.tables import paths
 from isi.training import trainer
-from isi.training.batches import DenseBatch, Negatives, batches, training_data
+from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer
 from tests.small_graphs import (
     ANALOGY,
@@ -40,7 +39,6 @@ from tests.small_graphs import (
     points_of,
     random_embedding,
     random_graph,
-    score_all,
 )
 from tests.small_grid import MODEL_OPTIONS
 
@@ -94,13 +92,12 @@ def test_all_that_are_registered_pass_the_checks(scoring: Model) -> None:
 
 
 @over_all
-@pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
 @pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
 def test_epochs_are_bit_identical_whatever_the_stack(
-    scoring: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
+    scoring: Model, points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
-    chosen = torch.tensor(models)
+    chosen = torch.tensor([2, 0, 3])
     settings = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
     grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
     start = uniform(grid.session(0).entities, RELATIONS, scoring, DIMENSION, 0.5, 0, grid.keys())
@@ -115,26 +112,6 @@ def test_epochs_are_bit_identical_whatever_the_stack(
             getattr(together.embedding, table)[chosen], getattr(alone.embedding, table)
         )
         assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
-
-
-@over_all
-def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scoring: Model) -> None:
-    entities, ratio = 13, 5
-    steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
-    session = session_of(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
-    data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
-    negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
-    settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)
-    state = trainer.start(uniform(session.entities, 2, scoring, DIMENSION, 0.1, 0, data.keys))
-    for epoch in range(settings.max_epochs):
-        trainer.run_epoch(state, data, negatives, settings, 0, epoch)
-    batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
-    assert isinstance(batch, DenseBatch)
-    scores, share = score_all(state.embedding), 1 / (1 + 3 * ratio)
-    loss = -(
-        batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)
-    ).sum() / len(steps)
-    assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
 
 
 @pytest.mark.parametrize(
@@ -155,10 +132,8 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
         )
 
 
-def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(MODELS, "_registered", dict(MODELS._registered))
+@pytest.mark.usefixtures("registries")
+def test_a_registered_model_inherits_no_defaults_and_is_trained_with_its_own() -> None:
     before = compared_models()
     triples = [(f"e{number}", "next", f"e{number + 1}") for number in range(4)]
 
@@ -234,19 +209,11 @@ def test_maps_by_hand(
     )
 
 
-@pytest.mark.parametrize("dimension", [4, 12, 100])
-def test_maps_of_analogy_are_dense_matrices(dimension: int) -> None:
-    embedding = random_embedding(1, 2, 1, dimension, seed=dimension)
+def test_maps_of_analogy_are_dense_matrices() -> None:
+    embedding = random_embedding(1, 2, 1, 100)
     head, tail, relation = embedding.entity[0, 0], embedding.entity[0, 1], embedding.relation[0, 0]
-    matrix = dense(relation)
     assert isinstance(ANALOGY, BlockModel)
-    torch.testing.assert_close(ANALOGY.transform(head, relation), head @ matrix)
-    torch.testing.assert_close(ANALOGY.transform_tail(head, relation), head @ matrix.T)
-    torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ matrix @ tail)
-    inverse = torch.linalg.inv(matrix.double()).float()
-    torch.testing.assert_close(
-        ANALOGY.inverse(tail, relation), tail @ inverse, rtol=1e-3, atol=1e-3
-    )
+    torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ dense(relation) @ tail)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 1e-30, -1e-30])
@@ -294,54 +261,6 @@ def test_each_model_of_a_stack_starts_from_its_own_uniform_numbers() -> None:
             assert kstest(values.flatten(), "uniform", (-0.01, 0.02)).pvalue > 0.01
     alone = uniform(known[1:], 50, ANALOGY, 8, 0.01, 0, torch.tensor([[3, 1]]))
     assert torch.equal(alone.entity[0], start.entity[1])
-
-
-def all_ids(entities: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Heads, relations and tails of all triples, in the order of relation, head, tail."""
-    relation, head, tail = torch.cartesian_prod(
-        torch.arange(RELATIONS), torch.arange(entities), torch.arange(entities)
-    ).T
-    return head, relation, tail
-
-
-def all_listed(models: int, entities: int) -> TripleList:
-    """All triples of all models as one list."""
-    ids = (ids.repeat(models) for ids in all_ids(entities))
-    model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
-    return TripleList((models, RELATIONS, entities), model, *ids)
-
-
-@over_all
-@pytest.mark.parametrize("entities", [11, 12, 13, 30])
-def test_scores_and_gradients_are_bit_identical_whatever_the_stack(
-    scoring: Model, entities: int
-) -> None:
-    models = 6
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
-    head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
-
-    def results(chosen: Tensor) -> list[Tensor]:
-        """Scores and gradients of the chosen models, with both forms of triples."""
-        stack, results_of = select(embedding, chosen), []
-        number = len(chosen)
-        listed = all_listed(number, entities)
-        for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
-            scores, backward = scoring.scores(stack.entity, stack.relation, triples)
-            by_entity, by_relation = backward(scores / 8)
-            results_of += [scores.reshape(number, -1), by_entity, by_relation]
-        results_of.append(stack.score_tails(head[chosen], relation[chosen]))
-        results_of.append(stack.score_heads(relation[chosen], tail[chosen]))
-        maps = (
-            move(stack.entity[:, :2], stack.relation)
-            for move in (scoring.transform, scoring.inverse)
-        )
-        return [*results_of, stack.score_relations(head[chosen], tail[chosen]), *maps]
-
-    together = results(torch.arange(models))
-    for height in (1, 4):
-        for chosen in torch.arange(models).split(height):
-            for one, alone in zip(together, results(chosen), strict=True):
-                assert torch.equal(one[chosen], alone)
 
 
 def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:

@@ -15,15 +15,14 @@ import isi
 from isi.errors import InputError
 from isi.live.answers import Answer
 from tests.small_live import quick_choices
+from tests.small_pykeen import ENTITIES, RELATIONS, model_of, ring
 
 pytest.importorskip("pykeen")
 
-from pykeen.models import ERModel, model_resolver
 from pykeen.pipeline import PipelineResult
 from pykeen.predict import predict_target
-from pykeen.triples import CoreTriplesFactory, TriplesFactory
+from pykeen.triples import CoreTriplesFactory
 
-ENTITIES, RELATIONS = 20, 3
 FACTS = [("cup", "r0", "e1"), ("cup", "r1", "e4"), ("e3", "r1", "cup")]
 MODELS: list[tuple[str, dict[str, Any]]] = [
     ("distmult", {}),
@@ -34,33 +33,10 @@ MODELS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-def factory(inverse: bool = False) -> TriplesFactory:
-    """A ring with all relations, and random triples; ids are not in the order of labels."""
-    rng = np.random.default_rng(0)
-    triples = {(e, e % RELATIONS, (e + 1) % ENTITIES) for e in range(ENTITIES)}
-    triples |= {
-        tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(60, 3)).tolist()
-    }
-    return TriplesFactory(
-        torch.tensor(sorted(triples)),
-        {f"e{row}": row for row in range(ENTITIES)[::-1]},
-        {f"r{row}": row for row in range(RELATIONS)},
-        create_inverse_triples=inverse,
-    )
-
-
 @pytest.fixture(autouse=True)
 def _quick() -> Iterator[None]:
     with quick_choices():
         yield
-
-
-def model_of(name: str, known: CoreTriplesFactory, **options: Any) -> ERModel:
-    model = model_resolver.make(
-        name, triples_factory=known, embedding_dim=8, random_seed=0, **options
-    )
-    model.post_parameter_update()
-    return model.eval()
 
 
 def rank_of(answer: Answer) -> int:
@@ -72,7 +48,7 @@ def rank_of(answer: Answer) -> int:
 def test_vectors_and_answers_are_those_of_the_model(
     name: str, options: dict[str, Any], inverse: bool
 ) -> None:
-    known = factory(inverse)
+    known = ring(inverse)
     model = model_of(name, known, **options)
     before = deepcopy(model.state_dict())
     live = isi.from_pykeen(model, known, margin=0.0)
@@ -102,7 +78,7 @@ def test_vectors_and_answers_are_those_of_the_model(
 def test_what_is_saved_answers_as_before(
     tmp_path: Path, name: str, options: dict[str, Any]
 ) -> None:
-    known = factory()
+    known = ring()
     kinds = {f"e{row}": ("place" if row % 2 else "object") for row in range(ENTITIES)}
     live = isi.from_pykeen(model_of(name, known, **options), known, kinds=kinds)
     live.insert("cup", FACTS)
@@ -119,7 +95,7 @@ def test_what_is_saved_answers_as_before(
 def test_a_model_that_a_folder_cannot_hold_is_not_saved(
     tmp_path: Path, name: str, inverse: bool
 ) -> None:
-    known = factory(inverse)
+    known = ring(inverse)
     live = isi.from_pykeen(model_of(name, known), known)
     with pytest.raises(InputError, match=r"^save"):
         live.save(tmp_path / "home")
@@ -127,7 +103,7 @@ def test_a_model_that_a_folder_cannot_hold_is_not_saved(
 
 
 def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None:
-    known = factory()
+    known = ring()
     model = model_of("distmult", known)
     result = object.__new__(PipelineResult)
     result.model, result.training = model, known
@@ -139,7 +115,7 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
 
 
 def test_kinds_that_match_no_label_are_named() -> None:
-    known = factory()
+    known = ring()
     with pytest.warns(
         UserWarning,
         match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
@@ -151,7 +127,7 @@ def test_kinds_that_match_no_label_are_named() -> None:
 
 
 def test_a_model_without_inverse_explains_without_relational_scores() -> None:
-    known = factory()
+    known = ring()
     live = isi.from_pykeen(model_of("tucker", known), known)
     live.insert("cup", FACTS)
     indicators = live.explain("cup", top=2).indicators
@@ -165,7 +141,7 @@ def test_a_model_without_inverse_explains_without_relational_scores() -> None:
 def test_a_model_of_pykeen_comes_back_after_any_change_and_from_a_copy(
     name: str, inverse: bool
 ) -> None:
-    known = factory(inverse)
+    known = ring(inverse)
     model = model_of(name, known)
     live = isi.from_pykeen(model, known)
     trained = {tuple(fact) for fact in known.triples}
@@ -199,7 +175,7 @@ def test_a_model_of_pykeen_comes_back_after_any_change_and_from_a_copy(
     ("name", "inverse"), [("distmult", False), ("transe", True), ("rescal", False)]
 )
 def test_a_model_of_pykeen_has_no_new_relations(name: str, inverse: bool) -> None:
-    known = factory(inverse)
+    known = ring(inverse)
     live = isi.from_pykeen(model_of(name, known), known)
     live.tell([("e1", "near", "e2"), ("e3", "near", "e4")])
     assert live.ask("e1", "near").answers[0].entity == "e2"

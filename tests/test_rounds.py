@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-import pytest
 import scipy.optimize
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import isi
-from isi.errors import InputError
 from isi.insertion import relations
 from isi.insertion.engine import ROUNDS, layers, schedule
 from isi.models.model import make_model
@@ -153,18 +151,3 @@ def test_an_entity_and_a_relation_may_arrive_together() -> None:
     without = call()
     assert not np.allclose(done.entities[ENTITIES:], without.entities[ENTITIES:])
     np.testing.assert_array_equal(done.relations[: len(without.relations)], without.relations)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"triples": [("e1", "in", "e2")]}, "a new entity or relation"),
-        ({"triples": [("mug", "holds", "e2")]}, "relation"),
-        ({"new_relations": ["in"]}, "argument 'new_relations': 'in': .*known already"),
-        ({"known_triples": [("e1", "holds", "e2")], "new_relations": ["holds"]}, "known_triples"),
-        ({"new": [], "triples": []}, "argument 'new'"),
-    ],
-)
-def test_mistakes_name_the_argument(changes: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        call(**changes)

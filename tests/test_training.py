@@ -175,15 +175,6 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
 
 
-@pytest.mark.usefixtures("form")
-def test_fit_in_a_stack_is_fit_alone() -> None:
-    together, validations = fitted([0, 1, 2, 3])
-    for model in range(4):
-        alone, own = fitted([model])
-        assert same(select(together, torch.tensor([model])), alone)
-        assert validations_of(model, validations) == validations_of(0, own)
-
-
 def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> pd.DataFrame:
     points = small_points(seeds)
     watch = ConvergenceWatch(

@@ -29,26 +29,19 @@ from isi.analyses.variants import (
 from isi.errors import InputError
 from isi.experiment.insert import InsertConfig, insert_stack
 from isi.experiment.train import TrainConfig, evaluate_stack
+from isi.extras.hidden_entities import study_of
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import (
-    READING_CASE,
-    SESSIONS,
-    VARIANT,
-    copy_pipelines,
-    list_entries,
-)
-from tests.beyond_entries import WORDS as SHIPPED_WORDS
+from tests.beyond_entries import HIDDEN, READING_CASE, VARIANT, copy_pipelines, list_entries
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
-from tools.workspace import DROP, change_all
+from tools.workspace import DROP, change, change_all
 
 ROOT = Path(__file__).parent.parent
 NAMES = ("xavier", "es", "rs")
-EXTEND: dict[str, Any] = {"source": "mp3d", "min_observations": 6, "candidates": 50, "always": []}
 
 
 def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
@@ -217,98 +210,30 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+ENTRIES = yaml.safe_load((ROOT / "tests/mistakes/entries.yaml").read_text(encoding="utf-8"))
+VALID = {
+    "variants": VARIANT,
+    "graphs": GRAPH_EXPERIMENT,
+    "readings": READING_CASE,
+    "hidden": HIDDEN,
+}
+
+
 @pytest.mark.usefixtures("workspace")
 @pytest.mark.parametrize(
-    ("section", "wrong", "line"),
-    [
-        (
-            "variants",
-            {"experiments": ["published", "there"]},
-            "experiments: expected names among ai2thor, ",
-        ),
-        (
-            "variants",
-            {"initializers": ["es", "soft_es"]},
-            "initializers: expected names among xavier, iu, es, ",
-        ),
-        (
-            "variants",
-            {"options": {"soft_e": {}}, "initializers": ["soft_e"]},
-            "options.soft_e: expected one of ",
-        ),
-        (
-            "variants",
-            {"options": {"soft_es": {"temper": 1.0}}},
-            "options.soft_es.temper: unknown key",
-        ),
-        (
-            "variants",
-            {"changes": {"training.weight_deca": 0.1}},
-            "changes.training.weight_deca: unknown key",
-        ),
-        ("variants", {"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: "),
-        (
-            "variants",
-            {"changes": {"sessions.valid": 0.2}},
-            "changes.sessions.valid: expected a dotted key below ",
-        ),
-        ("variants", {"group": "baseline"}, "group: "),
-        ("variants", {"seed": 3}, "seed: unknown key"),
-        ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),
-        ("graphs", {"source": {"reader": "published", "path": "x"}}, "source.path: unknown key"),
-        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions: "),
-        ("graphs", {"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
-        ("graphs", {"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
-        ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: "),
-        (
-            "readings",
-            {"graph": {"source": "publish", "min_count": 1}},
-            "graph.source: expected names among ",
-        ),
-        (
-            "readings",
-            {"graph": READING_CASE["graph"] | {"extend": EXTEND | {"source": "mp"}}},
-            "graph.extend.source: expected names among ",
-        ),
-        ("readings", {"initializers": ["best"]}, "initializers: expected names among "),
-        ("readings", {"initializers": ["es", "es"]}, "initializers: expected each value once"),
-        ("readings", {"indicators": {"soft_e": [1]}}, "indicators: expected names among "),
-        ("readings", {"indicators": {"xavier": [1]}}, "indicators.xavier.k: unknown key"),
-        ("readings", {"indicators": {"es": []}}, "indicators.es: "),
-        ("readings", {"indicators": {"es": [2, 2]}}, "indicators.es: expected each value once"),
-        ("readings", {"sessions": SESSIONS | {"steps": 2}}, "sessions: expected one step"),
-        ("readings", {"finetuned": [2]}, " expected curves among the sizes in finetuned"),
-        (
-            "readings",
-            {"finetuned": [4], "curves": []},
-            " expected curves among the sizes in finetuned",
-        ),
-        (
-            "readings",
-            {"converging": ["test any relation halves learned"]},
-            "converging: expected names of readings",
-        ),
-        (
-            "readings",
-            {"changes": {"finetuning.learning_rate": -1.0}},
-            "changes.finetuning.learning_rate: ",
-        ),
-    ],
+    ("section", "case"), [(section, case) for section in ENTRIES for case in ENTRIES[section]]
 )
 def test_what_an_entry_cannot_have_is_refused_in_one_line(
-    section: str, wrong: dict[str, Any], line: str
+    section: str, case: dict[str, Any]
 ) -> None:
-    entries = {
-        "variants": VARIANT,
-        "graphs": GRAPH_EXPERIMENT,
-        "readings": READING_CASE,
-    }
-    sound = entries[section]
-    list_entries(**{section: {"own": sound | wrong}})
+    entry = deepcopy(VALID[section])
+    for key, value in case["change"].items():
+        change(entry, key, value)
+    list_entries(**{section: {"own": entry}})
     with pytest.raises(InputError) as refused:
-        load_beyond(load_params())
+        study_of({"own": entry}, "own") if section == "hidden" else load_beyond(load_params())
     assert re.match(
-        rf"beyond/params\.yaml: {section}\.own[.:]{re.escape(line)}", str(refused.value)
+        rf"beyond/params\.yaml: {section}\.own[.:] ?{re.escape(case['says'])}", str(refused.value)
     )
 
 

@@ -1,5 +1,5 @@
-"""The pages of docs/you-have/: their code runs as it stands,
-and their layouts score as the other libraries do.
+"""The code and the commands of pages of docs/ run as they stand, and the layouts of the pages of
+docs/you-have/ score as the other libraries do.
 
 LibKGE, OpenKE and AmpliGraph are not installed: the tests write their formats, and have their
 formulas.
@@ -7,6 +7,7 @@ formulas.
 
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,11 +24,33 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from tests.documented import DOCS
-from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, TRIPLES, write_openke
+from tests.small_bundle import (
+    BETWEEN,
+    ENTITIES,
+    LABELS,
+    NAMES,
+    RELATIONS,
+    TRIPLES,
+    VECTORS,
+    home_of,
+    small,
+    without_words,
+    write_lists,
+    write_openke,
+    written,
+)
 
-PAGES = sorted((DOCS / "you-have").glob("*.md"))
+PAGES = [
+    *sorted((DOCS / "you-have").glob("*.md")),
+    *(DOCS / f"{name}.md" for name in ("command", "insert", "insert_reference", "live")),
+]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-NEEDS = {"pykeen": ["pykeen"], "rdf": ["pykeen", "rdflib"], "torchkge": ["torchkge"]}
+NEEDS = {
+    "insert_reference": ["pykeen"],
+    "pykeen": ["pykeen"],
+    "rdf": ["pykeen", "rdflib"],
+    "torchkge": ["torchkge"],
+}
 FILES = {"csv": "home.csv", "turtle": "home.ttl"}
 
 
@@ -85,8 +108,34 @@ def write_libkge(relations: np.ndarray = LABELS) -> None:
         )
 
 
+def write_pipelines_files() -> None:
+    """A bundle with the names of the page where the pipeline writes one."""
+    names = ["kitchen", "counter top", *NAMES[2:]]
+    relations = {
+        "relation_names": [*BETWEEN, "hasMaterial"],
+        "relations": np.eye(3, 4, dtype=np.float32),
+    }
+    written(
+        Path("data/final_models/ai2thor"), small(entity_names=names, phrases=names, **relations)
+    )
+
+
+def write_tables() -> None:
+    """A table of triples, with kinds, and the tables of another trainer."""
+    for path in (DOCS.parent / "examples").glob("home*.csv"):
+        shutil.copy(path, ".")
+    write_lists(entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float))
+
+
+def write_home() -> None:
+    home_of(Path("home"), without_words())
+
+
 PREPARE: dict[str, Callable[[], None]] = {
     "arrays": write_arrays,
+    "command": write_tables,
+    "insert": write_pipelines_files,
+    "live": write_home,
     "openke": write_checkpoints,
     "libkge": write_libkge,
 }
@@ -105,15 +154,18 @@ def run(page: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     for language, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         if language in FILES:
             Path(FILES[language]).write_text(code, encoding="utf-8")
-        elif language == "python":
+        elif language == "python" and not (page.stem == "insert" and "pykeen" in code):
             exec(compile(code, page.name, "exec"), scope)  # noqa: S102
-        else:
-            for line in code.splitlines():
-                main(shlex.split(line.removeprefix("$ "))[1:])
+        elif language == "console":
+            for line in re.findall(r"^\$ isi (.+)$", code, re.MULTILINE):
+                # a short training: what it learns is shown on another page
+                short = ["--budget", "1"] * line.startswith("train")
+                main([*shlex.split(line), *short])
                 assert capsys.readouterr().out
     return scope
 
 
+@pytest.mark.filterwarnings("ignore:the model has learned nothing")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_runs_as_it_stands(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -123,7 +175,18 @@ def test_a_page_runs_as_it_stands(
     monkeypatch.chdir(tmp_path)
     PREPARE.get(page.stem, lambda: None)()
     scope = run(page, capsys)
-    if "larger" in scope:
+    if page.stem == "insert":
+        assert scope["done"].entities[:5].tobytes() == scope["entities"].tobytes()
+    elif page.stem == "insert_reference":
+        assert scope["model"].num_entities == scope["factory"].num_entities > 132
+    elif page.stem == "live":
+        assert scope["answers"].answers[0].given
+        (told,) = scope["told"]
+        assert told.fact == ("espresso machine", "atLocation", "kitchen")
+        assert "espresso machine" in scope["again"].base.entity_names
+    elif page.stem == "command":
+        assert Path("home").is_dir()
+    elif "larger" in scope:
         assert set(scope["answers"]) == set(scope["more"].entity_to_id)
         assert scope["larger"].num_entities == scope["factory"].num_entities + len(
             scope.get("hidden", "1")

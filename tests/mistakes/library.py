@@ -29,6 +29,11 @@ def wrong(argument: str, *values: Any, place: str = "", **others: Any) -> list[C
     ]
 
 
+def frame_of(*columns: str) -> pd.DataFrame:
+    """The triples in columns of other names."""
+    return pd.DataFrame(TRIPLES, columns=list(columns))
+
+
 INSERT_CASES = [
     *wrong(
         "entities",
@@ -69,10 +74,18 @@ INSERT_CASES = [
     *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
     *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
     *wrong("triples", pd.DataFrame({"head": ["cup"], "tail": ["e1"]}), place="columns"),
+    *wrong("triples", frame_of("a", "b", "c"), place="columns|'a'|'b'|'c'"),
+    *wrong("triples", frame_of("head", "tail", "weight"), place="columns|'head'|'weight'"),
+    *wrong("triples", frame_of("from", "to", "from"), place="columns|'from'|'to'"),
+    *wrong("triples", [*TRIPLES, ("cup", "inn", "e1")], place="triple 4|new_relations"),
+    *wrong("confidence", [1.0], [0.0] * 99, [1.5], np.ones((1, 3)), [np.nan]),
+    *wrong("validation", [("e0", "in", "cup")], [("e0", "under", "e1")], [(12, 0, 1)], 5),
     *wrong("triples", [*TRIPLES, ("e1", "in", "e2")], place="(e1, in, e2)"),
     *wrong("triples", TRIPLES, entity_names=None, new=1, place="triple 0"),
     *wrong("known_triples", TRIPLES[:1], place="(cup, in, e1)"),
     *wrong("known_triples", 5),
+    *wrong("known_triples", [("e1", "holds", "e2")], new_relations=["holds"]),
+    *wrong("new_relations", ["in"], place="'in'|known already"),
     Called("nothing is known of an entity", {"triples": TRIPLES[:2]}, "new entity 'mug'"),
     Called(
         "an entity has a triple with itself alone",
