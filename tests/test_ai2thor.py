@@ -1,8 +1,7 @@
 """Observations of AI2-THOR's and RoboTHOR's scenes:
-hand-written scenes, the real recording, and a single scene.
+hand-written scenes and the real recording (`read_files.yaml` has single scenes).
 """
 
-import gzip
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ from isi.sources.recordings import (
     scene_objects,
 )
 from isi.tables import paths
-from tests.observing import TRIPLE, observations_of, observe, source_of
+from tests.observing import observations_of, observe, source_of, written
 
 PROPERTIES = (
     "openable",
@@ -411,85 +410,12 @@ def test_the_recorded_apartments_of_robothor_give_the_known_figures() -> None:
     assert len(cleaned.table) == 15_514 - 4
 
 
-# One scene
-
-SCENE = [
-    {
-        "objectType": "Mug",
-        "objectId": "Mug|1",
-        "parentReceptacles": ["SideTable|1"],
-        "breakable": True,
-    },
-    {"objectType": "SideTable", "objectId": "SideTable|1"},
-]
-OF_SCENE = [
-    ("mug", "atLocation", "kitchen"),
-    ("mug", "atLocation", "side table"),
-    ("mug", "hasAffordance", "break"),
-    ("side table", "atLocation", "kitchen"),
-]
-
-
-def written(path: Path, content: object) -> Path:
-    text = json.dumps(content).encode()
-    path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("content", "settings"),
-    [
-        (SCENE, {"room": "kitchen"}),
-        ({"scene": "FloorPlan30", "spawn": None, "objects": SCENE}, {}),
-        ({"scene": "FloorPlan1#7", "spawn": 7, "objects": SCENE}, {}),
-        ({"sceneName": "FloorPlan2_physics", "objects": SCENE, "agent": {}}, {}),
-        (
-            {"metadata": {"sceneName": "FloorPlan201_physics", "objects": SCENE}},
-            {"room": "kitchen"},
-        ),
-    ],
-    ids=["list", "line of a recording", "spawned", "metadata", "event"],
-)
-@pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
-def test_all_forms_of_a_scene_give_the_same(
-    tmp_path: Path, content: Any, settings: dict[str, str], name: str
-) -> None:
-    observed = observe("ai2thor_scene", written(tmp_path / name, content), **settings)
-    assert observed.rows(*TRIPLE) == OF_SCENE
-    assert set(observed.table["room"]) == {"kitchen"}
-    assert observed.kind_of()["kitchen"] == "room"
-    (counted,) = observed.counts
-    assert counted.startswith(ai2thor.ABSENT)
-
-
-@pytest.mark.parametrize(
-    ("content", "room"),
-    [
-        (SCENE, None),
-        ({"scene": "FloorPlan31", "objects": SCENE}, None),
-        ({"scene": "FloorPlan_Val3_5", "objects": SCENE}, "apartment"),
-    ],
-)
-def test_the_name_of_a_scene_may_say_its_room(
-    tmp_path: Path, content: Any, room: str | None
-) -> None:
-    observed = observe("ai2thor_scene", written(tmp_path / "scene.json", content))
-    assert set(observed.rows("room")) == {(room,)}
-    assert [row for row in observed.rows(*TRIPLE) if row[2] != room] == [
-        row for row in OF_SCENE if row[2] != "kitchen"
-    ]
-    counts = {
-        what: number for what, number in observed.counts.items() if ai2thor.ABSENT not in what
-    }
-    assert counts == ({} if room else {ai2thor.ROOMLESS: 2})
-
-
 def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(
     tmp_path: Path, real: list[Scene]
 ) -> None:
     recording = json.loads(locate("recording").read_bytes())
     content = {"scene": "FloorPlan407", "objects": recording["bathrooms"][6]}
-    alone = observe("ai2thor_scene", written(tmp_path / "bath.json", content))
+    alone = observe("ai2thor_scene", written(tmp_path / "bath.json", json.dumps(content)))
     expected, _ = mined([scene for scene in real if scene.name == "FloorPlan407"])
     assert alone.rows(*COLUMNS) == list(expected.itertuples(index=False, name=None))
     assert len(alone.table) > 100
