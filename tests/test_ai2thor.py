@@ -15,7 +15,7 @@ import pytest
 from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources import CHUNK, ai2thor, settings_of
+from isi.sources import ai2thor, settings_of
 from isi.sources.recordings import (
     ROBOTHOR,
     Scene,
@@ -342,7 +342,9 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     assert drawn(scenes[:1], root=1) != [first]
 
 
-def test_scenes_are_taken_only_as_they_are_needed() -> None:
+def test_scenes_are_taken_only_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.sources.CHUNK", 500)
+
     def scenes() -> Iterator[Scene]:
         for number in count(1):
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
@@ -350,7 +352,7 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
     observations = ai2thor.mine(
         scenes(), ai2thor.reported_materials, Path("recording.json"), Counter()
     )
-    assert len(next(source_of(observations).frames())) == CHUNK
+    assert len(next(source_of(observations).frames())) == 500
 
 
 # The real recording
