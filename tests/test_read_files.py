@@ -33,6 +33,7 @@ FORMS = {
     "rooms": json.dumps(HOME),
     "scene_graph": (FOLDER / "scene_graph.json").read_text(encoding="utf-8"),
 }
+OF_FOLDERS = {"from", "folder"}  #: Settings of readers of folders.
 
 
 def text_of(content: Any) -> str:
@@ -52,7 +53,7 @@ def lay_out(case: dict[str, Any]) -> Path:
             assert old in content
             content = content.replace(old, new)
         if content is not None:
-            Path(name).parent.mkdir(exist_ok=True)
+            Path(name).parent.mkdir(parents=True, exist_ok=True)
             pack = gzip.compress if name.endswith(".gz") else bytes
             Path(name).write_bytes(pack(text_of(content).encode()))
     return Path(next(iter(case["files"])))
@@ -81,8 +82,12 @@ def cases(refused: bool) -> list[Any]:
 
 def section_of(reader: str, case: dict[str, Any], path: Path) -> dict[str, Any]:
     """The section of params that has a case mined."""
-    of_path = {} if "from" in case.get("settings", {}) else {"path": str(path)}
-    return {"reader": reader, **of_path, **case.get("settings", {})}
+    settings = case.get("settings", {})
+    return {
+        "reader": reader,
+        **({} if OF_FOLDERS & settings.keys() else {"path": str(path)}),
+        **settings,
+    }
 
 
 @pytest.fixture(autouse=True)
@@ -107,7 +112,7 @@ def test_a_file_is_refused_in_one_line(reader: str, case: dict[str, Any]) -> Non
 @pytest.mark.parametrize(("reader", "case"), cases(refused=False))
 def test_a_file_is_read_as_the_table_says(reader: str, case: dict[str, Any]) -> None:
     path = lay_out(case)
-    if "from" not in case.get("settings", {}):
+    if not OF_FOLDERS & case.get("settings", {}).keys():
         assert guess(path) == case.get("reader", reader)
     if reader == "guessed":
         return
