@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from isi.errors import InputError
 from isi.sources import READERS, NameEntities, Observation, Reader, Source
@@ -53,19 +54,11 @@ def source_of(rows: Iterable[Observation], name_entities: NameEntities = househo
     return Source({"reader": "given"}, "sources.given", 0)
 
 
-def refusal(reader: str, path: Path, **settings: object) -> str:
-    """The message of the ``InputError`` for a file; empty if the reader accepts the file."""
-    try:
-        observe(reader, path, **settings)
-    except InputError as error:
-        return str(error)
-    return ""
-
-
 def refused(reader: str, path: Path, expected: Sequence[str], **settings: object) -> None:
     """A reader refuses a file in one short line with all of these parts."""
-    line = refusal(reader, path, **settings)
-    assert line
+    with pytest.raises(InputError) as error:
+        observe(reader, path, **settings)
+    line = str(error.value)
     assert line.isprintable()
     assert len(line) < 500 + len(str(path))
     assert all(part in line for part in expected), line

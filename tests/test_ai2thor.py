@@ -1,8 +1,7 @@
 """Observations of AI2-THOR's and RoboTHOR's scenes:
-hand-written scenes, the real recording, and a single scene.
+materials, and the real recordings (`read_files.yaml` has scenes written by hand).
 """
 
-import gzip
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -14,9 +13,8 @@ import pandas as pd
 import pytest
 
 from isi.config import read as read_params
-from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources import CHUNK, ai2thor, settings_of
+from isi.sources import ai2thor, settings_of
 from isi.sources.recordings import (
     ROBOTHOR,
     Scene,
@@ -26,95 +24,16 @@ from isi.sources.recordings import (
     scene_objects,
 )
 from isi.tables import paths
-from tests.observing import TRIPLE, observations_of, observe, source_of
-
-PROPERTIES = (
-    "openable",
-    "pickupable",
-    "toggleable",
-    "canFillWithLiquid",
-    "sliceable",
-    "breakable",
-    "dirtyable",
-    "cookable",
-    "moveable",
-    "isHeatSource",
-    "isColdSource",
-    "receptacle",
-    "canBeUsedUp",
-)
+from tests.observing import observations_of, observe, source_of, written
 
 
-def thing(
-    kind: str,
-    number: int = 1,
-    parents: list[str] | None = None,
-    made_of: list[str] | None = None,
-    *properties: str,
-) -> SceneObject:
+def thing(kind: str, number: int = 1) -> SceneObject:
     """An object in the simulator's format."""
-    reported = {
-        "objectType": kind,
-        "objectId": f"{kind}|{number}",
-        "name": f"{kind}_{number}",
-        "parentReceptacles": parents,
-        "receptacleObjectIds": None,
-        "salientMaterials": made_of,
-        **{name: name in properties for name in PROPERTIES},
-    }
+    reported = {"objectType": kind, "objectId": f"{kind}|{number}"}
     return scene_objects(Path("recording.json"), "a scene", [reported])[0]
 
 
 COLUMNS = ["scene", "room", "instance", "head", "relation", "tail", "count"]
-#: FloorPlan1: a mug is both on a counter and in a sink; the counter is on the floor.
-KITCHEN = [
-    thing("Floor", 1, None, ["Wood"], "receptacle", "dirtyable"),
-    thing("CounterTop", 1, ["Floor|1"], ["Stone", "Wood"], "receptacle"),
-    thing("Sink", 1, None, None, "receptacle"),
-    thing(
-        "Mug",
-        1,
-        ["CounterTop|1", "Sink|1"],
-        ["Ceramic"],
-        "pickupable",
-        "canFillWithLiquid",
-        "breakable",
-    ),
-    thing("Mug", 2, [], [], "pickupable"),
-]
-#: FloorPlan302.
-BEDROOM = [
-    thing("Floor", 1),
-    thing("TVStand", 1, ["Floor|1"], ["Wood"], "receptacle", "openable"),
-    thing("AlarmClock", 1, ["TVStand|1"], ["Metal", "Glass"], "toggleable"),
-]
-#: What is written out by hand of each instance: its locations, materials and affordances.
-BY_HAND = {
-    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top"): (["kitchen"], ["stone", "wood"], []),
-    ("FloorPlan1", "kitchen", "Sink|1", "sink"): (["kitchen"], [], []),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug"): (
-        ["kitchen", "counter top", "sink"],
-        ["ceramic"],
-        ["pick up", "put", "fill", "empty", "break"],
-    ),
-    ("FloorPlan1", "kitchen", "Mug|2", "mug"): (["kitchen"], [], ["pick up", "put"]),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand"): (
-        ["bedroom"],
-        ["wood"],
-        ["open", "close"],
-    ),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock"): (
-        ["bedroom", "tv stand"],
-        ["metal", "glass"],
-        ["turn on", "turn off"],
-    ),
-}
-EXPECTED = [
-    (*instance, relation, tail)
-    for instance, tails in BY_HAND.items()
-    for relation, names in zip(("atLocation", "hasMaterial", "hasAffordance"), tails, strict=True)
-    for tail in names
-]
 
 
 def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
@@ -130,161 +49,6 @@ def mined(
     counts: Counter[str] = Counter()
     observations = ai2thor.mine(scenes, materials_of, Path("recording.json"), counts, **cleaning)
     return pd.DataFrame(observations, columns=COLUMNS), counts
-
-
-def mine_one(*objects: SceneObject, **cleaning: Any) -> tuple[pd.DataFrame, Counter[str]]:
-    return mined([Scene("FloorPlan1", 1, "kitchen", list(objects))], **cleaning)
-
-
-def tails(observations: pd.DataFrame, relation: str) -> list[str]:
-    return sorted(observations.loc[observations["relation"] == relation, "tail"])
-
-
-def test_two_rooms_give_the_observations_written_out_by_hand() -> None:
-    scenes = [
-        Scene("FloorPlan1", 1, "kitchen", KITCHEN),
-        Scene("FloorPlan302", 302, "bedroom", BEDROOM),
-    ]
-    observations, _ = mined(scenes)
-    assert rows(observations) == sorted(EXPECTED)
-    assert (observations["count"] == 1).all()
-
-
-def test_each_property_gives_its_affordances() -> None:
-    tails_of = {
-        has: tails(mine_one(thing("Gadget", 1, None, None, has))[0], "hasAffordance")
-        for has in PROPERTIES
-    }
-    assert tails_of == {
-        "openable": ["close", "open"],
-        "pickupable": ["pick up", "put"],
-        "toggleable": ["turn off", "turn on"],
-        "canFillWithLiquid": ["empty", "fill"],
-        "sliceable": ["slice"],
-        "breakable": ["break"],
-        "dirtyable": ["clean", "dirty"],
-        "moveable": ["pull", "push"],
-        "cookable": ["cook"],
-        "isHeatSource": ["heat"],
-        "isColdSource": ["cool"],
-        "receptacle": [],
-        "canBeUsedUp": [],
-    }
-
-
-def test_the_floor_is_neither_object_nor_receptacle_and_other_receptacles_stay() -> None:
-    rug_on_both = thing("Cloth", 1, ["Floor|1", "Shelf|1"])
-    observations, _ = mine_one(
-        thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both
-    )
-    assert "floor" not in set(observations["head"]) | set(observations["tail"])
-    assert tails(observations[observations["head"] == "cloth"], "atLocation") == [
-        "kitchen",
-        "shelf",
-    ]
-
-
-# Containment that cannot be
-
-#: A bowl in the cabinet that it holds, and a crate two further receptacles away from itself.
-CYCLES = [
-    thing("Bowl", 1, ["Cabinet|1"]),
-    thing("Cabinet", 1, ["Bowl|1", "Shelf|1"]),
-    thing("Crate", 1, ["Shelf|2"]),
-    thing("Shelf", 2, ["Desk|1"]),
-    thing("Desk", 1, ["Crate|1", "Shelf|1"]),
-    thing("Shelf", 1),
-    thing("Mug", 1, ["Bowl|1"]),
-]
-
-
-def locations(observations: pd.DataFrame) -> list[tuple[str, str]]:
-    """Pairs (object, receptacle) of atLocation, without rooms."""
-    inside = observations[
-        (observations["relation"] == "atLocation") & (observations["tail"] != "kitchen")
-    ]
-    return sorted(inside[["head", "tail"]].itertuples(index=False, name=None))
-
-
-@pytest.mark.parametrize("objects", [CYCLES, CYCLES[::-1]], ids=["forwards", "backwards"])
-def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(
-    objects: list[SceneObject],
-) -> None:
-    outside = [("cabinet", "shelf"), ("desk", "shelf"), ("mug", "bowl")]
-    cycle = [
-        ("bowl", "cabinet"),
-        ("cabinet", "bowl"),
-        ("crate", "shelf"),
-        ("desk", "crate"),
-        ("shelf", "desk"),
-    ]
-    assert locations(mine_one(*objects)[0]) == sorted(cycle + outside)
-    observations, counts = mine_one(*objects, circular="drop")
-    assert locations(observations) == outside
-    assert counts == {ai2thor.IN_CYCLE: 5}
-
-
-SHELF = thing("Shelf")._replace(contents=["Mug|1", "Mug|2", "Mug|3", "Mug|4"])
-ON_SHELF = [
-    thing("Mug", 1, ["Shelf|1"]),
-    thing("Mug", 2, ["Sink|1"]),
-    thing("Mug", 3),
-    thing("Sink"),
-]
-
-
-@pytest.mark.parametrize(
-    ("objects", "cleaning", "problem", "counted", "left"),
-    [
-        (
-            CYCLES,
-            {"circular": "error"},
-            r"Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it",
-            None,
-            None,
-        ),
-        (
-            [thing("Mug", 1, ["Shelf|1", "Desk|7", "Desk|8"]), thing("Shelf")],
-            {},
-            r"Mug\|1: its parent receptacle 'Desk\|7'",
-            {ai2thor.MISSING: 2},
-            [("mug", "shelf")],
-        ),
-        (
-            [thing("Box", 1, ["Box|1", "Shelf|1"]), thing("Shelf")],
-            {},
-            r"Box\|1: it is its own parent receptacle",
-            {ai2thor.ITSELF: 1},
-            [("box", "shelf")],
-        ),
-        (
-            [SHELF, *ON_SHELF],
-            {},
-            r"Shelf\|1: it holds 'Mug\|2', which does not list it as receptacle",
-            {ai2thor.ELSEWHERE: 2, ai2thor.NOT_THERE: 1},
-            [("mug", "shelf"), ("mug", "sink")],
-        ),
-        (
-            [SHELF],
-            {},
-            r"Shelf\|1: it holds 'Mug\|1', which is not in the scene",
-            {ai2thor.NOT_THERE: 4},
-            [],
-        ),
-    ],
-)
-def test_containment_that_cannot_be_is_refused_or_dropped_and_counted(
-    objects: list[SceneObject],
-    cleaning: dict[str, Any],
-    problem: str,
-    counted: object,
-    left: object,
-) -> None:
-    with pytest.raises(InputError, match=rf"recording\.json: FloorPlan1, object {problem}"):
-        mine_one(*objects, **cleaning)
-    for circular in ("keep", "error", "drop") if counted else ():
-        observations, counts = mine_one(*objects, broken="drop", circular=circular)
-        assert (locations(observations), counts) == (left, counted)
 
 
 # Materials
@@ -343,7 +107,9 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     assert drawn(scenes[:1], root=1) != [first]
 
 
-def test_scenes_are_taken_only_as_they_are_needed() -> None:
+def test_scenes_are_taken_only_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.sources.CHUNK", 500)
+
     def scenes() -> Iterator[Scene]:
         for number in count(1):
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
@@ -351,7 +117,7 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
     observations = ai2thor.mine(
         scenes(), ai2thor.reported_materials, Path("recording.json"), Counter()
     )
-    assert len(next(source_of(observations).frames())) == CHUNK
+    assert len(next(source_of(observations).frames())) == 500
 
 
 # The real recording
@@ -411,85 +177,12 @@ def test_the_recorded_apartments_of_robothor_give_the_known_figures() -> None:
     assert len(cleaned.table) == 15_514 - 4
 
 
-# One scene
-
-SCENE = [
-    {
-        "objectType": "Mug",
-        "objectId": "Mug|1",
-        "parentReceptacles": ["SideTable|1"],
-        "breakable": True,
-    },
-    {"objectType": "SideTable", "objectId": "SideTable|1"},
-]
-OF_SCENE = [
-    ("mug", "atLocation", "kitchen"),
-    ("mug", "atLocation", "side table"),
-    ("mug", "hasAffordance", "break"),
-    ("side table", "atLocation", "kitchen"),
-]
-
-
-def written(path: Path, content: object) -> Path:
-    text = json.dumps(content).encode()
-    path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("content", "settings"),
-    [
-        (SCENE, {"room": "kitchen"}),
-        ({"scene": "FloorPlan30", "spawn": None, "objects": SCENE}, {}),
-        ({"scene": "FloorPlan1#7", "spawn": 7, "objects": SCENE}, {}),
-        ({"sceneName": "FloorPlan2_physics", "objects": SCENE, "agent": {}}, {}),
-        (
-            {"metadata": {"sceneName": "FloorPlan201_physics", "objects": SCENE}},
-            {"room": "kitchen"},
-        ),
-    ],
-    ids=["list", "line of a recording", "spawned", "metadata", "event"],
-)
-@pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
-def test_all_forms_of_a_scene_give_the_same(
-    tmp_path: Path, content: Any, settings: dict[str, str], name: str
-) -> None:
-    observed = observe("ai2thor_scene", written(tmp_path / name, content), **settings)
-    assert observed.rows(*TRIPLE) == OF_SCENE
-    assert set(observed.table["room"]) == {"kitchen"}
-    assert observed.kind_of()["kitchen"] == "room"
-    (counted,) = observed.counts
-    assert counted.startswith(ai2thor.ABSENT)
-
-
-@pytest.mark.parametrize(
-    ("content", "room"),
-    [
-        (SCENE, None),
-        ({"scene": "FloorPlan31", "objects": SCENE}, None),
-        ({"scene": "FloorPlan_Val3_5", "objects": SCENE}, "apartment"),
-    ],
-)
-def test_the_name_of_a_scene_may_say_its_room(
-    tmp_path: Path, content: Any, room: str | None
-) -> None:
-    observed = observe("ai2thor_scene", written(tmp_path / "scene.json", content))
-    assert set(observed.rows("room")) == {(room,)}
-    assert [row for row in observed.rows(*TRIPLE) if row[2] != room] == [
-        row for row in OF_SCENE if row[2] != "kitchen"
-    ]
-    counts = {
-        what: number for what, number in observed.counts.items() if ai2thor.ABSENT not in what
-    }
-    assert counts == ({} if room else {ai2thor.ROOMLESS: 2})
-
-
 def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(
     tmp_path: Path, real: list[Scene]
 ) -> None:
     recording = json.loads(locate("recording").read_bytes())
     content = {"scene": "FloorPlan407", "objects": recording["bathrooms"][6]}
-    alone = observe("ai2thor_scene", written(tmp_path / "bath.json", content))
+    alone = observe("ai2thor_scene", written(tmp_path / "bath.json", json.dumps(content)))
     expected, _ = mined([scene for scene in real if scene.name == "FloorPlan407"])
     assert alone.rows(*COLUMNS) == list(expected.itertuples(index=False, name=None))
     assert len(alone.table) > 100

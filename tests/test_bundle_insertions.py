@@ -209,7 +209,8 @@ def test_a_place_of_known_things_is_a_room_if_it_is_named_like_one(
     household: LoadedEmbedding, name: str
 ) -> None:
     live = LiveEmbedding(household)
-    live.insert(name, [("mug", "atLocation", name), ("book", "atLocation", name)])
+    facts = [("mug", "atLocation", name), ("book", "atLocation", name)]
+    live.insert(name, facts, initializer="mean")
     is_room = name in ("garage", "dining room")
     assert live.inserted[name].kind == ("room" if is_room else "object")
 
@@ -323,40 +324,3 @@ def test_interference_is_that_of_the_library(home: LiveEmbedding) -> None:
     expected = done.interference()
     assert alone
     assert (alone.h_old, alone.h_cur) == pytest.approx((expected.h_old, expected.h_cur))
-
-
-# Mistakes
-
-
-@pytest.mark.parametrize(
-    ("verb", "given", "about"),
-    [
-        ("insert", ("hob", [("hob", "atLocation", "attic")]), {}),
-        ("insert", ("qzx",), {}),
-        ("insert", ("hob", [HOB]), {"kind": "animal"}),
-        ("insert", ("hob", [HOB]), {"kind": {"hbo": "object"}}),
-        ("insert", ("hob", [HOB]), {"initializer": "rs", "options": {"k": 0}}),
-        ("insert", ("hob", [("hob", "atLocation", "stove")]), {"initializer": "mean"}),
-        ("insert", (["hob", "tray"], {"atLocation": "kitchen"}), {}),
-        ("insert", ("hob", [HOB]), {"source": "two\nlines"}),
-        ("tell", (["e1 in e2"],), {}),
-        ("tell", ([{"e1": 1, "in": 2, "e2": 3}],), {}),
-        ("move", ("kettle", "atLocation", "bedroom"), {"time": float("inf")}),
-        ("remove", ("kettle",), {}),
-        ("remove", (), {"facts": [FACTS[0]], "time": True}),
-        ("insert", ([], {"atLocation": "kitchen"}), {}),
-        ("ask", ("stove",), {}),
-        ("ask", ("kettle", "atLocation"), {"top": 0}),
-        ("nearest", ("kettle", 1.5), {}),
-        ("ask", ("stove", "atLocation", "kitchen"), {}),
-        ("explain", ("kettle",), {}),
-    ],
-)
-def test_a_mistake_changes_nothing(
-    home: LiveEmbedding, verb: str, given: Any, about: dict[str, Any]
-) -> None:
-    home.insert("stove", FACTS)
-    before = home.facts, home.history, vector(home).tobytes()
-    with pytest.raises(InputError):
-        getattr(home, verb)(*given, **about)
-    assert (home.facts, home.history, vector(home).tobytes()) == before

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+import yaml
 from torch.nn.functional import pairwise_distance
 
 import isi
@@ -267,71 +268,6 @@ def test_the_loss_of_biggraph_is_stored(changed: dict[str, str], loss: str | Non
     assert imported("pbg", "--loss", "margin").manifest.trained_with == "margin"
 
 
-def with_operator(operator: str) -> dict[str, Any]:
-    return {"relations": [{"name": "r", "operator": operator}]}
-
-
-#: What the line of refusal names, and what ``config.json`` has.
-REFUSED = [
-    (r"config\.json: relations\.0\.operator: .*'affine'", with_operator("affine")),
-    (r"config\.json: relations\.0\.operator: .*'linear'", with_operator("linear")),
-    (r"relations\.0\.operator: .*got translation with dot", with_operator("translation")),
-    (
-        r"relations\.0\.operator: .*got complex_diagonal with l2",
-        with_operator("complex_diagonal") | {"comparator": "l2"},
-    ),
-    (r"config\.json: comparator: .*'cos'", {"comparator": "cos"}),
-    (r"config\.json: bias: ", {"bias": True}),
-    (
-        r"config\.json: entities\.all\.featurized: ",
-        {"entities": {"all": {"num_partitions": 1, "featurized": True}}},
-    ),
-    (
-        r"config\.json: relations: .*complex and distmult",
-        {
-            "relations": [
-                *with_operator("none")["relations"],
-                *with_operator("complex_diagonal")["relations"],
-            ]
-        },
-    ),
-]
-
-
-@pytest.mark.parametrize(("named", "changed"), REFUSED)
-def test_scores_of_biggraph_that_no_model_has_are_refused(
-    named: str, changed: dict[str, Any]
-) -> None:
-    Path("pbg").mkdir()
-    Path("pbg/checkpoint_version.txt").write_text("1\n", encoding="utf-8")
-    Path("pbg/config.json").write_text(json.dumps(configured(**changed)), encoding="utf-8")
-    with pytest.raises(SystemExit, match=named):
-        imported("pbg")
-    assert not Path("out").exists()
-
-
-def test_files_of_biggraph_that_do_not_fit_are_named() -> None:
-    write_biggraph(configured(), ONES)
-    folder = Path("pbg")
-    with pytest.raises(SystemExit, match="expected no --model"):
-        imported("pbg", "--model", "distmult")
-    save(folder / "model.v3.h5", {})
-    with pytest.raises(SystemExit, match=r"model\.v3\.h5: .*/0/operator/rhs/diagonal.*got none"):
-        imported("pbg")
-    save(folder / "model.v3.h5", {f"model/{name}": rows[:2] for name, rows in ONES.items()})
-    with pytest.raises(SystemExit, match=r"model\.v3\.h5: .*\(4,\), got \(2,\)"):
-        imported("pbg")
-    save(folder / "embeddings_all_1.v3.h5", {"embeddings": random(3, DIMENSION)})
-    with pytest.raises(SystemExit, match=r"all_1\.v3\.h5: embeddings: .*\(2, 4\), got \(3, 4\)"):
-        imported("pbg")
-    (folder / "entity_names_all_0.json").unlink()
-    with pytest.raises(SystemExit, match=r"entity_names_all_0\.json: cannot be read"):
-        imported("pbg")
-    (folder / "checkpoint_version.txt").write_text("", encoding="utf-8")
-    with pytest.raises(SystemExit, match=r"checkpoint_version\.txt: expected the number"):
-        imported("pbg")
-
-
 def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(MissingPackage, match=r"isi-kge\[hdf5\]"):
@@ -421,22 +357,6 @@ def test_another_loss_of_dicee_is_unknown(changed: dict[str, Any]) -> None:
     assert imported("dicee", "--loss", "softmax").manifest.trained_with == "softmax"
 
 
-@pytest.mark.parametrize(
-    ("name", "algebra", "named"),
-    [
-        ("Keci", {"p": 0, "q": 1}, r"Keci\(0, 1\)"),
-        ("QMult", {}, "QMult"),
-        ("Pykeen_RotatE", {}, "Pykeen_RotatE"),
-    ],
-)
-def test_models_of_dicee_that_none_equals_are_refused(
-    name: str, algebra: dict[str, int], named: str
-) -> None:
-    write_dicee(name, changed=algebra)
-    with pytest.raises(SystemExit, match=rf"configuration\.json: model: .*got '{named}'"):
-        imported("dicee")
-
-
 def test_normalization_of_dicee_is_refused() -> None:
     weight = {"normalize_head_entity_embeddings.weight": torch.ones(DIMENSION)}
     write_dicee("DistMult", further=weight, changed={"normalization": "LayerNorm"})
@@ -467,20 +387,46 @@ def test_no_pickle_of_dicee_is_read() -> None:
     assert not Path("exploded").exists()
 
 
-def test_files_of_dicee_that_do_not_fit_are_named() -> None:
-    write_dicee("DistMult")
-    np.save("dicee/train_set.npy", np.array([[0, 0, 1], [0, 2, 1]]))
-    with pytest.raises(SystemExit, match=r"train_set\.npy: row 1: .*2 relations, got \[0, 2, 1\]"):
-        imported("dicee")
-    np.save("dicee/train_set.npy", np.ones(3))
-    with pytest.raises(SystemExit, match=r"train_set\.npy: expected whole numbers"):
-        imported("dicee")
-    Path("dicee/entity_to_idx.csv").write_text(",entity\n0,a\n2,b\n", encoding="utf-8")
-    with pytest.raises(SystemExit, match=r"entity_to_idx\.csv: line 3: expected the id 1"):
-        imported("dicee")
-    Path("dicee/entity_to_idx.csv").write_text(",entity\n0,a\n1,a\n", encoding="utf-8")
-    with pytest.raises(SystemExit, match=r"entity_to_idx\.csv: line 3: expected each name once"):
-        imported("dicee")
+# Folders of both that are refused
+
+CASES = yaml.safe_load((Path(__file__).parent / "checkpoints.yaml").read_text(encoding="utf-8"))
+
+
+def change(path: Path, content: Any) -> None:
+    """Replace a file of a folder; ``checkpoints.yaml`` says by what."""
+    path.unlink()
+    if path.suffix == ".h5":
+        save(path, {name: np.array(rows, np.float32) for name, rows in content.items()})
+    elif path.suffix == ".npy":
+        np.save(path, np.array(content))
+    elif content is not None:
+        path.write_text(content, encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("folder", "case"),
+    [
+        pytest.param(folder, case, id=f"{folder}: {case['says']}")
+        for folder, of_folder in CASES.items()
+        for case in of_folder
+    ],
+)
+def test_a_folder_of_another_model_or_with_a_broken_file_is_refused(
+    folder: str, case: dict[str, Any]
+) -> None:
+    changed = case.get("config", {})
+    if folder == "pbg":
+        write_biggraph(configured(), ONES)
+        Path("pbg/config.json").write_text(json.dumps(configured(**changed)), encoding="utf-8")
+    else:
+        write_dicee("DistMult", changed=changed)
+    for name, content in case.get("files", {}).items():
+        change(Path(folder, name), content)
+    with pytest.raises(SystemExit) as ended:
+        imported(folder, *case.get("arguments", []))
+    missing = [words for words in case["says"].split("|") if words not in str(ended.value.code)]
+    assert not missing, ended.value.code
+    assert not Path("out").exists()
 
 
 def test_a_folder_may_have_no_triples() -> None:

@@ -14,9 +14,7 @@ import isi
 from isi.__main__ import main
 from isi.cli.export import FORMATS
 from isi.graph.files import read_graph
-from isi.sources.graphml import SHARED
-from tests.observing import TRIPLE, observe, refused
-from tests.observing import written as make_file
+from tests.observing import TRIPLE, observe
 from tests.small_bundle import home_of, small
 from tests.small_experiment import ENTITIES, TRIPLES, write_experiment, write_model
 
@@ -204,74 +202,3 @@ def test_isi_graph_reads_what_isi_export_writes(
             dict(zip(graph.entities["entity"], graph.entities["kind"].astype(str), strict=True))
             == kinds
         )
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("<graphml", "GraphML"),
-        ("", "GraphML"),
-        (
-            (
-                '<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph '
-                'edgedefault="directed"><node id="a"/><node id="b"/><edge source="a" '
-                'target="b"/></graph></graphml>'
-            ),
-            "edge 1, relation",
-        ),
-    ],
-)
-def test_graphml_without_relations_is_refused(tmp_path: Path, text: str, expected: str) -> None:
-    refused("graphml", make_file(tmp_path / "a.graphml", text), ["a.graphml", expected])
-
-
-GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns"
-  xmlns:y="http://www.yworks.com/xml/graphml">
-<key for="node" id="n" {node}/><key for="edge" id="e" {edge}/><key for="node" id="t" {type}/>
-<graph edgedefault="directed">
-<node id="n0"><data key="n">{first}</data><data key="t">x</data></node>
-<node id="n1"><data key="n">{second}</data></node><node id="mug"/>
-<edge source="n0" target="n1"><data key="e">{relation}</data></edge>
-<edge source="mug" target="n1"><data key="e">{relation}</data></edge>
-</graph></graphml>"""
-YED = {
-    "node": 'yfiles.type="nodegraphics"',
-    "edge": 'yfiles.type="edgegraphics"',
-    "first": "<y:ShapeNode><y:NodeLabel>tea\n pot</y:NodeLabel></y:ShapeNode>",
-    "second": "<y:ShapeNode><y:NodeLabel>hall</y:NodeLabel></y:ShapeNode>",
-    "relation": "<y:PolyLineEdge><y:EdgeLabel>at</y:EdgeLabel></y:PolyLineEdge>",
-}
-PLAIN = {"first": "tea pot", "second": "hall", "relation": "at"}
-
-
-@pytest.mark.parametrize(
-    "written",
-    [
-        YED,
-        PLAIN | {"node": 'attr.name="label"', "edge": 'attr.name="relation"'},
-        PLAIN | {"node": 'attr.name="name"', "edge": 'attr.name="label" attr.type="string"'},
-    ],
-    ids=["yEd", "Gephi", "Neo4j"],
-)
-def test_labels_of_nodes_in_graphml_are_names(
-    tmp_path: Path, written: dict[str, str], recwarn: pytest.WarningsRecorder
-) -> None:
-    text = GRAPHML.format(**written, type='attr.name="labels"')
-    observed = observe("graphml", make_file(tmp_path / "a.graphml", text))
-    assert observed.rows(*TRIPLE) == [("tea pot", "at", "hall"), ("mug", "at", "hall")]
-    assert not recwarn.list
-
-
-def test_nodes_of_graphml_that_share_a_label_stay_apart(tmp_path: Path) -> None:
-    attributes = {"node": 'attr.name="label"', "edge": 'attr.name="rel"', "type": 'attr.name="t"'}
-    written = PLAIN | attributes | {"first": "hall", "edge": 'attr.name="label"'}
-    path = make_file(tmp_path / "a.graphml", GRAPHML.format(**written))
-    observed = observe("graphml", path)
-    assert observed.rows("head", "tail") == [("hall (n0)", "hall (n1)"), ("mug", "hall (n1)")]
-    assert observed.counts == {SHARED: 2}
-    assert observed.phrase_of()["hall (n0)"] == "hall"
-    by_type = observe("graphml", path, names="t")
-    assert by_type.rows("head", "tail") == [("x", "n1"), ("mug", "n1")]
-    by_id = observe("graphml", path, names="id")
-    assert by_id.rows("head", "tail") == [("n0", "n1"), ("mug", "n1")]
-    refused("graphml", path, ["names colour"], names="colour")

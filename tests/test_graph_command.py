@@ -1,6 +1,5 @@
 """``isi graph`` on a user's files: the graph, the printed description, and refused input."""
 
-import gzip
 import json
 import os
 import re
@@ -19,7 +18,7 @@ from isi.cli.graph import describe
 from isi.cli.output import write_outputs
 from isi.config import read as read_params
 from isi.errors import InputError
-from isi.graph.files import graph_files, guess, read_graph
+from isi.graph.files import graph_files, read_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.names import clean, name_fault
 from isi.tables import paths
@@ -122,9 +121,8 @@ def test_a_graph_that_is_written_reads_as_itself(
 
 def test_files_are_read_anywhere_with_the_packages_of_the_core_alone(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(LOG, encoding="utf-8")
-    scene = [
-        SCENE[0] | {"parentReceptacles": None, "salientMaterials": ["Ceramic"], "sliceable": True}
-    ]
+    mug = {"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": None}
+    scene = [mug | {"salientMaterials": ["Ceramic"], "sliceable": True}]
     (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
     lacking = (
         "ai2thor",
@@ -182,41 +180,6 @@ def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     assert described["without_a_word_vector"] == listed
 
 
-# Which reader
-
-
-SCENE = [{"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["SideTable|1"]}]
-HOUSE = {"rooms": [], "objects": []}
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "reader"),
-    [
-        ("a.csv", "", "table"),
-        ("a.tsv.gz", "", "table"),
-        ("a.parquet", "", "table"),
-        ("a.nt", "", "rdf"),
-        ("a.ttl.gz", "", "rdf"),
-        ("a.json", SCENE, "ai2thor_scene"),
-        ("a.json", {"metadata": {"objects": SCENE}}, "ai2thor_scene"),
-        ("a.jsonl", {"scene": "FloorPlan1", "spawn": None, "objects": SCENE}, "ai2thor_scene"),
-        ("a.json", HOUSE, "procthor_houses"),
-        ("a.jsonl.gz", HOUSE, "procthor_houses"),
-        ("a.jsonl.gz", {"format": "isi recording", "version": 1}, "ai2thor"),
-        ("a.json", {"kitchens": []}, "ai2thor"),
-    ],
-)
-def test_the_reader_is_guessed_from_the_name_or_the_keys(
-    tmp_path: Path, name: str, content: object, reader: str
-) -> None:
-    path, text = (
-        tmp_path / name,
-        json.dumps(content, indent=1 if name == "a.json" else None).encode(),
-    )
-    path.write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
-    assert guess(path) == reader
-
-
 # Paths
 
 
@@ -227,10 +190,6 @@ def test_a_path_may_hold_an_equals_sign_or_bytes_that_are_no_text(
         (folder / name).parent.mkdir()
         (folder / name).write_text(LOG, encoding="utf-8")
         assert "observations: 10" in said(capsys, name)
-    with pytest.raises(InputError, match=r"run=3/nope\.csv: no such file"):
-        read_graph(["run=3/nope.csv"])
-    with pytest.raises(InputError, match=r"kitchen=nope\.json: no such file"):
-        read_graph(["kitchen=nope.json"])
 
 
 def test_bytes_that_are_no_text_are_printed_and_named_in_errors(folder: Path) -> None:

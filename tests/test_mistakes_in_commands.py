@@ -18,13 +18,14 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from tests.mistakes import assert_names, commands, graphs, of_pykeen
+from tests.mistakes import assert_names, commands, graphs, imports, of_pykeen
 from tests.mistakes.calls import Called, Typed, lay_out, listed
 from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES, TRAIN_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
 from tests.mistakes.settings import PARAMS_CASES, RECORD_CASES
+from tests.small_bundle import write_lists, write_openke
 from tests.small_embedding import call
 
 #: Mistakes in command lines by program.
@@ -34,8 +35,13 @@ PROGRAMS = listed(
     of_before=commands.of_before,
     of_pipeline=commands.of_pipeline,
     misnamed=graphs.misnamed,
+    not_compressed=imports.not_compressed,
+    of_pykeen=imports.of_pykeen,
     texts=graphs.texts,
+    with_tables=imports.with_tables(),
     write_experiment=graphs.write_experiment,
+    write_lists=write_lists,
+    write_openke=write_openke,
 )
 PROGRAMS["isi"] += [
     *commands.COMMAND_CASES,

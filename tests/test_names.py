@@ -12,57 +12,14 @@ from isi.errors import InputError
 from isi.graph.vocabulary import Vocabulary
 from isi.live.bundle import read
 from isi.names import clean, name_fault, plain
-from isi.sources import CHANGED
-from tests.observing import TRIPLE, observe, refused, written
+from tests.observing import observe, written
 from tests.small_bundle import NAMES, home_of, opened, small
 from tests.small_bundle import written as write_bundle
 
 NFC, NFD = "caf\u00e9 mug", "cafe\u0301 mug"
-#: Spellings that show the same as ``tea pot``.
-INVISIBLE = [
-    "tea pot\u200b",
-    "tea\u00a0pot",
-    "tea\ufeff pot",
-    "tea\u2009pot ",
-    "\u202atea p\u00adot\u202c",
-]
 #: A word of Persian with a joiner, an emoji of three characters, private use, a name of 250
 #: characters, a path.
 VALID = ["می\u200cز", "👩\u200d🍳", "\ue000", "x" * 250, "../a/../b", "a  b"]
-
-
-@pytest.mark.parametrize("spelling", [NFD, *INVISIBLE])
-def test_spellings_that_show_the_same_are_one_entity_of_a_table(
-    tmp_path: Path, spelling: str
-) -> None:
-    name = NFC if spelling == NFD else "tea pot"
-    rows = f"head,relation,tail\n{name},at,kitchen\n{spelling},at,kitchen\n"
-    observed = observe("table", written(tmp_path / "a.csv", rows))
-    assert set(observed.kinds["entity"]) == {name, "kitchen"}
-    assert observed.rows(*TRIPLE) == [(name, "at", "kitchen")] * 2
-    assert observed.counts[CHANGED] == 1
-
-
-def test_spellings_are_one_entity_in_rooms_rdf_and_tables_of_entities(tmp_path: Path) -> None:
-    home = f'{{"rooms": [{{"name": "cafe\u0301", "objects": ["{NFD}", "{NFC}"]}}]}}'
-    of_home = observe("rooms", written(tmp_path / "home.json", home))
-    assert of_home.kind_of() == {NFC: "object", "caf\u00e9": "room"}
-    rdf = "".join(
-        f"<urn:x:{name}> <urn:x:at> <urn:x:b> .\n" for name in ("cafe\u0301", "caf\u00e9")
-    )
-    of_rdf = observe("rdf", written(tmp_path / "a.nt", rdf))
-    assert of_rdf.rows(*TRIPLE) == [("caf\u00e9", "at", "b")]
-    assert of_rdf.counts[CHANGED] == 1
-    table = written(tmp_path / "a.csv", f"head,relation,tail\n{NFC},at,b\n")
-    listed = written(tmp_path / "e.csv", f"entity,kind\n{NFD},thing\nb,place\n")
-    of_table = observe("table", table, entities=str(listed))
-    assert of_table.kind_of() == {NFC: "thing", "b": "place"}
-
-
-def test_an_entity_in_two_spellings_is_in_the_table_of_entities_twice(tmp_path: Path) -> None:
-    table = written(tmp_path / "a.csv", f"head,relation,tail\n{NFC},at,b\n")
-    listed = written(tmp_path / "e.csv", f"entity,kind\n{NFD},thing\n{NFC},place\nb,place\n")
-    refused("table", table, ["e.csv", "line", "once"], entities=str(listed))
 
 
 def test_triples_in_python_are_read_as_those_of_a_file() -> None:

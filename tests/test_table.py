@@ -1,4 +1,6 @@
-"""A user's tables of triples: observations, names of entities, and refused input."""
+"""A user's tables of triples: long ones, Parquet, pipes, and other compressions
+(`read_files.yaml` has what is written in text).
+"""
 
 import bz2
 import gzip
@@ -13,66 +15,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.graph.files import read_graph
-from isi.names import clean, name_fault
 from isi.sources import Source
-from isi.sources.names import UNMATCHED, phrase
-from isi.sources.readers import HEADERLESS, PERHAPS_HEADER, PERHAPS_TRIPLE
 from tests.observing import TRIPLE, observe, refused, written
 
-LOG = """head,relation,tail,count,room,instance
-mug,atLocation,kitchen,3,kitchen,mug_1
-mug,atLocation,kitchen,1,kitchen,mug_2
-TVStand,hasMaterial,wood,2,,
-"""
-EXPECTED = [
-    (None, "kitchen", "mug_1", "mug", "atLocation", "kitchen", 3),
-    (None, "kitchen", "mug_2", "mug", "atLocation", "kitchen", 1),
-    (None, None, None, "TVStand", "hasMaterial", "wood", 2),
-]
-COLUMNS = ("scene", "room", "instance", *TRIPLE, "count")
-HOMELY = {
-    "atLocation": {"head": "thing", "tail": "place"},
-    "hasMaterial": {"head": "thing", "tail": "stuff"},
-}
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    return written(tmp_path / "log.csv", LOG)
-
-
 # What a table gives
-
-
-def test_every_row_is_an_observation(log: Path) -> None:
-    assert observe("table", log).rows(*COLUMNS) == EXPECTED
-
-
-def test_forms_of_the_same_table_give_the_same(tmp_path: Path) -> None:
-    rows = pd.DataFrame(
-        [line.split(",") for line in LOG.splitlines()[1:]], columns=LOG.splitlines()[0].split(",")
-    )
-    as_parquet = rows.replace("", None).astype({"count": "int16", "head": "category"})
-    as_parquet.to_parquet(tmp_path / "log.parquet", index=False)
-    others = [
-        tmp_path / "log.parquet",
-        written(tmp_path / "log.tsv", LOG.replace(",", "\t")),
-        written(tmp_path / "log.csv.gz", gzip.compress(LOG.encode())),
-        written(tmp_path / "excel.csv", b"\xef\xbb\xbf" + LOG.replace("\n", "\r\n").encode()),
-        written(tmp_path / "spaced.csv", LOG.replace(",", ", ") + "\n\n"),
-    ]
-    for path in others:
-        assert observe("table", path).rows(*COLUMNS) == EXPECTED, path
-
-
-def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_path: Path) -> None:
-    path = written(tmp_path / "log.csv", 'tail,head,relation\n"a, b",c,d\n')
-    assert observe("table", path).rows(*TRIPLE, "count") == [("c", "d", "a, b", 1)]
 
 
 def test_a_long_table_is_read_chunk_by_chunk(
@@ -85,68 +34,6 @@ def test_a_long_table_is_read_chunk_by_chunk(
     assert len(next(parts)) == 500
     with pytest.raises(InputError, match=r"line 10003: .*expected 3 columns, got 2"):
         list(parts)
-
-
-LETTERS = st.characters(categories=["L", "M", "N", "P", "S"])
-NAMES = (
-    st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
-)
-
-
-@given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
-def test_names_of_any_script_come_through(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    pd.DataFrame(rows, columns=TRIPLE).to_csv(path, index=False)
-    assert observe("table", path).rows(*TRIPLE) == rows
-
-
-# How entities are named
-
-
-def test_without_more_all_entities_are_of_one_kind_and_their_phrases_are_the_words_of_their_names(
-    log: Path,
-) -> None:
-    observed = observe("table", log)
-    assert set(observed.kind_of().values()) == {"entity"}
-    assert observed.phrase_of() == {
-        "TVStand": "tv stand",
-        "kitchen": "kitchen",
-        "mug": "mug",
-        "wood": "wood",
-    }
-    assert [phrase(name) for name in ("side_table", "_", "Ölfaß")] == ["side table", "_", "ölfaß"]
-
-
-def test_kinds_come_from_relations(log: Path) -> None:
-    expected = {"TVStand": "thing", "kitchen": "place", "mug": "thing", "wood": "stuff"}
-    assert observe("table", log, kinds=HOMELY).kind_of() == expected
-
-
-def test_rooms_of_homes_are_the_names_in_their_column(log: Path) -> None:
-    expected = {"TVStand": "object", "kitchen": "room", "mug": "object", "wood": "material"}
-    assert observe("table", log, household=True).kind_of() == expected
-
-
-def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) -> None:
-    listed = written(
-        tmp_path / "names.tsv",
-        "entity\tkind\tphrase\nmug\tcup\tcoffee mug\nkitchen\t\tgalley\nunseen\tx\t\n",
-    )
-    observed = observe("table", log, kinds=HOMELY, entities=str(listed))
-    assert observed.kind_of() == {
-        "TVStand": "thing",
-        "kitchen": "place",
-        "mug": "cup",
-        "wood": "stuff",
-    }
-    assert observed.phrase_of() == {
-        "TVStand": "tv stand",
-        "kitchen": "galley",
-        "mug": "coffee mug",
-        "wood": "wood",
-    }
 
 
 # What is refused
@@ -174,155 +61,12 @@ def test_a_broken_parquet_table_is_refused_by_its_row(
     refused("table", tmp_path / "a.parquet", ["a.parquet", *expected])
 
 
-# Forms of tables
-
-
-@pytest.mark.parametrize(
-    ("field", "name"),
-    [
-        ('"Weird Al" poster', '"Weird Al" poster'),
-        ('5" pipe', '5" pipe'),
-        ('"open quote', '"open quote'),
-        ('"mug"', '"mug"'),
-        ('"tv 55"" "', 'tv 55"'),
-        ('"""Weird Al"" poster"', '"Weird Al" poster'),
-    ],
-)
-def test_quotes_are_text_where_tabs_part_columns_unless_pandas_has_doubled_them(
-    tmp_path: Path, field: str, name: str
-) -> None:
-    for header in ("head\trelation\ttail\n", ""):
-        path = written(tmp_path / "a.tsv", f"{header}{field}\tat\tkitchen\nmug\tat\tkitchen\n")
-        assert observe("table", path).rows(*TRIPLE) == [
-            (name, "at", "kitchen"),
-            ("mug", "at", "kitchen"),
-        ]
-
-
-@given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
-def test_what_pandas_writes_with_tabs_is_read_as_it_was(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.tsv"
-    pd.DataFrame(rows, columns=TRIPLE).to_csv(path, index=False, sep="\t")
-    assert observe("table", path).rows(*TRIPLE) == rows
-
-
-def test_a_table_of_tabs_whose_header_is_quoted_is_quoted(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.tsv", '"head"\t"relation"\t"tail"\n"mug"\t"at"\t"5"" pipe"\n')
-    assert observe("table", path).rows(*TRIPLE) == [("mug", "at", '5" pipe')]
-
-
-@pytest.mark.parametrize("file", ["train.txt", "a.tsv", "A.TSV", "a.CSV", "a.Txt", "a.CSV.GZ"])
-def test_three_columns_without_a_header_are_a_triple_and_suffixes_have_any_case(
-    tmp_path: Path, file: str
-) -> None:
-    rows = [("mug", "isA", "object"), ("head", "at", "kitchen"), ("cup", "isA", "object")]
-    separator = "," if "csv" in file.lower() else "\t"
-    content = "".join(separator.join(row) + "\n" for row in rows).encode()
-    path = written(tmp_path / file, gzip.compress(content) if file.endswith("GZ") else content)
-    observed = observe("table", path)
-    assert observed.rows(*TRIPLE) == rows
-    assert observed.counts == {HEADERLESS.format("head, relation, tail"): 3}
-    _, read = read_graph([path])
-    assert read[str(path)]["reader"] == "table"
-
-
-@pytest.mark.parametrize(
-    ("lines", "doubt"),
-    [
-        (["Thing\tLink\tOther thing", "mug\tat\tkitchen", "cup\tat\tkitchen"], PERHAPS_HEADER),
-        (["mug\tat\tkitchen", "cup\tat\tkitchen"], ""),
-        (["mug\tat\tkitchen", "kitchen\tin\thome"], ""),
-        (["mug\tat\tkitchen"], ""),
-        (["e1\tr\te2", "e2\tr\te3", "e3\tr\te1"], PERHAPS_TRIPLE),
-        (["e1\tr\te2", "mug\tr\tkitchen"], ""),
-        (["head\trelation\ttail", "head\ton\tbody", "tail\ton\tbody"], ""),
-    ],
-)
-def test_a_first_line_that_may_be_taken_wrongly_is_named(
-    tmp_path: Path, lines: list[str], doubt: str
-) -> None:
-    observed = observe("table", written(tmp_path / "a.tsv", "\n".join(lines)))
-    named = [label for label in observed.counts if label.startswith("first line")]
-    assert named == [doubt.format(repr(lines[0].replace("\t", " ")))] * bool(doubt)
-
-
-def test_columns_have_any_case(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.csv", "Tail,Relation,HEAD,Count\nkitchen,at,mug,3\n")
-    assert observe("table", path).rows(*TRIPLE, "count") == [("mug", "at", "kitchen", 3)]
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        "from,rel,to",
-        "source,relation,target",
-        "Subject,Predicate,Object",
-        "h,r,t",
-        "source,label,target",
-        "head,rel,tail",
-        "subjectLabel,predicateLabel,objectLabel",
-        "itemLabel,propLabel,value",
-        "e1,rel,e2",
-        "entity_1,relationship,entity_2",
-    ],
-)
-def test_columns_of_triples_may_have_other_names(tmp_path: Path, header: str) -> None:
-    path = written(tmp_path / "a.csv", f"{header},count\nmug,at,kitchen,3\n")
-    assert observe("table", path).rows(*TRIPLE, "count") == [("mug", "at", "kitchen", 3)]
-    order = [header.split(",")[slot] for slot in (2, 0, 1)]
-    table = pd.DataFrame([("kitchen", "mug", "at")], columns=order)
-    table.to_parquet(tmp_path / "a.parquet")
-    assert observe("table", tmp_path / "a.parquet").rows(*TRIPLE) == [("mug", "at", "kitchen")]
-
-
-@pytest.mark.parametrize(
-    ("file", "content", "remedy"),
-    [
-        ("a.csv", "start,edge,end\na,b,c\n", "add the line head,relation,tail"),
-        ("a.csv", "node,property,node\na,b,c\n", "subject/object"),
-        ("a.csv", "from,rel,tail\na,b,c\n", "'from', 'rel', 'tail'"),
-        ("a.csv", "from,rel,to,source,target\na,b,c,d,e\n", "'source', 'target'"),
-        ("a.csv", "startLabel,edge_type,endName\na,b,c\n", "add the line head,relation,tail"),
-        ("a.csv", "item,itemLabel,prop,value\na,b,c,d\n", "'itemLabel'"),
-        ("a.csv", "0,1,2\na,b,c\n", "0"),
-        ("a.csv", "a;at;b\n", "write , between columns"),
-        ("a.txt", "a at b\n", "head<tab>relation<tab>tail"),
-        ("a.csv", "a,at,b,3\n", "add the line head,relation,tail"),
-        ("a.csv", "", "line 1"),
-    ],
-)
-def test_a_table_with_another_header_is_refused_with_a_remedy(
-    tmp_path: Path, file: str, content: str, remedy: str
-) -> None:
-    refused("table", written(tmp_path / file, content), [file, "line 1", remedy])
-
-
-def test_a_line_that_is_too_long_and_a_missing_file_are_called_so(tmp_path: Path) -> None:
+def test_a_line_that_is_too_long_is_called_so(tmp_path: Path) -> None:
     long = "head,relation,tail\na,at,b\na,at," + "x" * 2**20
     refused(
         "table",
         written(tmp_path / "a.csv", long),
         ["a.csv: line 3", "line longer than 1,048,576 bytes"],
-    )
-    refused("table", tmp_path / "nope.csv", ["nope.csv: no such file"])
-    refused("rooms", tmp_path / "nope.json", ["nope.json: no such file"])
-    refused("rdf", tmp_path / "nope.nt", ["nope.nt: no such file"])
-    refused("rdf", tmp_path / "nope.ttl", ["nope.ttl: no such file"])
-
-
-def test_names_of_the_table_of_entities_that_match_nothing_are_counted(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.csv", "head,relation,tail\nmug,at,kitchen\n")
-    listed = written(tmp_path / "e.csv", "entity,phrase\nMugg,big mug\nkitchen,galley\ncup,cup\n")
-    observed = observe("table", path, entities=str(listed))
-    assert observed.counts == {f"{UNMATCHED}: Mugg, cup": 2}
-    assert observed.phrase_of() == {"mug": "mug", "kitchen": "galley"}
-    refused(
-        "table",
-        path,
-        ["Mugg"],
-        entities=str(written(tmp_path / "f.csv", "entity,phrase\nMugg,big mug\n")),
     )
 
 

@@ -1,101 +1,18 @@
-"""Graphs published as triples: hand-written files of ids, bad files,
-and the three shipped graphs.
-"""
-
-from collections import Counter
-from pathlib import Path
+"""The three graphs that ship as triples (`read_files.yaml` has files of ids)."""
 
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from isi.errors import InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
-from isi.sources.triples import KINDS_BY_SUFFIX, read_ids, shipped_names
+from isi.sources.triples import KINDS_BY_SUFFIX, shipped_names
 from tests.observing import observations_of
-
-FILES = {
-    "entity2id.txt": "4\nalarmclock.o\t0\ndesk.l\t2\nwall_lamp.o\t1\ntown hall\t3\n",
-    "relation2id.txt": "2\nObjOnLoc\t0\nknows\t1\n",
-    "gt2id.txt": "4\n0 2 0\n1,2,0\n0\t2\t0\r\n3 0 1\n",
-}
-
-
-def folder_of(path: Path, **changes: str | None) -> Path:
-    """A folder with the files; ``changes``: other contents by name, None: missing."""
-    for name, content in {
-        **FILES,
-        **{f"{key}.txt": content for key, content in changes.items()},
-    }.items():
-        if content is not None:
-            (path / name).write_bytes(content.encode("utf-8", "surrogateescape"))
-    return path
 
 
 def mined(from_: str, triples: list[str] | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Observations and kinds of a folder of triples."""
     observed = observations_of({"reader": "triples_with_ids", "from": from_, "triples": triples})
     return observed.table, observed.kinds
-
-
-def test_ids_are_head_tail_and_relation_and_repeats_are_observations(tmp_path: Path) -> None:
-    observations, kinds = mined(str(folder_of(tmp_path)))
-    assert observations[["scene", "room", "instance"]].isna().all(axis=None)
-    assert observations[["head", "relation", "tail", "count"]].to_numpy().tolist() == [
-        ["alarmclock.o", "ObjOnLoc", "desk.l", 2],
-        ["town hall", "knows", "alarmclock.o", 1],
-        ["wall_lamp.o", "ObjOnLoc", "desk.l", 1],
-    ]
-    assert kinds.to_numpy().tolist() == [
-        ["alarmclock.o", "object", "alarmclock"],
-        ["desk.l", "location", "desk"],
-        ["town hall", "entity", "town hall"],
-        ["wall_lamp.o", "object", "wall lamp"],
-    ]
-
-
-def test_names_of_the_graphs_that_ship_say_nothing_of_a_folder(tmp_path: Path) -> None:
-    names, triples = "3\nbowl.o\t0\nbowl\t1\nalarm clock\t2\n", "2\n0 1 1\n2 0 0\n"
-    observations, kinds = mined(str(folder_of(tmp_path, entity2id=names, gt2id=triples)))
-    assert observations[["head", "tail"]].to_numpy().tolist() == [
-        ["alarm clock", "bowl.o"],
-        ["bowl.o", "bowl"],
-    ]
-    assert kinds.to_numpy().tolist() == [
-        ["alarm clock", "entity", "alarm clock"],
-        ["bowl", "entity", "bowl"],
-        ["bowl.o", "object", "bowl"],
-    ]
-
-
-def test_several_files_of_triples_are_one_graph(tmp_path: Path) -> None:
-    folder = folder_of(tmp_path, train2id="1\n0 2 0\n", test2id="2\n0 2 0\n1 2 0\n")
-    observations, _ = mined(str(folder), ["train2id.txt", "test2id.txt"])
-    assert observations["count"].tolist() == [2, 1]
-
-
-def test_a_file_of_triples_that_is_listed_twice_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"triples.*once"):
-        mined(str(folder_of(tmp_path)), ["gt2id.txt", "gt2id.txt"])
-
-
-@given(
-    st.lists(
-        st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=30
-    )
-)
-def test_every_line_is_counted_once(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, int, int]]
-) -> None:
-    lines = [f"{len(rows)}", *(f"{head} {tail} {relation}" for head, tail, relation in rows), ""]
-    folder = folder_of(tmp_path_factory.mktemp("ids"), gt2id="\n".join(lines))
-    names, relations = ["alarmclock.o", "wall_lamp.o", "desk.l", "town hall"], ["ObjOnLoc", "knows"]
-    expected = Counter(
-        (names[head], relations[relation], names[tail]) for head, tail, relation in rows
-    )
-    assert read_ids(folder, ["gt2id.txt"]) == expected
 
 
 @pytest.mark.parametrize(

@@ -45,13 +45,22 @@ class Called:
     names: str  #: parts that the message names, with | between them
 
 
-def put(files: Mapping[str, str | bytes]) -> Callable[[], object]:
-    """A function that writes files."""
+def put(
+    files: Mapping[str, str | bytes | None], before: Callable[[], object] = nothing
+) -> Callable[[], object]:
+    """A function that calls ``before`` and writes files, some of them compressed;
+    None: the file is missing.
+    """
 
     def write() -> None:
+        before()
         for name, content in files.items():
+            if content is None:
+                Path(name).unlink()
+                continue
             Path(name).parent.mkdir(parents=True, exist_ok=True)
-            Path(name).write_bytes(content if isinstance(content, bytes) else content.encode())
+            encoded = content if isinstance(content, bytes) else content.encode()
+            Path(name).write_bytes(gzip.compress(encoded) if name.endswith(".gz") else encoded)
 
     return write
 
@@ -79,7 +88,7 @@ def listed(**functions: Callable[[], object]) -> dict[str, list[Typed]]:
             typed = mistake["typed"]
             before = functions.get(mistake.get("before", ""), nothing)
             if "files" in mistake:
-                before = put(mistake["files"])
+                before = put(mistake["files"], before)
             if "params" in mistake:
                 before = params(mistake["params"])
             about, status = mistake.get("what", typed), mistake.get("status", 1)

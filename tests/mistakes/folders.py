@@ -15,12 +15,12 @@ from tests.small_bundle import edit, small, tamper, written
 FACT = "INSERT INTO fact (head, relation, tail, status) VALUES "
 
 
-def edited(statement: str) -> Callable[[], object]:
+def edited(statements: str) -> Callable[[], object]:
     """A function that changes the database."""
 
     def edit() -> None:
         with closing(sqlite3.connect(HOME / "home.sqlite")) as database, database:
-            database.execute(statement)
+            database.executescript(statements)
 
     return edit
 
@@ -34,6 +34,13 @@ def vectors() -> Path:
 HOMES: list[tuple[str, Callable[[], object]]] = [
     ("/vectors-|No such file", lambda: vectors().unlink()),
     ("/vectors-|digest", lambda: vectors().write_bytes(vectors().read_bytes()[:-1])),
+    (
+        "home.sqlite|another program",
+        edited(
+            "DROP VIEW now; DROP VIEW history; DROP TABLE effect; DROP TABLE setting; "
+            "PRAGMA user_version = 0"
+        ),
+    ),
     ("home.sqlite|newer", edited("PRAGMA user_version = 99")),
     ("home.sqlite|fact|'sofa'", edited(f"{FACT} ('sofa', 'atLocation', 'bed', 'trained')")),
     ("home.sqlite|fact|'under'", edited(f"{FACT} ('bed', 'under', 'bed', 'added')")),
@@ -76,6 +83,12 @@ PLAIN: list[tuple[str, Callable[[], object]]] = [
 ]
 FOLDER_CASES = [
     Typed(f"a home: {names}", "ask bed atLocation", names, before=before) for names, before in HOMES
+]
+#: A dry run copies the home into memory, and names its folder alone.
+DRY = "remove --fact kettle atLocation kitchen --dry-run"
+FOLDER_CASES += [
+    Typed(f"a dry run, {names}", DRY, names.replace(".sqlite", ""), before=before)
+    for names, before in HOMES
 ]
 FOLDER_CASES += [
     Typed(f"plain files: {names}", "import old --out out", f"old/{names}", before=before)
