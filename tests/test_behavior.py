@@ -1,6 +1,4 @@
-"""BEHAVIOR-1K's scenes: from a small folder in its format, from the package if it is installed,
-and from bad files.
-"""
+"""BEHAVIOR-1K's scenes as the package has them (`read_files.yaml` has a small folder)."""
 
 from importlib.metadata import distributions
 from pathlib import Path
