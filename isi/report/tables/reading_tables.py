@@ -111,6 +111,10 @@ def results_by_kind(results: Readings) -> pd.DataFrame | None:
     total |= {"most of the allowed": int(sums[ALLOWED].max()), "best reading of the kind": chosen}
     total["reading of the other kinds"] = ""
     total["nearest reading"] = readings["nearest of all readings"]
+    total["most by the paper's words alone"] = int(sums[IN_WORDS].max())
+    total["most of all readings"] = int(sums.max())
+    choices = zip(TITLES.values(), chosen.split(), strict=True)
+    total["the chosen reading in words"] = "; ".join(titles[choice] for titles, choice in choices)
     return pd.concat([frame, pd.DataFrame([total])], ignore_index=True)
 
 
@@ -170,7 +174,8 @@ def unexplained(results: Readings) -> pd.DataFrame | None:
         row = {"what": result.title, "paper": result.paper, "this reading": values[results.chosen]}
         row["half-widths away"] = apart[results.chosen]
         row |= {"nearest of all readings": values[reading], "its half-widths away": apart[reading]}
-        rows.append(row | {"its reading": reading})
+        of_result = changed(reading, about=result.about) if result.about else reading
+        rows.append(row | {"its reading": of_result})
     return pd.DataFrame(rows)
 
 
@@ -190,7 +195,7 @@ def _corners(results: Readings, result: PaperResult) -> np.ndarray | None:
 
 @table("readings")
 def steps_to_the_paper(results: Readings) -> Frames:
-    """How much of each gap the reading, the conditions and the graph explain: their steps, as means
+    """By how much the reading, the conditions and the graph change each result: their steps, as means
     over the six orders with the least and the largest one; and every corner.
     """
     steps, corners = list[dict[str, Any]](), list[dict[str, Any]]()
@@ -357,6 +362,7 @@ def _curves(runs: CaseRuns, path: Path, reading: str) -> pd.DataFrame:
     (size,) = runs.case.curves
     seeds, place = runs.case.finetuned_seeds, READINGS.index(reading)
     joint = runs.mrr_star[reading].xs(("joint", 0, size), level=("model", "k", "size"))
+    joint = joint[joint.index < seeds]
     frames = list[pd.DataFrame]()
     for model in runs.case.initializers:
         tensors = read_tensors(path, [f"{model}.size={size:02d}"])
