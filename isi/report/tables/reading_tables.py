@@ -195,8 +195,8 @@ def _corners(results: Readings, result: PaperResult) -> np.ndarray | None:
 
 @table("readings")
 def steps_to_the_paper(results: Readings) -> Frames:
-    """By how much the reading, the conditions and the graph change each result: their steps, as means
-    over the six orders with the least and the largest one; and every corner.
+    """By how much the reading, the conditions and the graph change each result: their steps, as
+    means over the six orders with the least and the largest one; and every corner.
     """
     steps, corners = list[dict[str, Any]](), list[dict[str, Any]]()
     for result in results.results:
