@@ -23,8 +23,9 @@ help:  ## this list
 $(INSTALLED): requirements.lock pyproject.toml
 	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
 	"$(PYTHON)" -m venv $(VENV)
-	$(PIP) install --quiet --no-deps $(TORCH)
-	$(PIP) install --quiet --no-deps --require-hashes -r requirements.lock
+	@echo "set-up: torch, then the $$(grep -c == requirements.lock) packages of requirements.lock; 2.6 GB in $(VENV)"
+	$(PIP) install --no-deps $(TORCH)
+	$(PIP) install --no-deps --require-hashes -r requirements.lock   # pip says which of them it is at
 	$(PIP) install --quiet --editable '.[pipeline,test]'   # and what a CUDA build of torch wants besides
 	@$(VENV)/bin/python -c 'import os, sysconfig; open(sysconfig.get_path("purelib") + "/isi_checkout.pth", "w").write(os.getcwd())'   # stages and tools, where PYTHONSAFEPATH is set
 	@touch $@
