@@ -957,9 +957,7 @@ class LiveEmbedding:
         )
 
 
-def open_live(
-    folder: str | Path, durability: Durability = "full", *, journal: bool | None = None
-) -> LiveEmbedding:
+def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write. A folder that was
@@ -969,7 +967,6 @@ def open_live(
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
             may take the last ones, which makes changes faster; ``memory``: changes stay in this
             object.
-        journal: has no effect any more.
 
     Raises:
         InputError: the home is missing or broken.
@@ -984,9 +981,6 @@ def open_live(
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
-    if journal is not None:
-        gone = "isi.open writes each change when it is made: journal= is not needed"
-        warnings.warn(gone, DeprecationWarning, stacklevel=2)
     if convert.is_old(path) and not (path / DATABASE).exists():
         return _converted(path, durability)
     home = Home.opened(path, durability)
