@@ -333,12 +333,8 @@ def _show_effect(live: LiveEmbedding, effect: Effect, about: About, json: bool) 
     if json:
         show(asdict(effect) | {"report": asdict(report)}, True)
         return
-    print(*in_words(report, about.verbose), *_mrr_in_words(live), *_notes(effect, report), sep="\n")
-
-
-def _notes(effect: Effect, report: Report) -> list[str]:
-    """Sentences that the report has not."""
-    return [note for note in effect.notes if note not in report.notes]
+    further = [note for note in effect.notes if note not in report.notes]
+    print(*in_words(report, about.verbose), *_mrr_in_words(live), *further, sep="\n")
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:

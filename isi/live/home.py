@@ -211,11 +211,6 @@ class StoredFact:
     def fact(self) -> Fact:
         return self.head, self.relation, self.tail
 
-    @property
-    def observations(self) -> tuple[Any, ...]:
-        """Its count, confidence, times and source."""
-        return self.count, self.confidence, self.first_seen, self.last_seen, self.source
-
 
 class Home:
     """A database, in a folder or in memory."""

@@ -22,11 +22,11 @@ import torch
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import from_json, to_json
 
-from isi.config import Count, Option, Section, Seed, check
+from isi.config import Count, Section, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
 from isi.live.bundle import Text
-from isi.live.changes import Confidence, Effect, Time
+from isi.live.changes import Confidence, Effect, Stamp, Told
 from isi.live.embedding import LiveEmbedding, open_live
 from isi.process import become_worker
 
@@ -66,7 +66,6 @@ Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, o
 Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
 #: None is what is asked for
 Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
-EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
 
 Result = Mapping[str, Any]  #: The fields of an answer.
 
@@ -88,31 +87,12 @@ class Request(Section):
         return vars(effect)
 
 
-class ChangeRequest(Request):
-    """A request that changes the home."""
-
-    time: Time | None = None
-    source: Text | None = None
-
-
-class TellRequest(ChangeRequest):
-    """What may be told about new entities and facts."""
-
-    definition: EachText = None
-    kind: EachText = None
-    initializer: Text | None = None
-    options: dict[str, Option] = Field({})
-    seed: Seed = 0
-    confidence: Confidence | None = None
-    new: bool = False
-
-
-class Tell(TellRequest):
+class Tell(Request, Told):
     tell: list[list[Any]]
     entities: Names = Field([])
 
 
-class Insert(TellRequest):
+class Insert(Request, Told):
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
     facts: list[list[Any]] = Field([])
@@ -124,13 +104,13 @@ class Insert(TellRequest):
         return vars(live.insert(given.pop(verb), **given))
 
 
-class Observe(ChangeRequest):
+class Observe(Request, Stamp):
     observe: list[list[Any]]
     upsert: bool = False
     confidence: Confidence | None = None
 
 
-class Move(ChangeRequest):
+class Move(Request, Stamp):
     move: Fact
     instead_of: Text | None = None
 
@@ -139,12 +119,12 @@ class Move(ChangeRequest):
         return list(value)
 
 
-class Remove(ChangeRequest):
+class Remove(Request, Stamp):
     remove: Names
     facts: list[Fact] = Field([])
 
 
-class Undo(ChangeRequest):
+class Undo(Request, Stamp):
     undo: Literal[True]
 
     def first(self, value: Any) -> Sequence[Any]:  # noqa: ARG002
