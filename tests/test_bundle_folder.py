@@ -61,16 +61,6 @@ def test_other_tools_read_the_files(tmp_path: Path) -> None:
     assert vectors["relations"].tolist() == bundle.relations.tolist()
 
 
-@pytest.mark.parametrize("name", ["a\tb", "a\nb", "\x1b[2J", "a\u2028b", " ", ""])
-@pytest.mark.parametrize("column", ["entity_names", "relation_names"])
-def test_names_that_break_a_table_are_refused_when_it_is_read(
-    tmp_path: Path, column: str, name: str
-) -> None:
-    changed = {column: [name, *getattr(small(), column)[1:]]}
-    with pytest.raises(InputError, match=r"\.tsv: line [23]\b"):
-        read(written(tmp_path / "one", small(**changed)))
-
-
 # The final model of the pipeline
 
 

@@ -169,11 +169,6 @@ def test_the_source_of_the_bundle_serves_if_it_is_there(
     assert words.source == str(path)
     np.testing.assert_array_equal(words.known[2:4], [[1, 0], [0, 1]])
     assert words.vector("pot", "a vessel")[2:] == (2, pytest.approx(0.8))
-    path.unlink()
-    words = phrase_vectors(with_words(of_file))
-    assert words is not None
-    assert words.vector("pot").vector is None
-    assert "words.txt" in words.vector("pot").note
     with pytest.raises(InputError, match=r"other\.txt"):
         with_words(of_file, word_file(tmp_path / "other.txt", {"qzx": [1, 0]}))
     monkeypatch.setattr(phrases, "find_spec", lambda _: None)  # as without the extra `words`
