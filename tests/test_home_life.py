@@ -16,7 +16,6 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.live import groups
 from isi.live.bundle import Bundle
 from isi.live.embedding import LiveEmbedding
 from isi.live.groups import EntityGroups
@@ -119,23 +118,6 @@ def test_numbers_of_answers_are_refused_unless_they_are_counts(
         with pytest.raises(InputError, match=f"argument '{name}'"):
             asked(**{name: number})
     assert asked(**{name: np.int64(1)})
-
-
-def test_a_question_and_an_insertion_never_wait_for_a_choice_that_is_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = home_of(tmp_path / "home", KNOWN)
-    with isi.open(folder) as live:
-        live.prepare()
-        live.tell([MUG])
-        expected = seen(live)
-    monkeypatch.setattr(groups, "select", None)
-    monkeypatch.setattr(groups, "fit_curves", None)
-    with isi.open(folder) as live:
-        assert not live.groups.preparation()
-        assert_same(seen(live), expected)
-        live.tell([("cup", "in", f"e{each}") for each in range(9)])
-        assert live.ask("cup", "in").answers[0].probability is not None
 
 
 def test_without_kinds_of_objects_a_new_object_has_none() -> None:

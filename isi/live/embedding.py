@@ -184,17 +184,15 @@ class LiveEmbedding:
         Args:
             facts: triples by name; a fourth part is a confidence.
             entities: further new entities, which are inserted by their words alone.
-            definition: a sentence for the word vector; by name for several entities. So is
-                ``kind``; without it, the kind follows from the facts, or else from the most similar
-                words.
-            initializer: None: the best for hidden known entities with as many facts. ``options``
-                replace its defaults.
-            seed: of a random initializer.
-            confidence: how far the facts are believed, above 0 and at most 1; MAP weighs them by
-                it.
-            new: insert names that look like known ones ("Forks" beside "fork"), too.
-            time: when it was seen; None: now. Without a zone, it is local time. ``source``: what
-                reported it.
+            **about: ``definition``: a sentence for the word vector; by name for several entities.
+                So is ``kind``; without it, the kind follows from the facts, or else from the most
+                similar words.
+                ``initializer``: None: the best for hidden known entities with as many facts.
+                ``options`` replace its defaults. ``seed``: of a random initializer.
+                ``confidence``: how far the facts are believed, above 0 and at most 1; MAP weighs
+                them by it. ``new``: insert names that look like known ones ("Forks" beside
+                "fork"), too. ``time``: when it was seen; None: now. Without a zone, it is local
+                time. ``source``: what reported it.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen"), ("lamp", "in", "bedroom")])
