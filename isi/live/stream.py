@@ -76,8 +76,8 @@ class Request(Section):
     """
 
     def first(self, value: Any) -> Sequence[Any]:
-        """The first arguments of the method, by the value of the verb's key."""
-        return [value]
+        """The first arguments of the method, by the value of the verb's key; ``true``: none."""
+        return [] if value is True else [value]
 
     def result(self, live: LiveEmbedding, verb: str) -> Result:
         """Do what is asked; the fields of the answer."""
@@ -126,10 +126,6 @@ class Remove(Request, Stamp):
 
 class Undo(Request, Stamp):
     undo: Literal[True]
-
-    def first(self, value: Any) -> Sequence[Any]:  # noqa: ARG002
-        """None."""
-        return []
 
 
 class Ask(Request):
