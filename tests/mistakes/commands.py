@@ -50,7 +50,8 @@ def own_files() -> None:
     Path("notes.ttl").write_text("mine", encoding="utf-8")
     table = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
     Path("triples.csv").write_text(table, encoding="utf-8")
-    Path("entities.csv").write_text("entity,kind\nmug,object\n", encoding="utf-8")
+    kinds = "entity,kind\nmug,object\ncup,object\nkitchen,room\n"
+    Path("entities.csv").write_text(kinds, encoding="utf-8")
     for folder in ("plain", "hard", "soft"):
         Path(folder).mkdir()
     Path("plain/triples.tsv").write_text(table.replace(",", "\t"), encoding="utf-8")
