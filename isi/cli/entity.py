@@ -39,7 +39,7 @@ Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicator
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Change:
+class ChangeOptions:
     """Options of each command that changes a home."""
 
     time: Annotated[
@@ -68,7 +68,7 @@ class Change:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class About:
+class EntityOptions:
     """Options about new entities, and how they are reported."""
 
     definition: Annotated[str | None, Parameter(help="a sentence, for the word vector")] = None
@@ -85,14 +85,14 @@ class About:
     top: Top = 5
     verbose: Verbose = False
 
-    def told(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """The arguments of ``LiveEmbedding.tell`` but the facts."""
-        told = {name: getattr(self, name) for name in TOLD}
-        return told | {"options": _options(self.initializer, self.set)}
+        given = {name: getattr(self, name) for name in GIVEN}
+        return given | {"options": _options(self.initializer, self.set)}
 
 
-#: Arguments of ``LiveEmbedding.tell`` that are fields of ``About``.
-TOLD = ("definition", "kind", "confidence", "new", "initializer", "seed")
+#: Arguments of ``LiveEmbedding.tell`` that are fields of ``EntityOptions``.
+GIVEN = ("definition", "kind", "confidence", "new", "initializer", "seed")
 
 
 def tell(
@@ -107,8 +107,8 @@ def tell(
     entity: Annotated[
         tuple[str, ...], Parameter(help="a new entity by its words alone; may repeat")
     ] = (),
-    about: About = About(),
-    change: Change = Change(),
+    about: EntityOptions = EntityOptions(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts: what is not known is inserted, what is known is seen once more.
     A relation is new if two or more facts have it.
@@ -121,13 +121,13 @@ def tell(
     facts: list[Any] = [*([typed] if tail is not None else []), *fact]
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
-    told = about.told()
+    given = about.arguments()
     with change.opened() as live, flags(initializer="--initializer", options="--set"):
         if from_:
             listed, kinds = _from_files(live, from_)
             facts += listed
-            told |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
-        effect = live.tell(facts, entities=entity, **told, **change.stamp)
+            given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
+        effect = live.tell(facts, entities=entity, **given, **change.stamp)
         _show_effect(live, effect, about, change.json)
 
 
@@ -147,8 +147,8 @@ def insert(
     upsert: Annotated[
         bool, Parameter(help="if NAME is known already, add the facts alone")
     ] = False,
-    about: About = About(),
-    change: Change = Change(),
+    about: EntityOptions = EntityOptions(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Insert an entity by its facts and words, and report what is predicted about it."""
     if name is None and len(whole_fact) == 1:  # --fact RELATION ENTITY NAME
@@ -157,9 +157,9 @@ def insert(
         raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
     facts = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
     facts += [_about(name, whole) for whole in whole_fact]
-    told = about.told()
+    given = about.arguments()
     with change.opened() as live, flags(initializer="--initializer", options="--set"):
-        effect = live.insert(name, facts, upsert=upsert, **told, **change.stamp)
+        effect = live.insert(name, facts, upsert=upsert, **given, **change.stamp)
         _show_effect(live, effect, about, change.json)
 
 
@@ -168,7 +168,7 @@ def observe(
     *,
     new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False,
     confidence: Confidence = None,
-    change: Change = Change(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts of entities that are known."""
     with change.opened() as live:
@@ -184,7 +184,7 @@ def move(
     instead_of: Annotated[
         str | None, Parameter(help="replace the fact with this tail alone; default: all")
     ] = None,
-    change: Change = Change(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
     with change.opened() as live:
@@ -192,7 +192,9 @@ def move(
         summary(live, effect, change.json)
 
 
-def remove(entity: tuple[str, ...] = (), *, fact: Facts = (), change: Change = Change()) -> None:
+def remove(
+    entity: tuple[str, ...] = (), *, fact: Facts = (), change: ChangeOptions = ChangeOptions()
+) -> None:
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
@@ -200,7 +202,7 @@ def remove(entity: tuple[str, ...] = (), *, fact: Facts = (), change: Change = C
         summary(live, live.remove(list(entity), list(fact), **change.stamp), change.json)
 
 
-def undo(*, change: Change = Change()) -> None:
+def undo(*, change: ChangeOptions = ChangeOptions()) -> None:
     """Take the last change back; the next time, the one before."""
     with change.opened() as live:
         summary(live, live.undo(**change.stamp), change.json)
@@ -324,7 +326,7 @@ def explain(
     )
 
 
-def _show_effect(live: LiveEmbedding, effect: Effect, about: About, json: bool) -> None:
+def _show_effect(live: LiveEmbedding, effect: Effect, about: EntityOptions, json: bool) -> None:
     """Print what a change did; of one new entity, what is predicted about it."""
     if len(effect.inserted) != 1:
         summary(live, effect, json)

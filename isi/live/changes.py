@@ -43,7 +43,7 @@ class Stamp(Section):
     source: Text | None = None
 
 
-class Told(Stamp):
+class TellOptions(Stamp):
     """What may be told beside facts."""
 
     definition: EachText = None

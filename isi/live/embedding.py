@@ -34,7 +34,7 @@ from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
 from isi.live.bundle import Bundle, Fact
-from isi.live.changes import Change, Effect, Stamp, Told, changes_of, checked_facts, names_in
+from isi.live.changes import Change, Effect, Stamp, TellOptions, changes_of, checked_facts, names_in
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
@@ -58,7 +58,7 @@ class When(TypedDict, total=False):
 
 
 class About(When, total=False):
-    """What may be told beside facts (``Told``)."""
+    """What may be told beside facts (``TellOptions``)."""
 
     definition: str | Mapping[str, str] | None
     kind: str | Mapping[str, str] | None
@@ -199,7 +199,7 @@ class LiveEmbedding:
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        told = check(about, Told, "", "tell")
+        told = check(about, TellOptions, "", "tell")
         names, listed = _names(entities), self._as_known(checked_facts(facts, told.confidence))
         named = names_in(listed, names)
         for argument, texts in (("definition", told.definition), ("kind", told.kind)):
@@ -756,7 +756,7 @@ class LiveEmbedding:
             notes=list(dict.fromkeys([*notes, *self.groups.warnings()])),
         )
 
-    def _insert_entities(self, change: Pending, names: Sequence[str], told: Told) -> None:
+    def _insert_entities(self, change: Pending, names: Sequence[str], told: TellOptions) -> None:
         """Insert entities that are not known."""
         kinds = Vocabulary("kind", self.base.kind_numbers)
         together = Vocabulary("entity", names)

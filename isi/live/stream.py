@@ -26,7 +26,7 @@ from isi.config import Count, Section, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
 from isi.live.bundle import Text
-from isi.live.changes import Confidence, Effect, Stamp, Told
+from isi.live.changes import Confidence, Effect, Stamp, TellOptions
 from isi.live.embedding import LiveEmbedding, open_live
 from isi.process import become_worker
 
@@ -87,12 +87,12 @@ class Request(Section):
         return vars(effect)
 
 
-class Tell(Request, Told):
+class Tell(Request, TellOptions):
     tell: list[list[Any]]
     entities: Names = Field([])
 
 
-class Insert(Request, Told):
+class Insert(Request, TellOptions):
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
     facts: list[list[Any]] = Field([])
