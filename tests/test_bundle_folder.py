@@ -1,7 +1,6 @@
 """The plain files of a bundle are read as they were written; and the pipeline's final model."""
 
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,7 +8,6 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from safetensors.numpy import load_file
 
 from isi.errors import InputError
 from isi.experiment.final_model import train_final, usual_epochs, whole_graph
@@ -49,26 +47,6 @@ def test_what_is_written_is_read_again(
         assert np.array_equal(ours, theirs)
         assert getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
     assert files(folder) == files(written(folder, again))
-
-
-def test_other_tools_read_the_files(tmp_path: Path) -> None:
-    bundle = small()
-    path = written(tmp_path / "one", bundle)
-    assert pd.read_csv(path / "entities.tsv", sep="\t")["entity"].tolist() == bundle.entity_names
-    triples = pd.read_csv(path / "triples.tsv", sep="\t").to_numpy().tolist()
-    assert triples[0] == ["kettle", "atLocation", "kitchen"]
-    vectors = load_file(path / "vectors.safetensors")
-    assert vectors["relations"].tolist() == bundle.relations.tolist()
-
-
-@pytest.mark.parametrize("name", ["a\tb", "a\nb", "\x1b[2J", "a\u2028b", " ", ""])
-@pytest.mark.parametrize("column", ["entity_names", "relation_names"])
-def test_names_that_break_a_table_are_refused_when_it_is_read(
-    tmp_path: Path, column: str, name: str
-) -> None:
-    changed = {column: [name, *getattr(small(), column)[1:]]}
-    with pytest.raises(InputError, match=r"\.tsv: line [23]\b"):
-        read(written(tmp_path / "one", small(**changed)))
 
 
 # The final model of the pipeline

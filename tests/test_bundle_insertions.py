@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -134,26 +133,6 @@ def test_inserted_entities_are_no_indicators_and_those_that_share_facts_go_toget
     about["words"] = np.array([*WORDS, WORD, [0.0] * 3], np.float32)
     expected = by_library(home, facts, new, **about).entities
     np.testing.assert_allclose([vector(home, name) for name in new], expected[-2:], atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["xavier", "iu", "gaussian", "class_noise"])
-def test_random_vectors_follow_from_the_seed_and_the_name_in_any_order(
-    bare: LiveEmbedding, name: str
-) -> None:
-    names = ["x1", "x2", "x3"]
-    facts, about = [(new, "in", "e1") for new in names], {"initializer": name, "seed": 3}
-    bare.insert(names, facts, **about)  # type: ignore[arg-type]
-    expected = {new: vector(bare, new) for new in names}
-    assert len({row.tobytes() for row in expected.values()}) == 3
-    for order in permutations(facts):
-        bare.undo()
-        with bare.home.transaction():
-            for fact in order:
-                bare.tell([fact], **about)  # type: ignore[arg-type]
-        for new in names:
-            np.testing.assert_array_equal(vector(bare, new), expected[new])
-        for _ in names[1:]:
-            bare.undo()
 
 
 # Kinds and names
@@ -319,8 +298,11 @@ def test_interference_is_that_of_the_library(home: LiveEmbedding) -> None:
     home.insert("stove", FACTS, initializer="mean")
     alone = home.interference()
     home.insert("hob", [HOB], initializer="mean")
-    assert home.interference(["stove"]) == alone != home.interference()
+    assert home.interference("stove") == home.interference(["stove", "stove"]) == alone
+    assert home.interference() != alone
     done = by_library(home, FACTS, ["stove"], initializer="mean", kinds=[*KINDS, "object"])
     expected = done.interference()
     assert alone
     assert (alone.h_old, alone.h_cur) == pytest.approx((expected.h_old, expected.h_cur))
+    with pytest.raises(InputError, match="argument 'entities'"):
+        home.interference([5])  # type: ignore[list-item]

@@ -14,15 +14,16 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from torch.nn.functional import pairwise_distance
 
 import isi
 from isi.__main__ import main
 from isi.errors import MissingPackage
 from isi.graph.graph import TAIL
 from isi.live import checkpoints
+from isi.live.checkpoints import INVERSE
 from isi.live.loaded import LoadedEmbedding
 from tests.small_bundle import BETWEEN, NAMES
+from tests.their_scores import complex_of_openke, distmult_of_dicee, transe_of_dicee
 
 R = len(BETWEEN)
 DIMENSION = 4
@@ -146,6 +147,7 @@ WIDTHS: dict[str, dict[str, int]] = {
     "translation": {"translation": DIMENSION},
     "complex_diagonal": {"real": DIMENSION // 2, "imag": DIMENSION // 2},
 }
+PLURAL = {"diagonal": "diagonals", "translation": "translations"}  #: of dynamic relations
 EQUAL = [*checkpoints.SCORES.items()]
 #: Diagonals of ones, by the trainer's names.
 ONES = {f"relations/{place}/operator/rhs/diagonal": np.ones(DIMENSION, "f4") for place in range(R)}
@@ -155,85 +157,43 @@ def margin(model: str) -> list[str]:
     return ["--set", "margin=2"] if model == "transe" else []
 
 
+@pytest.mark.parametrize("is_dynamic", [False, True], ids=["", "dynamic"])
 @pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
-def test_a_relation_of_biggraph_scores_the_same(score: tuple[str, str], model: str) -> None:
-    operator, comparator = score
-    parameters = [
-        {
-            name: random(width, seed=10 * place + len(name))
-            for name, width in WIDTHS[operator].items()
-        }
-        for place in range(R)
-    ]
-    config = configured(comparator=comparator)
-    for relation in config["relations"]:
-        relation["operator"] = operator
-    stored = {
-        f"relations/{place}/operator/rhs/{name}": array
-        for place in range(R)
-        for name, array in parameters[place].items()
-    }
-    vectors = write_biggraph(config, stored)
-    bundle = imported("pbg", *margin(model))
-    assert bundle.manifest.model_name == model
-    assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
-    assert bundle.entities.tobytes() == vectors.tobytes()
-    for place, relation in enumerate(BETWEEN):
-        expected = [
-            [compared(comparator, x, operated(operator, y, parameters[place])) for y in vectors]
-            for x in vectors
-        ]
-        assert_equal(scores(bundle, relation), expected, comparator)
-
-
-@pytest.mark.parametrize(("score", "model"), EQUAL, ids=[" ".join(score) for score, _ in EQUAL])
-def test_dynamic_relations_of_biggraph_have_an_inverse_with_the_score_of_heads(
-    score: tuple[str, str], model: str
+def test_a_relation_of_biggraph_scores_the_same_and_a_dynamic_one_has_an_inverse_for_heads(
+    score: tuple[str, str], model: str, is_dynamic: bool
 ) -> None:
     operator, comparator = score
-    relations = [{"name": "all_edges", "lhs": "all", "rhs": "all", "operator": operator}]
-    parameters = {
-        (side, name): random(R, width, seed=len(side + name) + (side == "lhs"))
-        for side in ("lhs", "rhs")
-        for name, width in WIDTHS[operator].items()
-    }
-    plural = {"diagonal": "diagonals", "translation": "translations"}
-    stored = {
-        f"relations/0/operator/{side}/{plural.get(name, name)}": array
-        for (side, name), array in parameters.items()
-    }
-    config = configured(comparator=comparator, relations=relations, dynamic_relations=True)
+    sides = {"lhs": "", "rhs": INVERSE} if is_dynamic else {"rhs": ""}
+    names = ["all_edges"] if is_dynamic else BETWEEN
+    relations = [{"name": name, "operator": operator} for name in names]
+    config = configured(comparator=comparator, relations=relations, dynamic_relations=is_dynamic)
+    parameters, stored = dict[str, dict[str, np.ndarray]](), dict[str, np.ndarray]()
+    for seed, side in enumerate(sides):
+        parameters[side] = {}
+        for name, width in WIDTHS[operator].items():
+            rows = parameters[side][name] = random(R, width, seed=10 * seed + len(name))
+            if is_dynamic:
+                stored[f"relations/0/operator/{side}/{PLURAL.get(name, name)}"] = rows
+            else:
+                for place, row in enumerate(rows):
+                    stored[f"relations/{place}/operator/{side}/{name}"] = row
     vectors = write_biggraph(config, stored)
-    Path("pbg/triples.tsv").write_text("kettle\thasAffordance\tturn on\n", encoding="utf-8")
+    fact = ("kettle", "hasAffordance", "turn on")
+    Path("pbg/triples.tsv").write_text("\t".join(fact) + "\n", encoding="utf-8")
     bundle = imported("pbg", *margin(model))
-    names = ["atLocation", "atLocation_inverse", "hasAffordance", "hasAffordance_inverse"]
-    assert bundle.relation_names == names
-    assert bundle.named_triples() == [
-        ("kettle", "hasAffordance", "turn on"),
-        ("turn on", "hasAffordance_inverse", "kettle"),
-    ]
-    for row, relation in enumerate(BETWEEN):
-        for side, end in (("lhs", ""), ("rhs", "_inverse")):
-            of_row = {name: parameters[side, name][row] for name in WIDTHS[operator]}
-            expected = [
-                [compared(comparator, operated(operator, x, of_row), y) for y in vectors]
-                for x in vectors
-            ]
+    assert bundle.manifest.model_name == model
+    assert bundle.entity_names == NAMES
+    assert bundle.relation_names == [name + end for name in BETWEEN for end in sides.values()]
+    inverse = [("turn on", f"hasAffordance{INVERSE}", "kettle")]
+    assert bundle.named_triples() == [fact, *inverse * is_dynamic]
+    assert bundle.entities.tobytes() == vectors.tobytes()
+    for place, relation in enumerate(BETWEEN):
+        for side, end in sides.items():
+            given = {name: rows[place] for name, rows in parameters[side].items()}
+            mapped = np.stack([operated(operator, vector, given) for vector in vectors])
+            ends = (mapped, vectors) if is_dynamic else (vectors, mapped)
+            expected = [[compared(comparator, x, y) for y in ends[1]] for x in ends[0]]
             assert_equal(scores(bundle, relation + end), expected, comparator)
-
-
-def test_real_halves_come_first_and_the_tail_is_multiplied() -> None:
-    """x = 1 + 2i, y = 5 + 6i, r = 3 + 4i: y r = -9 + 38i, and (1, 2) · (-9, 38) = 67; x r = -5 +
-    10i, and (5, 6) · (-5, 10) = 35.
-    """
-    config = configured(dimension=2)
-    config["relations"] = [{"name": "r", "operator": "complex_diagonal"}]
-    vectors = np.array([[1, 2], [5, 6], *[[0, 0]] * 4], np.float32)
-    half = "relations/0/operator/rhs"
-    stored = {f"{half}/real": np.array([3], "f4"), f"{half}/imag": np.array([4], "f4")}
-    write_biggraph(config, stored, vectors)
-    actual = scores(imported("pbg"), "r")
-    assert (actual[0, 1], actual[1, 0]) == (67, 35)
 
 
 def test_types_limits_and_shared_vectors_of_biggraph() -> None:
@@ -303,28 +263,14 @@ def write_dicee(
     return state
 
 
-def distmult(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-    return (h * r * t).sum(-1)
-
-
-def complex_product(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-    (h_real, h_imag), (r_real, r_imag), (t_real, t_imag) = (x.chunk(2, -1) for x in (h, r, t))
-    terms = h_real * r_real * t_real + h_real * r_imag * t_imag
-    return (terms + h_imag * r_real * t_imag - h_imag * r_imag * t_real).sum(-1)
-
-
-def transe(h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-    return 4 - pairwise_distance(h + r, t, p=2)
-
-
 #: dicee's scores by model, and the options of the algebra.
 DICEE: list[tuple[str, dict[str, int | None], str, Callable[..., torch.Tensor]]] = [
-    ("DistMult", {}, "distmult", distmult),
-    ("Keci", {"p": 0, "q": 0}, "distmult", distmult),
-    ("CMult", {"p": None, "q": None}, "distmult", distmult),
-    ("ComplEx", {}, "complex", complex_product),
-    ("CMult", {"p": 0, "q": 1}, "complex", complex_product),
-    ("TransE", {}, "transe", transe),
+    ("DistMult", {}, "distmult", distmult_of_dicee),
+    ("Keci", {"p": 0, "q": 0}, "distmult", distmult_of_dicee),
+    ("CMult", {"p": None, "q": None}, "distmult", distmult_of_dicee),
+    ("ComplEx", {}, "complex", complex_of_openke),
+    ("CMult", {"p": 0, "q": 1}, "complex", complex_of_openke),
+    ("TransE", {}, "transe", transe_of_dicee),
 ]
 
 

@@ -5,6 +5,7 @@ status.
 import os
 import re
 import shlex
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -12,141 +13,20 @@ import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from isi.__main__ import main
 from isi.cli import COMMANDS, lines
+from isi.tables import paths
 from tests.small_bundle import NAMES, home_of, small, worded
 
 ROOT = Path(__file__).parent.parent
-#: Commands, and behind => what each prints, with | between the parts, and behind ! what it does
-#: not; [1] is an exit status.
-SESSIONS = {
-    "what is told is inserted, seen again, and undone": """
-tell hob atLocation kitchen => hob is inserted as object | hob atLocation ?: kitchen (given)
-tell hob atLocation kitchen => facts seen again: 1 ! inserted
-tell hob hasAffordance 'turn on' => updated: hob | facts added: 1
-ask hob hasAffordance => turn on (given)
-undo => facts removed: 1
-undo => seen once less
-undo => removed: hob
-undo => [1] undo
-history => tell (undone) | hob atLocation kitchen
-""",
-    "several facts are one change": """
-tell --fact hob atLocation kitchen --fact bed atLocation kitchen => hob is inserted
-tell --fact hob near bed --fact bed near hob => new relations: near | facts added: 2
-ask hob near => bed (given)
-tell --entity jug => jug is inserted
-undo => removed: jug
-tell --entity mug => [1] 'mug'
-tell hob beside bed => [1] 'beside' | two facts
-tell hob => [1] --entity 'hob'
-tell hob atLocation => [1] HEAD RELATION TAIL
-tell => [1] --from FILE
-""",
-    "insert and observe say which names are new": """
-observe --fact hob hasAffordance 'turn on' => [1] hob
-observe --fact hob hasAffordance 'turn on' --new => inserted: hob
-insert hob --fact atLocation kitchen => [1] known
-insert hob --fact atLocation kitchen --upsert => updated: hob | facts added: 1 ! inserted
-insert stove --fact atLocation kitchen --upsert => stove is inserted
-insert Kettle --fact atLocation bedroom => [1] --new
-insert Kettle --fact atLocation bedroom --new => Kettle is inserted
-""",
-    "a fact of training is retracted, brought back and moved": """
-remove --fact kettle atLocation kitchen => facts removed: 1
-ask kettle atLocation => bedroom ! kitchen
-undo => facts added: 1
-ask kettle atLocation => kitchen (known)
-move kettle atLocation bedroom --source camera => facts added: 1 | facts removed: 1
-ask kettle atLocation => bedroom (given) ! kitchen
-ask kettle --tail kitchen => hasAffordance ! atLocation
-move kettle atLocation bed --instead-of kitchen => [1] holds
-move kettle atLocation bedroom => facts seen again: 1
-history => move | kettle atLocation kitchen | camera
-""",
-    "an inserted entity is removed, and comes back": """
-tell hob atLocation kitchen => inserted
-remove hob => removed: hob
-ask hob atLocation => [1] 'hob'
-undo => inserted: hob
-ask hob atLocation => kitchen (given)
-remove bed => [1] inserted (hob)
-""",
-    "each part of a triple is asked for": """
-ask kettle atLocation => kitchen (known)
-ask --head kettle --relation atLocation => kitchen (known)
-ask --relation 'at location' --tail bedroom => bed (known)
-ask kettle --tail kitchen => atLocation (known)
-ask kettle atLocation --new => bedroom ! kitchen
-ask kettle atLocation --among bedroom bed => bedroom ! kitchen
-explain Gas-Hob => [1] 'Gas-Hob'
-tell 'gas hob' atLocation kitchen => inserted
-explain Gas-Hob => 'gas hob' | gas hob atLocation kitchen
-ask kettle atLocation --among nowhere => [1] 'nowhere'
-ask KETTLE 'at location' => 'kettle' | 'atLocation' | kitchen (known)
-ask kettle => [1] relation
-ask kettle atLocation --from queries.csv => [1] --from
-ask => [1] --from
-""",
-    "facts have a time, a source and a confidence": """
-tell hob atLocation kitchen --time 2026-01-01T00:00Z --source camera --confidence 0.5 => inserted
-history --stale 30d => hob atLocation kitchen | 2026-01-01T00:00:00Z | camera ! kettle
-history --stale 5 => [1] --stale
-tell hob atLocation kitchen --confidence 2 => [1] confidence
-tell hob atLocation kitchen --time noon => [1] time
-""",
-    "a dry run writes nothing": """
-tell hob atLocation kitchen --dry-run => hob is inserted | nothing is written
-remove --fact kettle atLocation kitchen --dry-run => facts removed: 1 | nothing is written
-ask hob atLocation => [1] hob
-history => changes: none
-""",
-    "files of facts and of questions": """
-tell --from facts.csv --from more.csv --json => "inserted": [ "hob", "stove" ] | "facts": 3 | \\
-"known": 1
-tell --from facts.csv --from more.csv => facts seen again: 4 ! added
-ask --from queries.csv => bed atLocation ? bedroom (known) | \\
-? hasAffordance turn on kettle (known) | \\
-bed ? bedroom atLocation (known)
-ask --from queries.csv --json => "query": [ "bed", "atLocation", "?" ] | \\
-"query": [ "bed", "?", "bedroom" ]
-ask --from broken.csv => [1] broken.csv: line 3
-""",
-    "a fact about a new entity has two or three parts, before and behind its name": """
-insert hob --fact atLocation kitchen --dry-run => hob is inserted as object | \\
-hob atLocation ?: kitchen (given)
-insert hob --fact hob atLocation kitchen --dry-run => hob atLocation ?: kitchen (given)
-insert --fact hob atLocation kitchen hob => hob atLocation ?: kitchen (given)
-explain hob --json => "facts": [ [ "hob", "atLocation", "kitchen" ] ]
-insert hall --inverse-fact kettle atLocation --dry-run => hall is inserted as room
-insert --fact kettle atLocation hall hall => hall is inserted as room | \\
-? atLocation hall: kettle (given)
-explain hall --json => "facts": [ [ "kettle", "atLocation", "hall" ] ]
-""",
-    "an insertion is reported as JSON, in sentences, and with why": """
-tell hob atLocation kitchen --dry-run --json => "inserted": [ "hob" ] | "kind": "object" | \\
-"initializer": "map" | \\
-"entity": "kitchen", "rank": 1 | "probability": null
-tell hob atLocation kitchen --dry-run --verbose => hob is inserted | by map | word vector
-tell hob atLocation kitchen --dry-run => hob is inserted ! by map
-tell hob atLocation kitchen --initializer rs --set k=1 --json => "weight": 1.0 ! "weight": 0.5
-tell stove atLocation kitchen --initializer rs --set k=2 --json => "weight": 0.5 ! "weight": 1.0
-explain stove --verbose => stove: object, inserted by rs | \\
-without the fact stove atLocation kitchen | \\
-without the indicator kettle
-""",
-}
-#: Files that sessions read.
-FILES = {
-    "facts.csv": "stove,atLocation,kitchen\nkettle,atLocation,kitchen\nkettle,atLocation,bedroom\n",
-    "more.csv": "hob,atLocation,kitchen\n",
-    "queries.csv": "bed,atLocation,?\n?,hasAffordance,turn on\nbed,,bedroom\n",
-    "broken.csv": "bed,atLocation,?\nnobody,atLocation,?\n",
-}
+EXAMPLES = ROOT / "examples"
+SESSIONS = yaml.safe_load((ROOT / "tests/sessions.yaml").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(autouse=True)
@@ -156,8 +36,6 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("ISI_HOME", raising=False)
-    for name, rows in FILES.items():
-        Path(name).write_text(f"head,relation,tail\n{rows}", encoding="utf-8")
     return home_of(tmp_path / "home", worded(tmp_path, jug=[0.8, 0.6, 0]))
 
 
@@ -181,11 +59,26 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return out
 
 
-@pytest.mark.parametrize("session", SESSIONS)
-def test_a_session(session: str, capsys: pytest.CaptureFixture[str]) -> None:
-    for line in SESSIONS[session].replace("\\\n", "").strip().splitlines():
+def lay_out(session: dict[str, Any]) -> None:
+    """Write the files of a session."""
+    if session.get("from") == "project":
+        shutil.copy(ROOT / paths.PARAMS, ".")
+        paths.DATA.mkdir()
+        paths.RAW.symlink_to(ROOT / paths.RAW)
+    if session.get("from") == "examples":
+        for path in EXAMPLES.glob("home*.csv"):
+            shutil.copy(path, ".")
+    for name, content in session.get("files", {}).items():
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text(content, encoding="utf-8")
+
+
+@pytest.mark.parametrize("title", SESSIONS)
+def test_a_session(title: str, capsys: pytest.CaptureFixture[str]) -> None:
+    lay_out(SESSIONS[title])
+    for line in SESSIONS[title]["lines"].replace("\\\n", "").strip().splitlines():
         typed, expected = line.split(" => ")
-        expected, _, absent = expected.partition("! ")
+        expected, _, absent = " ".join(expected.split()).partition("! ")
         status, expected = (1, expected[4:]) if expected.startswith("[1]") else (0, expected)
         ended, text = ran(capsys, shlex.split(typed))
         assert (ended, text.count("\n") == 0) == (status, status == 1), f"{line}\n{text}"

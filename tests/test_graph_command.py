@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import isi
 from isi.__main__ import main
 from isi.cli.graph import describe
 from isi.cli.output import write_outputs
 from isi.config import read as read_params
-from isi.errors import InputError
 from isi.graph.files import graph_files, read_graph
 from isi.graph.graph import MinedSource, build_tables
 from isi.names import clean, name_fault
@@ -53,43 +53,6 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().out
 
 
-def test_it_describes_the_graph_of_a_table(folder: Path) -> None:
-    graph, read = read_graph([folder / "log.csv"], settings={"household": True})
-    assert read == {str(folder / "log.csv"): {"reader": "table"}}
-    assert describe(graph, read_params(paths.PARAMS)) == {
-        "entities": 7,
-        "unique_triples": 6,
-        "observations": 10,
-        "entities_by_kind": {"object": 3, "room": 2, "affordance": 1, "material": 1},
-        "relations": [
-            {"relation": "atLocation", "unique_triples": 3, "observations": 6},
-            {"relation": "hasAffordance", "unique_triples": 2, "observations": 2},
-            {"relation": "hasMaterial", "unique_triples": 1, "observations": 2},
-        ],
-        "without_a_word_vector": "1 (xqzzy)",
-        "with_one_triple,_which_stays_in_train": "3 (bedroom, ceramic, xqzzy)",
-        "triples_observed_once": 4,
-        "triples_for_validation_and_test": 2,
-        "triples_that_can_leave_train": 1,
-    }
-
-
-def test_it_writes_a_folder_that_it_reads(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    described = said(capsys, "log.csv", "--set", "household=true", "--out", "made/graph")
-    assert (folder / "made/graph/triples.csv").read_text(encoding="utf-8").splitlines()[:3] == [
-        "head,relation,tail,count",
-        "cup,atLocation,kitchen,1",
-        "cup,hasAffordance,fill,1",
-    ]
-    assert {path.name for path in (folder / "made/graph").iterdir()} == {
-        "entities.csv",
-        "triples.csv",
-    }
-    read, written = described.split("written: ")
-    assert written.split() == ["made/graph/triples.csv,", "made/graph/entities.csv"]
-    assert said(capsys, "made/graph").replace("made/graph:", "log.csv:") == read
-
-
 LETTERS = st.characters(categories=["L", "M", "N", "P", "S", "Zs"])
 NAMES = (
     st.text(LETTERS, min_size=1, max_size=9).map(clean).filter(lambda text: not name_fault(text))
@@ -119,28 +82,36 @@ def test_a_graph_that_is_written_reads_as_itself(
     pd.testing.assert_frame_equal(again.entities, tables.entities)
 
 
-def test_files_are_read_anywhere_with_the_packages_of_the_core_alone(tmp_path: Path) -> None:
+#: What the packages of the core do not need.
+LACKING = (
+    "ai2thor",
+    "dvc",
+    "gensim",
+    "matplotlib",
+    "numba",
+    "procthor",
+    "pyarrow",
+    "pykeen",
+    "rdflib",
+    "scipy",
+)
+
+
+def test_files_are_read_and_trained_on_anywhere_with_the_packages_of_the_core_alone(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "log.csv").write_text(LOG, encoding="utf-8")
     mug = {"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": None}
     scene = [mug | {"salientMaterials": ["Ceramic"], "sliceable": True}]
     (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
-    lacking = (
-        "ai2thor",
-        "dvc",
-        "gensim",
-        "matplotlib",
-        "numba",
-        "procthor",
-        "pyarrow",
-        "rdflib",
-        "scipy",
-    )
     code = f"""
 import sys
-sys.modules |= dict.fromkeys({lacking})
+sys.modules |= dict.fromkeys({LACKING})
 from isi.__main__ import main
 main(["graph", "log.csv", "kitchen=scene.json", "--out", "out"])
 main(["graph", "out"])
+main(["train", "out", "--out", "home", "--budget", "0.1", "--dimension", "4"])
+main(["ask", "mug", "atLocation"])
 """
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -148,23 +119,11 @@ main(["graph", "out"])
     assert done.stderr == ""
     # 10, and a mug's room, material and affordance
     assert done.stdout.count("observations: 13\n") == 2
+    assert "kitchen (known)" in done.stdout
+    with isi.open(tmp_path / "home") as home:
+        assert not home.groups.preparation()  # all choices are made
     kinds = pd.read_csv(tmp_path / "out" / "entities.csv", index_col="entity")["kind"].to_dict()
     assert (kinds["mug"], kinds["bedroom"]) == ("object", "entity")
-
-
-def test_several_files_make_one_graph_whose_rare_triples_can_be_left_out(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "more.nt").write_text(
-        "<urn:x:mug> <urn:x:atLocation> <urn:x:kitchen> .\n", encoding="utf-8"
-    )
-    text = said(capsys, "log.csv", "more.nt")
-    assert text.startswith(
-        "log.csv:\n  reader: table\nmore.nt:\n  reader: rdf\nentities: 7\nunique triples: 6\n"
-    )
-    assert "entities: 3\nunique triples: 2\nobservations: 6\n" in said(
-        capsys, "log.csv", "--min-count", "2"
-    )
 
 
 def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
@@ -181,15 +140,6 @@ def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
 
 
 # Paths
-
-
-def test_a_path_may_hold_an_equals_sign_or_bytes_that_are_no_text(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("run=3/log.csv", os.fsdecode(b"d\xff/log.csv")):
-        (folder / name).parent.mkdir()
-        (folder / name).write_text(LOG, encoding="utf-8")
-        assert "observations: 10" in said(capsys, name)
 
 
 def test_bytes_that_are_no_text_are_printed_and_named_in_errors(folder: Path) -> None:
@@ -211,26 +161,6 @@ for name in sys.argv[1:]:
     assert done.stderr.count(b"\n") == 2
     assert b"e\\udcff" in done.stderr
     assert b"f\\udcff" in done.stderr
-
-
-def test_a_file_that_is_given_twice_is_refused(folder: Path) -> None:
-    (folder / "link.csv").symlink_to("log.csv")
-    for files in (["log.csv", "log.csv"], ["log.csv", "./log.csv"], ["log.csv", "link.csv"]):
-        with pytest.raises(InputError, match="twice"):
-            read_graph(files)
-
-
-def test_paths_and_kinds_are_printed_as_they_are(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "my_log.csv").write_text("mug,at,kitchen\n", encoding="utf-8")
-    (folder / "my_kinds.csv").write_text(
-        "entity,kind\nmug,kitchen_item\nkitchen,room_1\n", encoding="utf-8"
-    )
-    printed = said(capsys, "my_log.csv", "--set", "entities=my_kinds.csv")
-    assert {"my_log.csv:", "  kitchen_item: 1", "  room_1: 1", "unique triples: 1"} <= set(
-        printed.splitlines()
-    )
 
 
 STREAMS = {

@@ -1,11 +1,14 @@
-"""Random sequences of changes of a home that two objects share: known rows stay, and facts, counts,
-vectors and answers follow from what holds, which is computed in a second way.
+"""Random sequences of changes of a home that two objects share: known rows stay, and facts, what is
+known of them, vectors and answers follow from what was told, which is computed in a second way.
 """
 
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from copy import deepcopy
+from dataclasses import astuple
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +27,6 @@ from tests.small_live import (
     TRAINED,
     assert_same,
     copied,
-    facts_of,
     quick_choices,
     seen,
 )
@@ -32,21 +34,39 @@ from tests.small_live import (
 NEW = [f"new {number}" for number in "abcdef"]
 FIRST = KNOWN.entity_names[:8]
 WHO = st.integers(0, 2)  #: One object, the other one, or the first in another thread.
+INITIALIZERS = ["map", "rs", "iu", "xavier", "gaussian", "class_noise"]
 ABOUT = st.fixed_dictionaries(
     {},
-    optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(["map", "rs", "iu"])},
+    optional={"kind": st.sampled_from(KINDS), "initializer": st.sampled_from(INITIALIZERS)},
 )
+TIMES = [f"202{year}-01-01T00:00:00Z" for year in range(4)]
+STAMP = st.fixed_dictionaries(
+    {"time": st.sampled_from(TIMES), "source": st.sampled_from([None, "camera"])}
+)
+Stamp = dict[str, Any]
+MOMENT, MONTH = datetime(2021, 7, 1, tzinfo=UTC), timedelta(days=30)
+FUTURE = datetime(2999, 1, 1, tzinfo=UTC)
 
 
 class Row(NamedTuple):
-    """What is known of a fact."""
+    """What is known of a fact: whether it holds, and the last fields of its ``StoredFact``."""
 
     holds: bool = True
     count: int = 1
     confidence: float | None = None
+    first_seen: str | None = None
+    last_seen: str | None = None
+    source: str | None = None
 
-    def seen(self, confidence: float | None) -> "Row":
-        return Row(True, self.count + 1, self.confidence if confidence is None else confidence)
+    def seen(self, confidence: float | None, time: str, source: str | None) -> "Row":
+        return Row(
+            True,
+            self.count + 1,
+            self.confidence if confidence is None else confidence,
+            min(self.first_seen or time, time),
+            max(self.last_seen or time, time),
+            source or self.source,
+        )
 
 
 class State(NamedTuple):
@@ -59,12 +79,10 @@ class State(NamedTuple):
     def holding(self) -> set[Fact]:
         return {fact for fact, row in self.rows.items() if row.holds}
 
-    def told(
-        self, facts: set[Fact], confidence: float | None, new: dict[str, dict[str, Any]]
-    ) -> "State":
+    def told(self, facts: set[Fact], stamp: Stamp, confidence: float | None = None) -> "State":
         unseen = Row(count=0)
-        told = {fact: self.rows.get(fact, unseen).seen(confidence) for fact in facts}
-        return State(self.about | new, self.rows | told)
+        told = {fact: self.rows.get(fact, unseen).seen(confidence, **stamp) for fact in facts}
+        return self._replace(rows=self.rows | told)
 
     def without(self, facts: set[Fact], entity: str = "") -> "State":
         """Facts of training are retracted, others are gone."""
@@ -86,7 +104,7 @@ class HomeMachine(RuleBasedStateMachine):
         home_of(self.folder, KNOWN)
         self.lives = [isi.open(self.folder, durability=durability) for _ in range(2)]
         self.states = [State({}, START)]  # after each change that is in force
-        self.changes = 0
+        self.changes = self.undone = 0
 
     def teardown(self) -> None:
         if not hasattr(self, "stack"):
@@ -95,7 +113,7 @@ class HomeMachine(RuleBasedStateMachine):
             for _ in self.states[1:]:
                 self.lives[0].undo()
             self.states = self.states[:1]
-            assert facts_of(self.lives[1]).keys() == self.now.holding
+            assert {row.fact for row in self.lives[1].facts} == self.now.holding
             for live in self.lives:
                 live.close()
 
@@ -117,7 +135,7 @@ class HomeMachine(RuleBasedStateMachine):
             return self.thread.submit(method, *given, **about).result()  # type: ignore[no-any-return]
         return method(*given, **about)  # type: ignore[no-any-return]
 
-    def becomes(self, state: State, effect: Effect) -> None:
+    def becomes(self, state: State, effect: Effect, stamp: Stamp | None = None) -> None:
         """A change has led to a state; one that changes nothing is not listed."""
         before = self.now
         assert effect.facts == len(state.holding - before.holding)
@@ -128,6 +146,9 @@ class HomeMachine(RuleBasedStateMachine):
         if state != before:
             self.states.append(state)
             self.changes += 1
+            last = self.lives[1].history[-1]
+            made = {"time": f"{last.time:%Y-%m-%dT%H:%M:%SZ}", "source": last.source}
+            assert stamp in (None, made)
 
     @contextmanager
     def refused(self, because: bool) -> Iterator[None]:
@@ -146,6 +167,7 @@ class HomeMachine(RuleBasedStateMachine):
         new=st.lists(st.sampled_from(NEW), max_size=2, unique=True),
         about=ABOUT,
         confidence=st.sampled_from([None, 0.25, 1.0]),
+        stamp=STAMP,
     )
     def tell(
         self,
@@ -155,6 +177,7 @@ class HomeMachine(RuleBasedStateMachine):
         new: list[str],
         about: dict[str, Any],
         confidence: float | None,
+        stamp: Stamp,
     ) -> None:
         facts = self.facts(data, self.names(*new), least=verb == "observe")
         facts |= {(name, "in", data.draw(self.names())) for name in new if data.draw(st.booleans())}
@@ -163,11 +186,12 @@ class HomeMachine(RuleBasedStateMachine):
         unknown = told - self.now.about.keys() - {*KNOWN.entity_names}
         has_known = bool(set(new) & self.now.about.keys())
         wrong = bool(unknown) if verb == "observe" else verb == "insert" and has_known
-        state = self.now.told(facts, confidence, dict.fromkeys(sorted(unknown), about))
+        state = self.now.told(facts, stamp, confidence)
+        state = state._replace(about=state.about | dict.fromkeys(sorted(unknown), about))
         # without facts or words, and with facts between entities of different initializers
         risky = any("initializer" in told for told in state.about.values()) or not facts
         risky |= any(not any(name in fact for fact in facts) for name in unknown)
-        given: dict[str, Any] = {"confidence": confidence, **({} if verb == "observe" else about)}
+        given = {"confidence": confidence, **stamp, **({} if verb == "observe" else about)}
         with self.refused(wrong or risky):
             if verb == "observe":
                 effect = self.do(who, "observe", sorted(facts), **given)
@@ -178,17 +202,17 @@ class HomeMachine(RuleBasedStateMachine):
                 effect = self.do(who, "insert", new, sorted(facts), new=True, **given)
             assert not wrong
             assert effect.known == len(facts & self.now.holding)
-            self.becomes(state, effect)
+            self.becomes(state, effect, stamp)
 
-    @rule(data=st.data(), who=WHO, named=st.booleans())
-    def move(self, data: st.DataObject, who: int, named: bool) -> None:
+    @rule(data=st.data(), who=WHO, named=st.booleans(), stamp=STAMP)
+    def move(self, data: st.DataObject, who: int, named: bool, stamp: Stamp) -> None:
         ((head, label, tail),) = moved = self.facts(data, self.names(), 1, 1)
         tails = sorted(fact[2] for fact in self.now.holding if fact[:2] == (head, label))
         old = data.draw(st.sampled_from(tails)) if named and tails else None
         gone = {(head, label, each) for each in tails if old in (None, each)} - moved
         with self.refused(bool(gone)):  # of an entity that is left without a fact
-            effect = self.do(who, "move", head, label, tail, instead_of=old)
-            self.becomes(self.now.without(gone).told(moved, None, {}), effect)
+            effect = self.do(who, "move", head, label, tail, instead_of=old, **stamp)
+            self.becomes(self.now.without(gone).told(moved, stamp), effect, stamp)
 
     @rule(data=st.data(), who=WHO)
     def remove_an_entity(self, data: st.DataObject, who: int) -> None:
@@ -216,6 +240,7 @@ class HomeMachine(RuleBasedStateMachine):
             self.do(who, "undo")
             self.states.pop()
             self.changes += 1
+            self.undone += 1
 
     @rule(who=st.integers(0, 1))
     def train_again(self, who: int) -> None:
@@ -224,14 +249,20 @@ class HomeMachine(RuleBasedStateMachine):
         self.states = [self.now]
         self.changes += 1
 
-    @rule(who=st.integers(0, 1), how=st.sampled_from(["close", "pickle", "copy"]))
+    @rule()
+    def copy(self) -> None:
+        """Into another folder, and into memory; a copy that is changed leaves the home as it is."""
+        in_memory = isi.open(self.folder, durability="memory")
+        with tempfile.TemporaryDirectory() as folder:
+            in_memory.save(folder)
+            with isi.open(folder) as saved:
+                for each in (saved, copied(in_memory), deepcopy(in_memory)):
+                    assert_same(seen(each), seen(self.lives[0]))
+                    each.tell([("a copy", "in", "e1")])
+
+    @rule(who=st.integers(0, 1), how=st.sampled_from(["close", "pickle"]))
     def open_again(self, who: int, how: str) -> None:
         live = self.lives[who]
-        if how == "copy":
-            with tempfile.TemporaryDirectory() as folder:
-                live.save(folder)
-                assert_same(seen(isi.open(folder)), seen(live))
-            return
         self.lives[who] = isi.open(self.folder) if how == "close" else copied(live)
         live.close()
 
@@ -243,13 +274,38 @@ class HomeMachine(RuleBasedStateMachine):
         rows = {fact: row[1:] for fact, row in self.now.rows.items() if row.holds}
         for live in self.lives:
             assert_same(seen(live), expected)
-            assert facts_of(live) == rows
+            assert {row.fact: astuple(row)[5:] for row in live.facts} == rows
             now, known = live.now, len(KNOWN.entities)
             assert now.entities[:known].tobytes() == KNOWN.entities.tobytes()
             assert now.relations.tobytes() == KNOWN.relations.tobytes()
             assert now.entity_names == [*KNOWN.entity_names, *live.inserted]
             assert sorted(now.named_triples()) == sorted(rows)
             assert len(live.history) == self.changes
+            assert sum(change.undone for change in live.history) == self.undone
+
+    def check_stale(self, live: LiveEmbedding) -> None:
+        """A fact that was not seen since training counts as seen then, which is now."""
+        last = {fact: row.last_seen or "3" for fact, row in self.now.rows.items() if row.holds}
+        stale = live.stale(MONTH, MOMENT)
+        assert {row.fact for row in stale} == {fact for fact in last if last[fact] < "2021-06"}
+        times = [row.last_seen or "3" for row in live.stale(MONTH, FUTURE)]
+        assert times == sorted(last.values())
+
+    def check_answers(self, live: LiveEmbedding) -> None:
+        """Those without what is known, and those among some entities."""
+        query = next(iter(live.inserted), "e0"), "in"
+        every = live.ask(*query, top=99).answers
+        new = live.ask(*query, top=99, new=True).answers
+        assert [each.entity for each in new] == [each.entity for each in every if not each.known]
+        some = live.ask(*query, among=["e9", "e1", "e9", "e4"]).answers
+        expected = [each.entity for each in every if each.entity in ("e1", "e4", "e9")]
+        assert [each.entity for each in some] == expected
+
+    @invariant()
+    def questions_agree(self) -> None:
+        if hasattr(self, "stack"):
+            self.check_stale(self.lives[1])
+            self.check_answers(self.lives[1])
 
     def at_once(self) -> LiveEmbedding:
         """Another home, which is told what holds by one change for each initializer."""

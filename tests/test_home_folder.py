@@ -6,7 +6,6 @@ import json
 import os
 import random
 import resource
-import shutil
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -245,24 +244,3 @@ def test_a_folder_that_records_what_was_inserted_becomes_a_home(tmp_path: Path) 
     live.undo()
     live.undo()
     assert facts_of(live).keys() == {*TRAINED}
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ({"do": "dance"}, "line 1"),
-        ({"do": "undo"}, "change 1"),
-        ({"do": "remove", "facts": [MUG]}, "change 1"),
-        ({"do": "observe", "facts": [["mug"]]}, "line 1"),
-    ],
-)
-def test_a_broken_journal_is_refused_by_its_line(
-    tmp_path: Path, line: dict[str, Any], message: str
-) -> None:
-    folder = written(tmp_path / "home", KNOWN)
-    (folder / "journal.jsonl").write_text(json.dumps(line) + "\n", encoding="utf-8")
-    before = files(folder)
-    with pytest.raises(InputError, match=f"journal.jsonl: {message}"):
-        isi.open(folder)
-    assert files(folder) == before
-    shutil.rmtree(folder)

@@ -1,12 +1,11 @@
 """What a home keeps of facts, how it is asked, trained again, copied and closed."""
 
-import copy
 import dataclasses
 import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ import pytest
 
 import isi
 from isi.errors import InputError
-from isi.live import groups
 from isi.live.bundle import Bundle
 from isi.live.embedding import LiveEmbedding
 from isi.live.groups import EntityGroups
@@ -43,33 +41,6 @@ def home() -> LiveEmbedding:
 # What is known of facts
 
 
-def test_a_fact_keeps_its_count_its_times_and_what_reported_it(home: LiveEmbedding) -> None:
-    effect = home.tell([MUG, FIRST], time="2026-11-25T09:30:00Z", source="camera", confidence=0.5)
-    assert (effect.facts, effect.known, effect.inserted) == (1, 1, ["mug"])
-    effect = home.tell([MUG], time=datetime(2026, 11, 20, tzinfo=UTC))
-    assert (effect.facts, effect.known, effect.updated) == (0, 1, [])
-    row = home.facts[-1]
-    assert row.observations == (2, 0.5, "2026-11-20T00:00:00Z", "2026-11-25T09:30:00Z", "camera")
-    last = home.history[-1]
-    assert (last.seen, last.added, last.time) == ([MUG], [], datetime(2026, 11, 20, tzinfo=UTC))
-    home.undo()
-    assert (home.facts[-1].count, home.history[-2].undone) == (1, True)
-    assert home.tell([]) == home.remove()  # nothing to list
-    assert len(home.history) == 3
-
-
-def test_facts_not_seen_for_long_are_stale_those_of_training_since_then(
-    home: LiveEmbedding,
-) -> None:
-    since = datetime(2026, 11, 25, tzinfo=UTC)
-    home.tell([MUG], time=since - timedelta(days=40))
-    home.tell([("mug", "on", "e2"), FIRST], time=since - timedelta(days=20))
-    assert [row.fact for row in home.stale(timedelta(days=30), since)] == [MUG]
-    assert len(home.stale(timedelta(days=30), datetime(2999, 1, 1, tzinfo=UTC))) == 92
-    home.remove(facts=[FIRST])
-    assert [row.fact for row in home.stale(timedelta(0), since)] == [MUG, ("mug", "on", "e2")]
-
-
 @pytest.mark.parametrize(
     ("given", "hour"),
     [
@@ -93,32 +64,24 @@ def test_a_time_without_a_zone_is_local_time(
 
 
 def test_a_doubtful_fact_moves_the_vector_of_map_less(home: LiveEmbedding) -> None:
-    def vector(confidence: float | None, *facts: Any) -> np.ndarray:
-        home.tell([("mug", "on", "e7"), *facts], confidence=confidence, initializer="map")
+    def vector(*facts: Any) -> np.ndarray:
+        home.tell([("mug", "on", "e7"), *facts], initializer="map")
         row = home.inserted["mug"].vector
         home.undo()
         return row
 
-    without, doubtful, sure = vector(None), vector(None, (*MUG, 0.1)), vector(None, MUG)
+    without, doubtful, sure = vector(), vector((*MUG, 0.1)), vector(MUG)
     assert 0 < np.linalg.norm(doubtful - without) < np.linalg.norm(sure - without)
-    np.testing.assert_array_equal(vector(1.0, MUG), sure)
-    home.tell([("mug", "on", "e7"), (*MUG, 0.1)], initializer="map")
-    assert home.tell([(*MUG, 1.0)]).updated == ["mug"]
-    np.testing.assert_array_equal(home.inserted["mug"].vector, sure)
     for wrong in (0, 1.5, float("nan"), "much"):
         with pytest.raises(InputError, match="confidence"):
             home.tell([(*MUG, wrong)])
 
 
-def test_a_relation_is_new_with_two_facts_and_goes_by_undo(home: LiveEmbedding) -> None:
-    near = [("e1", "near", "e2"), ("e3", "near", "e4")]
+def test_the_row_of_a_new_relation_follows_from_its_facts_and_goes_by_undo(
+    home: LiveEmbedding,
+) -> None:
     before = seen(home)
-    for refused in (partial(home.tell, near[:1]), partial(home.observe, near)):
-        with pytest.raises(InputError, match="near"):
-            refused()
-    effect = home.tell([*near, ("mug", "near", "e2"), MUG])
-    assert (effect.relations, effect.inserted, effect.facts) == (["near"], ["mug"], 4)
-    assert home.now.relations.shape == (3, KNOWN.relations.shape[1])
+    home.tell([("e1", "near", "e2"), ("e3", "near", "e4"), ("mug", "near", "e2"), MUG])
     assert home.ask("e1", "near").answers[0].entity == "e2"
     first = home.now.relations[2]
     home.tell([("e5", "near", "e2")])  # known now: one fact will do, and counts
@@ -155,50 +118,6 @@ def test_numbers_of_answers_are_refused_unless_they_are_counts(
         with pytest.raises(InputError, match=f"argument '{name}'"):
             asked(**{name: number})
     assert asked(**{name: np.int64(1)})
-
-
-def test_interference_is_of_entities_named_once_alone_or_in_a_list(home: LiveEmbedding) -> None:
-    home.tell([MUG, ("pan", "in", "e1")])
-    alone = home.interference("mug")
-    assert alone == home.interference(["mug", "mug"])
-    assert alone is not None
-    assert len(alone.above) == 1
-    with pytest.raises(InputError, match="argument 'entities'"):
-        home.interference([5])
-
-
-def test_answers_leave_out_what_is_known_or_all_but_some(home: LiveEmbedding) -> None:
-    home.tell([MUG])
-    every = home.ask("mug", "in", top=99).answers
-    new = home.ask("mug", "in", top=99, new=True).answers
-    assert [each.entity for each in new] == [each.entity for each in every if not each.known]
-    some = home.ask("mug", "in", among=["e9", "e1", "e9", "e4"]).answers
-    assert [each.entity for each in some] == [
-        each.entity for each in every if each.entity in ("e1", "e4", "e9")
-    ]
-    best = home.ask("mug", "in", among=["e1", "e4"], new=True).answers
-    assert [(each.entity, each.known) for each in best] == [("e4", False)]
-    assert not home.ask("mug", "in", among=[]).answers
-    for wrong in ({"among": ["nowhere"]}, {"among": ["e1"], "tail": "e1", "relation": None}):
-        with pytest.raises(InputError):
-            home.ask("mug", **{"relation": "in", **wrong})  # type: ignore[arg-type]
-
-
-def test_a_question_and_an_insertion_never_wait_for_a_choice_that_is_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = home_of(tmp_path / "home", KNOWN)
-    with isi.open(folder) as live:
-        live.prepare()
-        live.tell([MUG])
-        expected = seen(live)
-    monkeypatch.setattr(groups, "select", None)
-    monkeypatch.setattr(groups, "fit_curves", None)
-    with isi.open(folder) as live:
-        assert not live.groups.preparation()
-        assert_same(seen(live), expected)
-        live.tell([("cup", "in", f"e{each}") for each in range(9)])
-        assert live.ask("cup", "in").answers[0].probability is not None
 
 
 def test_without_kinds_of_objects_a_new_object_has_none() -> None:
@@ -343,19 +262,6 @@ def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
         assert (live.base.kinds[live.base.names.ids["mug"]], live.inserted) == ("thing", {})
         assert live.base.relation_names == ["at", "by"]
         assert ("thing 1", "at", "room 1") not in live.base.named_triples()
-
-
-@pytest.mark.parametrize("where", ["in memory", "of a folder"])
-def test_a_home_in_memory_is_pickled_and_copied(tmp_path: Path, where: str) -> None:
-    live = LiveEmbedding(KNOWN)
-    if where == "of a folder":
-        live = isi.open(home_of(tmp_path / "home", KNOWN), durability="memory")
-    for change in (partial(live.tell, []), partial(live.tell, [MUG]), partial(live.ask, *MUG[:2])):
-        change()
-        for again in (copied(live), copy.deepcopy(live)):
-            assert_same(seen(again), seen(live))
-            again.tell([("cup", "in", "e1")])
-            assert "cup" not in live.inserted
 
 
 def test_what_is_done_with_a_closed_home_is_refused_and_loses_nothing(tmp_path: Path) -> None:

@@ -13,6 +13,10 @@ import pytest
         ("isi.live.home", {"torch", "pandas"}),
         ("isi.cli.graph", {"torch"}),
         ("isi.live.explain", {"pandas", "networkx", "jinja2"}),
+        (
+            "isi.live.phrases as phrases; phrases.shipped().vector('mug')",
+            {"gensim", "sentence_transformers", "transformers"},
+        ),
     ],
 )
 def test_a_command_imports_nothing_slow_that_it_does_not_need(

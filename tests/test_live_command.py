@@ -79,6 +79,9 @@ no JSON
 {"observe": [["e0", "in", "e2"]], "confidence": 0}
 {"observe": [["e0", "in", "e2", "sure"]]}
 {"tell": [["x", "beside", "e1"]]}
+{"observe": [["e1", "near", "e2"], ["e3", "near", "e4"]]}
+{"tell": [["x", "in", "e1", 1.5]]}
+{"ask": ["e1", null, "e2"], "among": ["e1"]}
 {"tell": [], "entities": ["x"]}
 {"tell": ["e1 in e2"]}
 {"tell": [{"e1": 1, "in": 2, "e2": 3}]}

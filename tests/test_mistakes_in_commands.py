@@ -34,6 +34,7 @@ PROGRAMS = listed(
     distances=commands.distances,
     of_before=commands.of_before,
     of_pipeline=commands.of_pipeline,
+    own_files=commands.own_files,
     misnamed=graphs.misnamed,
     not_compressed=imports.not_compressed,
     of_pykeen=imports.of_pykeen,

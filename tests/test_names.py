@@ -13,7 +13,7 @@ from isi.graph.vocabulary import Vocabulary
 from isi.live.bundle import read
 from isi.names import clean, name_fault, plain
 from tests.observing import observe, written
-from tests.small_bundle import NAMES, home_of, opened, small
+from tests.small_bundle import NAMES, home_of, small
 from tests.small_bundle import written as write_bundle
 
 NFC, NFD = "caf\u00e9 mug", "cafe\u0301 mug"
@@ -87,8 +87,3 @@ def test_files_and_bundles_refuse_the_same_names(tmp_path: Path, name: str) -> N
 def test_a_clean_name_stays_as_it_is(name: str) -> None:
     assert clean(clean(name)) == clean(name)
     assert plain(clean(name)) == plain(name)
-
-
-def test_a_bundle_of_nfd_names_is_asked_in_nfc() -> None:
-    live = isi.LiveEmbedding(opened(entity_names=[NFD, *NAMES[1:]]))
-    assert live.ask(None, "atLocation", NFC).query[2] == NFD

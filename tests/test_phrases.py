@@ -2,8 +2,6 @@
 and phrases without usable words.
 """
 
-import subprocess
-import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -169,11 +167,6 @@ def test_the_source_of_the_bundle_serves_if_it_is_there(
     assert words.source == str(path)
     np.testing.assert_array_equal(words.known[2:4], [[1, 0], [0, 1]])
     assert words.vector("pot", "a vessel")[2:] == (2, pytest.approx(0.8))
-    path.unlink()
-    words = phrase_vectors(with_words(of_file))
-    assert words is not None
-    assert words.vector("pot").vector is None
-    assert "words.txt" in words.vector("pot").note
     with pytest.raises(InputError, match=r"other\.txt"):
         with_words(of_file, word_file(tmp_path / "other.txt", {"qzx": [1, 0]}))
     monkeypatch.setattr(phrases, "find_spec", lambda _: None)  # as without the extra `words`
@@ -196,14 +189,3 @@ def test_the_sentence_model_gives_the_vectors_that_ship() -> None:
     vector, _, nearest, cosine = words.vector("bucket", str(table.loc["bucket", "definition"]))
     assert (nearest, cosine) == (0, pytest.approx(1, abs=1e-5))
     np.testing.assert_allclose(np.asarray(vector), shipped_with_data["bucket"], atol=1e-5)
-
-
-def test_nothing_heavy_is_imported_before_it_is_used() -> None:
-    code = (
-        "import sys; from isi.live.phrases import shipped; shipped().vector('mug'); "
-        "print(*sys.modules)"
-    )
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    assert {"gensim", "sentence_transformers", "transformers"}.isdisjoint(loaded.split())

@@ -2,9 +2,6 @@
 command writes or trains again.
 """
 
-import shlex
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable
 from itertools import chain
@@ -17,7 +14,6 @@ import pytest
 import torch
 
 import isi
-from isi.cli import main
 from isi.errors import InputError
 from isi.evaluation.filtered import end_queries, random_ranks
 from isi.experiment.train import TrainConfig, warn_of_batch
@@ -35,7 +31,6 @@ from isi.live.train import (
     repeated_relations,
     tables_of,
     train_bundle,
-    with_kinds,
 )
 from isi.models.bilinear import DistMult
 from isi.training.batches import Negatives
@@ -45,35 +40,10 @@ from tests.plain_ranks import plain_rank
 from tests.small_graphs import points_of, random_graph
 
 EXAMPLES = DOCS.parent / "examples"
-BLOCKED = (
-    "numba",
-    "gensim",
-    "pyarrow",
-    "dvc",
-    "rdflib",
-    "pykeen",
-    "procthor",
-    "ai2thor",
-    "matplotlib",
-)
 
 
 def home() -> pd.DataFrame:
     return pd.read_csv(EXAMPLES / "home.csv")
-
-
-def named(heads: int, seed: int, random: bool) -> list[tuple[str, str, str]]:
-    """Triples of two kinds of things, which have each place and use of their kind;
-    or as many at random.
-    """
-    rng, triples = np.random.default_rng(seed), list[tuple[str, str, str]]()
-    for head in range(heads):
-        for relation in ("in", "for"):
-            tails = [2 * number + head % 2 for number in range(4)]
-            if random:
-                tails = rng.choice(8, 4, replace=False).tolist()
-            triples += [(f"thing {head}", relation, f"{relation} {tail}") for tail in tails]
-    return triples
 
 
 def test_measures_agree_with_brute_force() -> None:
@@ -195,15 +165,6 @@ def test_a_home_is_learned_and_equal_arguments_give_equal_bytes(tmp_path: Path) 
     assert not np.array_equal(other.entities, bundle.entities)
 
 
-def test_what_can_be_learned_is_and_what_is_random_warns() -> None:
-    for random in (False, True):
-        _, summary = train_bundle(tables_of(named(24, 0, random)), dimension=16, budget=2)
-        assert summary.mrr is not None
-        assert summary.frequency is not None
-        assert (summary.warning is not None) == random
-        assert (summary.mrr > 1.5 * summary.frequency) != random
-
-
 def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measured() -> None:
     bundle, summary = train_bundle(
         tables_of([("cup", "in", "kitchen"), ("bed", "in", "bedroom")]), dimension=8
@@ -214,84 +175,17 @@ def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measu
     assert summary.warning
 
 
-def test_forms_of_triples_give_the_same_graph() -> None:
+def test_a_triple_is_counted_by_a_column_or_by_its_repeats() -> None:
     rows = [("cup", "in", "kitchen"), ("bed", "in", "bedroom"), ("cup", "in", "kitchen")]
     frame = pd.DataFrame(
         {"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"}
     )
-    mapping = {"cup": {"in": "kitchen"}, "bed": {"in": ["bedroom"]}}
-    listed = tables_of(rows)
-    for form in (np.array(rows), frame):
-        pd.testing.assert_frame_equal(tables_of(form).triples, listed.triples)
-    assert tables_of(mapping).triples["count"].tolist() == [1, 1]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"model": "analgy"},
-        {"dimension": 30, "model": "analogy"},
-        {"budget": 0},
-        {"learning_rate": -1.0},
-    ],
-)
-def test_wrong_options_are_named(wrong: dict[str, float | str]) -> None:
-    with pytest.raises(InputError, match=next(iter({"model"} & wrong.keys() or wrong))):
-        train_bundle(tables_of([("cup", "in", "kitchen")]), **wrong)  # type: ignore[arg-type]
+    pd.testing.assert_frame_equal(tables_of(frame).triples, tables_of(rows).triples)
 
 
 def test_divergence_names_the_learning_rate() -> None:
     with pytest.raises(InputError, match="learning rate"):
         train_bundle(tables_of(home()), model="analogy", learning_rate=1e14, dimension=16, budget=1)
-
-
-def test_the_command_writes_a_home_that_is_trained_again_on_what_it_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    files = [str(EXAMPLES / "home.csv"), "--kinds", str(EXAMPLES / "home_kinds.csv")]
-    options = ["--budget", "1", "--dimension", "8"]
-    main(["train", *files, "--out", "home", *options])
-    shown = capsys.readouterr().out
-    assert "85 entities" in shown
-    with isi.open("home") as home:
-        assert not home.groups.preparation()
-        assert f"{home.base.manifest.made['mrr']:.3f}" in shown
-        assert home.base.kinds[home.base.entity_names.index("apple")] == "object"
-        home.tell([("espresso machine", "atLocation", "kitchen")])
-        home.remove(facts=[("apple", "atLocation", "kitchen")])
-    main(["train", "home", *options])
-    assert "86 entities" in capsys.readouterr().out
-    with isi.open("home") as home:
-        assert (list(home.inserted), home.groups.preparation()) == ([], [])
-        assert home.base.kinds[home.base.entity_names.index("espresso machine")] == "object"
-        assert ("apple", "atLocation", "kitchen") not in home.base.named_triples()
-        assert [change.verb for change in home.history] == ["tell", "remove", "train"]
-        with pytest.raises(InputError, match="undo"):
-            home.undo()
-
-
-def test_printed_commands_can_be_pasted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    names = 'the "$(touch made)" cup', "is in", "mother's kitchen"
-    frame = pd.DataFrame(
-        [names, (names[0], "near", names[2])], columns=["head", "relation", "tail"]
-    )
-    frame.to_csv("home.csv", index=False)
-    kinds = pd.DataFrame({"entity": ["mother's kitchen", "mug"], "kind": ["room", "object"]})
-    kinds.to_csv("kinds.csv", index=False)
-    out = "new home/it's $HOME"
-    command = ["train", "home.csv", "--kinds", "kinds.csv", "--out", out, "--dimension", "8"]
-    main([*command, "--budget", "0.1"])
-    shown = capsys.readouterr().out
-    assert "Warning: kinds.csv: 1 of 2 names match no entity ('mug')" in shown
-    ask, tell = (shlex.split(line) for line in shown.splitlines() if line.startswith("  isi "))
-    assert ask == ["isi", "ask", *names[:2], "--home", out]
-    assert tell == ["isi", "tell", "NEW NAME", *names[1:], "--home", out]
-    main(ask[1:])
-    main(tell[1:])
 
 
 def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
@@ -314,29 +208,19 @@ def test_a_table_of_entities_gives_kinds_and_phrases(tmp_path: Path) -> None:
 HOMES = [("cup", "in", "kitchen"), ("Mug", "in", "kitchen"), ("mug", "in", "bedroom")]
 
 
-def test_kinds_are_of_exact_names_and_the_rest_is_named() -> None:
-    named, note = with_kinds(tables_of(HOMES), {"mug": "toy", "Cup": "object", "Mugg": "object"})
-    kinds = dict(zip(named.entities["entity"], named.entities["kind"], strict=True))
-    assert [name for name, kind in kinds.items() if kind != "entity"] == ["mug"]
-    assert "2 of 3 names match no entity ('Cup', 'Mugg'" in note
-    assert "4 of 5 entities have no kind" in note
-
-
 @pytest.mark.parametrize("as_file", [False, True])
-def test_kinds_given_in_python_count_for_triples_and_for_a_file(
+def test_kinds_are_of_exact_names_for_triples_and_for_a_file_and_the_rest_is_named(
     tmp_path: Path, as_file: bool
 ) -> None:
     path = tmp_path / "home.csv"
     pd.DataFrame(HOMES, columns=["head", "relation", "tail"]).to_csv(path, index=False)
     options: dict[str, Any] = {"dimension": 8, "budget": 0.1}
-    with pytest.warns(
-        UserWarning,
-        match="kinds: 1 of 2 names match no entity.*'cupp'.*4 of 5 entities have no kind",
-    ):
-        home = isi.train(
-            path if as_file else HOMES, kinds={"kitchen": "room", "cupp": "object"}, **options
-        )
-    assert home.base.kinds[home.base.entity_names.index("kitchen")] == "room"
+    kinds = {"mug": "toy", "Cup": "object", "Mugg": "object"}
+    note = "kinds: 2 of 3 names match no entity.*'Cup', 'Mugg'.*4 of 5 entities have no kind"
+    with pytest.warns(UserWarning, match=note):
+        home = isi.train(path if as_file else HOMES, kinds=kinds, **options)
+    assert dict(zip(home.base.entity_names, home.base.kinds, strict=True))["mug"] == "toy"
+    assert home.base.kinds.count("") == 4
     with pytest.raises(InputError, match="argument 'kinds'"):
         isi.train(HOMES, kinds={"cup": "ob\tject"}, **options)
 
@@ -355,12 +239,6 @@ def test_a_count_of_millions_costs_no_more_than_small_ones(entities: int, triple
     assert made["epoch_observations"] < max(OBSERVED, PER_TRIPLE * len(frame)) + len(frame)
 
 
-@pytest.mark.parametrize("name", [["cup"], {"cup": 1}, {"cup"}, None, 1, b"cup"])
-def test_names_that_are_no_text_are_refused(name: Any) -> None:
-    with pytest.raises(InputError, match="argument 'triples': triple 1: tail: expected a name"):
-        tables_of([("cup", "in", "kitchen"), ("bed", "in", name)])
-
-
 def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
     path = tmp_path / "home.csv"
     pd.DataFrame(HOMES).to_csv(path, index=False, header=["Thing", "Link", "Other thing"])
@@ -369,23 +247,6 @@ def test_what_a_reader_counts_is_a_warning_in_python(tmp_path: Path) -> None:
         pytest.warns(UserWarning, match="first line.*'Thing Link Other thing'"),
     ):
         isi.train(path, dimension=8, budget=0.1)
-
-
-def test_core_packages_suffice(tmp_path: Path) -> None:
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({BLOCKED!r})); from isi.cli import main; "
-        "main(sys.argv[1:])"
-    )
-    command = ["train", str(EXAMPLES / "home.csv"), "--out", "home", "--model", "complex"]
-    done = subprocess.run(
-        [sys.executable, "-c", program, *command, "--budget", "1"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "home" / "home.sqlite").exists()
 
 
 @pytest.mark.parametrize("size", [1, 10_000])
@@ -408,21 +269,22 @@ def test_a_batch_of_all_observations_warns(size: int, capsys: pytest.CaptureFixt
     assert ("batch_size" in capsys.readouterr().err) == (size > 1)
 
 
+CUP = ("cup", "in", "kitchen")
+NO_COUNT = pd.DataFrame([(*CUP, 0)], columns=["head", "relation", "tail", "count"])
+NO_NAMES: list[Any] = [["cup"], {"cup": 1}, {"cup"}, None, 1.5, b"cup", ""]
+
+
 @pytest.mark.parametrize(
     ("triples", "place"),
     [
         ([("cup", "in")], "triple 0"),
-        ([("cup", "in", "kitchen"), ("cup", "in", "")], "triple 1"),
-        ([("cup", "in", 5)], "triple 0"),
         ([], ""),
-        (
-            pd.DataFrame({"head": ["cup"], "relation": ["in"], "tail": ["kitchen"], "count": [0]}),
-            "count",
-        ),
+        (NO_COUNT, "count"),
+        *(([CUP, ("bed", "in", name)], "triple 1") for name in NO_NAMES),
     ],
 )
-def test_wrong_triples_are_named(triples: object, place: str) -> None:
+def test_wrong_triples_are_named(triples: Any, place: str) -> None:
     with pytest.raises(InputError) as error:
-        tables_of(triples)  # type: ignore[arg-type]
+        tables_of(triples)
     assert "triples" in error.value.file
     assert place in error.value.place

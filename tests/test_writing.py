@@ -19,8 +19,7 @@ from isi.errors import InputError
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
 from tests.environment import CAN_MOUNT, OWN_MOUNTS
-from tests.small_bundle import home_of
-from tests.small_bundle import written as write_bundle
+from tests.mistakes import commands
 from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -99,53 +98,13 @@ def test_a_file_that_cannot_be_read_while_writing_is_not_an_output_that_cannot_b
 
 @pytest.fixture
 def own_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's folder with triples, a home, a bundle, and other folders and files."""
+    """A user's folder, which is the current one."""
     monkeypatch.chdir(tmp_path)
-    home_of(tmp_path / "home")
-    write_bundle(tmp_path / "files")
-    (tmp_path / "notes.ttl").write_text("mine", encoding="utf-8")
-    table = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
-    (tmp_path / "triples.csv").write_text(table, encoding="utf-8")
-    (tmp_path / "entities.csv").write_text("entity,kind\nmug,object\n", encoding="utf-8")
-    for folder in ("plain", "hard", "soft"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "plain/triples.tsv").write_text(table.replace(",", "\t"), encoding="utf-8")
-    (tmp_path / "hard/triples.csv").hardlink_to(tmp_path / "triples.csv")
-    (tmp_path / "soft/triples.csv").symlink_to(tmp_path / "triples.csv")
+    commands.own_files()
     return tmp_path
 
 
 EXPORT = ["export", "--home", "home", "--format"]
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["graph", "triples.csv", "--out", ".", "--replace"],
-        ["graph", "triples.csv", "--out", "hard", "--replace"],
-        ["graph", "triples.csv", "--out", "soft", "--replace"],
-        ["graph", "kitchen=triples.csv", "--out", "plain/..", "--replace"],
-        ["graph", "soft", "--out", "soft", "--replace"],
-        ["graph", "plain/triples.tsv", "--set", "entities=entities.csv", "--out", ".", "--replace"],
-        ["graph", "plain/triples.tsv", "--out", "."],
-        [*EXPORT, "turtle", "--out", "home/home.sqlite", "--replace"],
-        [*EXPORT, "turtle", "--out", "notes.ttl"],
-        [*EXPORT, "graphml", "--out", "soft/triples.csv"],
-        [*EXPORT, "pykeen-tsv", "--out", "notes.predictions.ttl/../notes.ttl"],
-        ["train", "plain/triples.tsv", "--out", "plain"],
-        ["train", "triples.csv", "--out", "plain"],
-        ["train", "triples.csv", "--kinds", "files/entities.tsv", "--out", "files"],
-        ["import", "files", "--out", "files"],
-    ],
-)
-def test_an_output_that_is_an_input_or_a_file_of_the_user_is_refused(
-    own_files: Path, command: list[str]
-) -> None:
-    before = {path: path.read_bytes() for path in own_files.rglob("*") if path.is_file()}
-    with pytest.raises(SystemExit, match=r"triples|entities|notes|embedding\.json|home\.sqlite"):
-        main(command)
-    after = {path: path.read_bytes() for path in own_files.rglob("*") if path.is_file()}
-    assert after == before
 
 
 def test_what_is_replaced_keeps_its_mode_and_a_link_stays_a_link(own_files: Path) -> None:

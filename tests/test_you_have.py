@@ -23,6 +23,7 @@ from torch.nn.functional import normalize
 import isi
 from isi.__main__ import main
 from isi.errors import InputError
+from tests import their_scores
 from tests.documented import DOCS
 from tests.small_bundle import (
     BETWEEN,
@@ -240,53 +241,15 @@ def test_reciprocal_relations_of_libkge_are_refused(
         run(DOCS / "you-have" / "libkge.md", capsys)
 
 
-def halves(*vectors: Tensor) -> list[Tensor]:
-    return [half for vector in vectors for half in vector.chunk(2, -1)]
-
-
-def complex_of_libkge(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    r_re, r_im, t_re, t_im = halves(r, t)
-    left, right = torch.cat((h, h), -1), torch.cat((t, t_im, t_re), -1)
-    return (left * right * torch.cat((r_re, r, -r_im), -1)).sum(-1)
-
-
-def rotate_of_libkge(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    h_re, h_im, t_re, t_im = halves(h, t)
-    real, imaginary = h_re * r.cos() - h_im * r.sin() - t_re, h_re * r.sin() + h_im * r.cos() - t_im
-    return -torch.hypot(real, imaginary).norm(p=2, dim=-1)
-
-
-def complex_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    h_re, h_im, t_re, t_im, r_re, r_im = halves(h, t, r)
-    return (h_re * t_re * r_re + h_im * t_im * r_re + h_re * t_im * r_im - h_im * t_re * r_im).sum(
-        -1
-    )
-
-
-def complex_of_ampligraph(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    h_re, h_im, r_re, r_im, t_re, t_im = halves(h, r, t)
-    return (h_re * (r_re * t_re + r_im * t_im) + h_im * (r_re * t_im - r_im * t_re)).sum(-1)
-
-
-def hole_of_ampligraph(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    k = h.shape[-1] // 2
-    return 2 / k * complex_of_ampligraph(h, r, t)
-
-
-def transe_of_openke(h: Tensor, r: Tensor, t: Tensor) -> Tensor:
-    h, r, t = (normalize(vector, 2, -1) for vector in (h, r, t))
-    return -torch.norm((h + r) - t, 2, -1)
-
-
 @pytest.mark.parametrize(
     ("theirs", "model"),
     [
-        (complex_of_libkge, "complex"),
-        (rotate_of_libkge, "rotate"),
-        (complex_of_openke, "complex"),
-        (complex_of_ampligraph, "complex"),
-        (hole_of_ampligraph, "complex"),
-        (transe_of_openke, "transe"),
+        (their_scores.complex_of_libkge, "complex"),
+        (their_scores.rotate_of_libkge, "rotate"),
+        (their_scores.complex_of_openke, "complex"),
+        (their_scores.complex_of_ampligraph, "complex"),
+        (their_scores.hole_of_ampligraph, "complex"),
+        (their_scores.transe_of_openke, "transe"),
     ],
 )
 def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], model: str) -> None:
@@ -294,9 +257,9 @@ def test_tables_score_as_in_the_other_library(theirs: Callable[..., Tensor], mod
     torch.manual_seed(0)
     entities, relations = torch.randn(7, 6), torch.randn(3, 3 if model == "rotate" else 6)
     used = entities, relations
-    if theirs is hole_of_ampligraph:
+    if theirs is their_scores.hole_of_ampligraph:
         used = entities, relations * (2 / 3)
-    if theirs is transe_of_openke:
+    if theirs is their_scores.transe_of_openke:
         used = normalize(entities), normalize(relations)
     options = {} if model == "complex" else {"margin": 2.0}
     done = isi.insert(

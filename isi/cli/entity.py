@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,16 +34,65 @@ Facts = Annotated[
     Parameter(name="--fact", help="HEAD RELATION TAIL: a fact; may repeat"),
 ]
 Confidence = Annotated[float | None, Parameter(help="how far the facts are believed, up to 1")]
-Definition = Annotated[str | None, Parameter(help="a sentence, for the word vector")]
-Kind = Annotated[str | None, Parameter(help="default: what the facts, else the words suggest")]
-New = Annotated[bool, Parameter(help="insert a name that looks like a known one")]
-Initializer = Annotated[str | None, Parameter(help="default: the best for hidden known entities")]
-Options = Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")]
-RandomSeed = Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")]
 Verbose = Annotated[bool, Parameter(help="print all queries, notes and indicators")]
-DryRun = Annotated[bool, Parameter(help="print the effect and change nothing")]
-Source = Annotated[str | None, Parameter(help="what reported it, for the history")]
-Time = Annotated[str | None, Parameter(help="when it was seen, as 2026-11-25T09:30; default: now")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChangeOptions:
+    """Options of each command that changes a home."""
+
+    time: Annotated[
+        str | None, Parameter(help="when it was seen, as 2026-11-25T09:30; default: now")
+    ] = None
+    source: Annotated[str | None, Parameter(help="what reported it, for the history")] = None
+    dry_run: Annotated[bool, Parameter(help="print the effect and change nothing")] = False
+    home: HomeFolder = HOME
+    json: Json = False
+
+    @property
+    def stamp(self) -> dict[str, Any]:
+        """When it was made, and what reported it."""
+        return {"time": self.time, "source": self.source}
+
+    @contextmanager
+    def opened(self) -> Iterator[LiveEmbedding]:
+        """The home, or a copy of it in memory."""
+        printed = StringIO()  # a command that cannot write prints no result
+        with open_home(self.home, self.dry_run) as live, redirect_stdout(printed):
+            yield live
+        print(printed.getvalue(), end="")
+        if self.dry_run and not self.json:
+            print("nothing is written")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class EntityOptions:
+    """Options about new entities, and how they are reported."""
+
+    definition: Annotated[str | None, Parameter(help="a sentence, for the word vector")] = None
+    kind: Annotated[
+        str | None, Parameter(help="default: what the facts, else the words suggest")
+    ] = None
+    confidence: Confidence = None
+    new: Annotated[bool, Parameter(help="insert a name that looks like a known one")] = False
+    initializer: Annotated[
+        str | None, Parameter(help="default: the best for hidden known entities")
+    ] = None
+    set: Annotated[Settings, Parameter(help="KEY=VALUE: an option of --initializer")] = ()
+    seed: Annotated[int, Parameter(validator=FROM_ZERO, help="seed of a random initializer")] = 0
+    top: Top = 5
+    verbose: Verbose = False
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of ``LiveEmbedding.tell`` but the facts."""
+        given = {name: getattr(self, name) for name in GIVEN}
+        return given | {"options": _options(self.initializer, self.set)}
+
+
+#: Arguments of ``LiveEmbedding.tell`` that are fields of ``EntityOptions``.
+GIVEN = ("definition", "kind", "confidence", "new", "initializer", "seed")
 
 
 def tell(
@@ -58,20 +107,8 @@ def tell(
     entity: Annotated[
         tuple[str, ...], Parameter(help="a new entity by its words alone; may repeat")
     ] = (),
-    definition: Definition = None,
-    kind: Kind = None,
-    confidence: Confidence = None,
-    new: New = False,
-    initializer: Initializer = None,
-    set: Options = (),
-    seed: RandomSeed = 0,
-    time: Time = None,
-    source: Source = None,
-    dry_run: DryRun = False,
-    home: HomeFolder = HOME,
-    top: Top = 5,
-    verbose: Verbose = False,
-    json: Json = False,
+    about: EntityOptions = EntityOptions(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts: what is not known is inserted, what is known is seen once more.
     A relation is new if two or more facts have it.
@@ -84,28 +121,14 @@ def tell(
     facts: list[Any] = [*([typed] if tail is not None else []), *fact]
     if not (facts or from_ or entity):
         raise InputError("", "", "expected HEAD RELATION TAIL, --fact, --entity or --from FILE")
-    about: dict[str, Any] = {
-        "definition": definition,
-        "kind": kind,
-        "initializer": initializer,
-        "options": _options(initializer, set),
-        "seed": seed,
-    }
-    with changing(home, dry_run, json) as live, flags(initializer="--initializer", options="--set"):
+    given = about.arguments()
+    with change.opened() as live, flags(initializer="--initializer", options="--set"):
         if from_:
             listed, kinds = _from_files(live, from_)
             facts += listed
-            about["kind"] = kind or kinds
-        effect = live.tell(
-            facts,
-            entities=entity,
-            confidence=confidence,
-            new=new or bool(from_),  # names in files are exact
-            time=time,
-            source=source,
-            **about,
-        )
-        _show_effect(live, effect, top, verbose, json)
+            given |= {"kind": about.kind or kinds, "new": True}  # names in files are exact
+        effect = live.tell(facts, entities=entity, **given, **change.stamp)
+        _show_effect(live, effect, about, change.json)
 
 
 def insert(
@@ -121,47 +144,23 @@ def insert(
     inverse_fact: Annotated[
         tuple[tuple[str, str], ...], Parameter(help="ENTITY RELATION: a fact whose tail is NAME")
     ] = (),
-    definition: Definition = None,
-    kind: Kind = None,
-    confidence: Confidence = None,
-    new: New = False,
     upsert: Annotated[
         bool, Parameter(help="if NAME is known already, add the facts alone")
     ] = False,
-    initializer: Initializer = None,
-    set: Options = (),
-    seed: RandomSeed = 0,
-    time: Time = None,
-    source: Source = None,
-    dry_run: DryRun = False,
-    home: HomeFolder = HOME,
-    top: Top = 5,
-    verbose: Verbose = False,
-    json: Json = False,
+    about: EntityOptions = EntityOptions(),
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Insert an entity by its facts and words, and report what is predicted about it."""
     if name is None and len(whole_fact) == 1:  # --fact RELATION ENTITY NAME
         fact, name, whole_fact = (*fact, whole_fact[0][:2]), whole_fact[0][2], ()
     if name is None:
         raise InputError("", "", "expected NAME, with --fact RELATION ENTITY")
-    about = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
-    about += [_about(name, whole) for whole in whole_fact]
-    with changing(home, dry_run, json) as live, flags(initializer="--initializer", options="--set"):
-        effect = live.insert(
-            name,
-            about,
-            definition=definition,
-            kind=kind,
-            confidence=confidence,
-            new=new,
-            upsert=upsert,
-            initializer=initializer,
-            options=_options(initializer, set),
-            seed=seed,
-            time=time,
-            source=source,
-        )
-        _show_effect(live, effect, top, verbose, json)
+    facts = [(name, *pair) for pair in fact] + [(*pair, name) for pair in inverse_fact]
+    facts += [_about(name, whole) for whole in whole_fact]
+    given = about.arguments()
+    with change.opened() as live, flags(initializer="--initializer", options="--set"):
+        effect = live.insert(name, facts, upsert=upsert, **given, **change.stamp)
+        _show_effect(live, effect, about, change.json)
 
 
 def observe(
@@ -169,16 +168,12 @@ def observe(
     *,
     new: Annotated[bool, Parameter(help="insert entities that are not known yet")] = False,
     confidence: Confidence = None,
-    time: Time = None,
-    source: Source = None,
-    dry_run: DryRun = False,
-    home: HomeFolder = HOME,
-    json: Json = False,
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Tell facts of entities that are known."""
-    with changing(home, dry_run, json) as live:
-        stamp: dict[str, Any] = {"time": time, "source": source, "confidence": confidence}
-        summary(live, live.observe(list(fact), upsert=new, **stamp), json)
+    with change.opened() as live:
+        effect = live.observe(list(fact), upsert=new, confidence=confidence, **change.stamp)
+        summary(live, effect, change.json)
 
 
 def move(
@@ -189,39 +184,28 @@ def move(
     instead_of: Annotated[
         str | None, Parameter(help="replace the fact with this tail alone; default: all")
     ] = None,
-    time: Time = None,
-    source: Source = None,
-    dry_run: DryRun = False,
-    home: HomeFolder = HOME,
-    json: Json = False,
+    change: ChangeOptions = ChangeOptions(),
 ) -> None:
     """Replace the facts with this head and relation by one fact: what was moved is in one place."""
-    with changing(home, dry_run, json) as live:
-        effect = live.move(head, relation, tail, instead_of=instead_of, time=time, source=source)
-        summary(live, effect, json)
+    with change.opened() as live:
+        effect = live.move(head, relation, tail, instead_of=instead_of, **change.stamp)
+        summary(live, effect, change.json)
 
 
 def remove(
-    entity: tuple[str, ...] = (),
-    *,
-    fact: Facts = (),
-    time: Time = None,
-    source: Source = None,
-    dry_run: DryRun = False,
-    home: HomeFolder = HOME,
-    json: Json = False,
+    entity: tuple[str, ...] = (), *, fact: Facts = (), change: ChangeOptions = ChangeOptions()
 ) -> None:
     """Take back inserted entities with all their facts, or single facts,
     those of training included.
     """
-    with changing(home, dry_run, json) as live:
-        summary(live, live.remove(list(entity), list(fact), time=time, source=source), json)
+    with change.opened() as live:
+        summary(live, live.remove(list(entity), list(fact), **change.stamp), change.json)
 
 
-def undo(*, dry_run: DryRun = False, home: HomeFolder = HOME, json: Json = False) -> None:
+def undo(*, change: ChangeOptions = ChangeOptions()) -> None:
     """Take the last change back; the next time, the one before."""
-    with changing(home, dry_run, json) as live:
-        summary(live, live.undo(), json)
+    with change.opened() as live:
+        summary(live, live.undo(**change.stamp), change.json)
 
 
 def history(
@@ -342,21 +326,17 @@ def explain(
     )
 
 
-def _show_effect(live: LiveEmbedding, effect: Effect, top: int, verbose: bool, json: bool) -> None:
+def _show_effect(live: LiveEmbedding, effect: Effect, about: EntityOptions, json: bool) -> None:
     """Print what a change did; of one new entity, what is predicted about it."""
     if len(effect.inserted) != 1:
         summary(live, effect, json)
         return
-    report = live.report(effect.inserted[0], top)
+    report = live.report(effect.inserted[0], about.top)
     if json:
         show(asdict(effect) | {"report": asdict(report)}, True)
         return
-    print(*in_words(report, verbose), *_mrr_in_words(live), *_notes(effect, report), sep="\n")
-
-
-def _notes(effect: Effect, report: Report) -> list[str]:
-    """Sentences that the report has not."""
-    return [note for note in effect.notes if note not in report.notes]
+    further = [note for note in effect.notes if note not in report.notes]
+    print(*in_words(report, about.verbose), *_mrr_in_words(live), *further, sep="\n")
 
 
 def in_words(report: Report, verbose: bool) -> Iterator[str]:
@@ -485,17 +465,6 @@ def _from_files(
     entities = tables.entities[["entity", "kind"]].astype(str).itertuples(index=False)
     new = {name: kind for name, kind in entities if kind in kinds and known.same(name) is None}
     return facts, new
-
-
-@contextmanager
-def changing(path: Path, dry_run: bool, json: bool) -> Iterator[LiveEmbedding]:
-    """Open a home for a change, or a copy of it in memory."""
-    printed = StringIO()  # a command that cannot write prints no result
-    with open_home(path, dry_run) as live, redirect_stdout(printed):
-        yield live
-    print(printed.getvalue(), end="")
-    if dry_run and not json:
-        print("nothing is written")
 
 
 def open_home(path: Path, dry_run: bool = False) -> LiveEmbedding:

@@ -1,17 +1,18 @@
 """What is told to a home, what a change did, and the changes as they are listed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from isi.config import check
+from isi.config import Section, Seed, check, plain_numbers
 from isi.errors import InputError, short
 from isi.insertion.arguments import listed_triples
-from isi.live.bundle import Fact
+from isi.live.bundle import Fact, NewEntity, Text
 from isi.live.home import Home
+from isi.names import clean
 
 
 def as_time(value: Any) -> Any:
@@ -32,6 +33,42 @@ def as_time(value: Any) -> Any:
 
 Time = Annotated[datetime, BeforeValidator(as_time)]
 Confidence = Annotated[float, Field(gt=0, le=1)]
+EachText = Text | Mapping[Text, Text] | None  #: For one entity, or by name.
+
+
+class Stamp(Section):
+    """When a change was made, and what reported it."""
+
+    time: Time | None = None
+    source: Text | None = None
+
+
+class TellOptions(Stamp):
+    """What may be told beside facts."""
+
+    definition: EachText = None
+    kind: EachText = None
+    initializer: Text | None = None
+    options: Mapping[str, Any] | None = None
+    seed: Seed = 0
+    confidence: Confidence | None = None
+    new: bool = False
+
+    def about(self, name: str) -> NewEntity:
+        """What is told about a new entity; of texts by name, the one of its name."""
+        definition, kind = (
+            {clean(key): text for key, text in each.items()}.get(name)
+            if isinstance(each, Mapping)
+            else each
+            for each in (self.definition, self.kind)
+        )
+        return NewEntity(
+            definition=definition,
+            kind=kind,
+            initializer=self.initializer,
+            options=plain_numbers(dict(self.options or {})),
+            seed=self.seed,
+        )
 
 
 @dataclass(frozen=True)
@@ -111,7 +148,6 @@ def checked_facts(facts: Any, confidence: float | None = None) -> dict[Fact, flo
 
     An ``InputError`` refuses what is not three texts and perhaps a number.
     """
-    check(confidence, Confidence | None, "", "argument 'confidence'")  # type: ignore[arg-type]
     listed = dict[Fact, float | None]()
     for number, row in enumerate(listed_triples(facts)):
         parts = list(row) if isinstance(row, list | tuple) or hasattr(row, "tolist") else [row]

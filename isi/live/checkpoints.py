@@ -6,7 +6,6 @@ Sources of files and scores: ``checkpoint_storage.py``, ``operators.py`` and ``m
 ``read_preprocess_save_load_kg/save_load_disk.py`` in ``dicee/`` of dice-group/dice-embeddings.
 """
 
-import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,9 +20,13 @@ from isi.insertion.inverses import both_ways
 from isi.live.bundle import COLUMNS, TEXTS, TRIPLES, Bundle, checked_names, triple_ids
 from isi.live.importer import (
     CONFIGURATION,
+    OF_NAMES,
     VERSION,
     Labels,
+    check_ids,
+    names_by_id,
     of_tables,
+    read_columns,
     read_tensors,
     rows_of,
     table_of,
@@ -297,16 +300,7 @@ def _names_by_id(path: Path) -> list[str]:
         write = f"pandas.DataFrame({{'{kind}': list(pickle.load(open('{pickled.name}', 'rb')))}})"
         because = "a pickle can run any program; only where you trust it, write"
         raise InputError(pickled, "", f"{because} {write}.to_csv('{path.name}')")
-    try:
-        with at(path), path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.reader(file))[1:]
-    except csv.Error as error:
-        raise InputError(path, "", f"expected a table of id and name ({error})") from error
-    for number, row in enumerate(rows):
-        if len(row) != 2 or row[0] != str(number):
-            expected = f"expected the id {number} and a name, got {short(row)}"
-            raise InputError(path, f"line {number + 2}", expected)
-    names = [name for _, name in rows]
+    names = names_by_id(read_columns(path, OF_NAMES, ",", header=False), path)
     checked_names(path, kind, names, first=2)
     return names
 
@@ -320,7 +314,5 @@ def _id_triples(path: Path, entities: int, relations: int) -> np.ndarray:
         got = f"{triples.dtype} of shape {triples.shape}"
         raise InputError(path, "", f"expected whole numbers of shape (any, 3), got {got}")
     ids = triples.astype(np.int64)
-    for row in np.flatnonzero(((ids < 0) | (ids >= [entities, relations, entities])).any(1))[:1]:
-        expected = f"expected ids of {entities} entities and {relations} relations"
-        raise InputError(path, f"row {row}", f"{expected}, got {ids[row].tolist()}")
+    check_ids(ids, entities, relations, path)
     return ids

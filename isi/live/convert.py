@@ -20,24 +20,21 @@ from isi.live.bundle import (
     Fact,
     NamedTriple,
     NewEntity,
-    Record,
     Text,
     read,
 )
-from isi.live.changes import Time
+from isi.live.changes import Stamp
 
 JOURNAL = "journal.jsonl"
 
 
-class Line(Record):
+class Line(Stamp):
     """A line of a journal: a change."""
 
     do: Literal["insert", "observe", "move", "remove", "undo"]
     entities: dict[Text, NewEntity] = Field(default_factory=dict)
     facts: list[NamedTriple] = Field(default_factory=list)
     replaced: list[NamedTriple] = Field(default_factory=list)  #: by ``facts``, of a move
-    time: Time | None = None
-    source: Text | None = None
 
     @property
     def added(self) -> list[Fact]:

@@ -25,16 +25,16 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from isi.config import Count, Seed, as_list, check, plain_number, plain_numbers
+from isi.config import Count, Seed, as_list, check
 from isi.errors import InputError, at
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.vocabulary import Vocabulary
-from isi.insertion.arguments import naming_argument, options_by_name
+from isi.insertion.arguments import naming_argument
 from isi.insertion.interference import Interference, measure
 from isi.live import convert
 from isi.live.answers import Answers, Curve, answer, answer_relation, fit_curve
-from isi.live.bundle import Bundle, Fact, NewEntity, Record, Text
-from isi.live.changes import Change, Effect, Time, changes_of, checked_facts, names_in
+from isi.live.bundle import Bundle, Fact
+from isi.live.changes import Change, Effect, Stamp, TellOptions, changes_of, checked_facts, names_in
 from isi.live.explain import Explanation, Report, Snapshot, explain, report
 from isi.live.groups import Computed, EntityGroups, EntityInput, InsertedEntity, stored
 from isi.live.home import DATABASE, Durability, Home, StoredFact, as_text, now
@@ -50,15 +50,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class Stamp(Record):
-    """When a change was made, and what reported it."""
+class When(TypedDict, total=False):
+    """When a change was made, and what reported it (``Stamp``)."""
 
-    time: Time | None = None
-    source: Text | None = None
+    time: datetime | str | float | None
+    source: str | None
 
 
-class About(TypedDict, total=False):
-    """What ``tell`` and ``insert`` may be told beside facts."""
+class About(When, total=False):
+    """What may be told beside facts (``TellOptions``)."""
 
     definition: str | Mapping[str, str] | None
     kind: str | Mapping[str, str] | None
@@ -67,8 +67,6 @@ class About(TypedDict, total=False):
     seed: int
     confidence: float | None
     new: bool
-    time: datetime | str | float | None
-    source: str | None
 
 
 @dataclass
@@ -177,15 +175,7 @@ class LiveEmbedding:
         facts: Any = (),
         *,
         entities: str | Sequence[str] = (),
-        definition: str | Mapping[str, str] | None = None,
-        kind: str | Mapping[str, str] | None = None,
-        initializer: str | None = None,
-        options: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        confidence: float | None = None,
-        new: bool = False,
-        time: datetime | str | float | None = None,
-        source: str | None = None,
+        **about: Unpack[About],
     ) -> Effect:
         """Tell facts: what is not known yet is inserted, and what is known is seen once more.
 
@@ -194,34 +184,32 @@ class LiveEmbedding:
         Args:
             facts: triples by name; a fourth part is a confidence.
             entities: further new entities, which are inserted by their words alone.
-            definition: a sentence for the word vector; by name for several entities. So is
-                ``kind``; without it, the kind follows from the facts, or else from the most similar
-                words.
-            initializer: None: the best for hidden known entities with as many facts. ``options``
-                replace its defaults.
-            seed: of a random initializer.
-            confidence: how far the facts are believed, above 0 and at most 1; MAP weighs them by
-                it.
-            new: insert names that look like known ones ("Forks" beside "fork"), too.
-            time: when it was seen; None: now. Without a zone, it is local time. ``source``: what
-                reported it.
+            **about: ``definition``: a sentence for the word vector; by name for several entities.
+                So is ``kind``; without it, the kind follows from the facts, or else from the most
+                similar words.
+                ``initializer``: None: the best for hidden known entities with as many facts.
+                ``options`` replace its defaults. ``seed``: of a random initializer.
+                ``confidence``: how far the facts are believed, above 0 and at most 1; MAP weighs
+                them by it. ``new``: insert names that look like known ones ("Forks" beside
+                "fork"), too. ``time``: when it was seen; None: now. Without a zone, it is local
+                time. ``source``: what reported it.
 
         Example:
             >>> effect = home.tell([("mug", "in", "kitchen"), ("lamp", "in", "bedroom")])
             >>> effect.inserted, effect.facts, effect.known
             (['mug'], 1, 1)
         """
-        names, listed = _names(entities), self._as_known(checked_facts(facts, confidence))
-        about = _about(definition, kind, initializer, options, seed)
-        named = set(names_in(listed, names))
-        for argument, texts in (("definition", definition), ("kind", kind)):
+        told = check(about, TellOptions, "", "tell")
+        names, listed = _names(entities), self._as_known(checked_facts(facts, told.confidence))
+        named = names_in(listed, names)
+        for argument, texts in (("definition", told.definition), ("kind", told.kind)):
             for name in texts if isinstance(texts, Mapping) else ():
                 if clean(name) not in named and self._known.same(name) is None:
                     expected = f"expected names of entities that are told, got {name!r:.80}"
                     raise InputError(f"argument {argument!r}", "", expected)
-        with self._changing("tell", time, source) as change:
-            unknown = [each for each in names_in(listed, names) if self._known.same(each) is None]
-            self._insert_entities(change, unknown, about, new)
+        with self._changing("tell", told) as change:
+            unknown = [each for each in named if self._known.same(each) is None]
+            self._insert_entities(change, unknown, told)
             self._add_relations(change, listed)
             self._add_facts(change, listed)
         return change.result
@@ -284,8 +272,7 @@ class LiveEmbedding:
         tail: str,
         *,
         instead_of: str | None = None,
-        time: datetime | str | float | None = None,
-        source: str | None = None,
+        **stamp: Unpack[When],
     ) -> Effect:
         """Replace the facts with this head and relation by one fact:
         ``move("mug", "atLocation", "desk")``.
@@ -298,7 +285,7 @@ class LiveEmbedding:
             [('lamp', 'in', 'bedroom')]
         """
         (fact,) = listed = self._as_known({(head, relation, tail): None})
-        with self._changing("move", time, source) as change:
+        with self._changing("move", stamp) as change:
             self._refuse_unknown(listed, ())
             old = [row.fact for row in self.home.facts_of(fact[0]) if row.fact[:2] == fact[:2]]
             if instead_of is not None:
@@ -314,9 +301,7 @@ class LiveEmbedding:
         self,
         entities: str | Sequence[str] = (),
         facts: Any = (),
-        *,
-        time: datetime | str | float | None = None,
-        source: str | None = None,
+        **stamp: Unpack[When],
     ) -> Effect:
         """Take inserted entities back with all their facts, or single facts.
 
@@ -329,7 +314,7 @@ class LiveEmbedding:
             [('lamp', 'in', 'bedroom')]
         """
         names, listed = _names(entities), self._as_known(checked_facts(facts))
-        with self._changing("remove", time, source) as change:
+        with self._changing("remove", stamp) as change:
             self._refuse_unknown(listed, ())
             for fact in listed:
                 self.home.take_fact(change.number, fact)
@@ -339,9 +324,7 @@ class LiveEmbedding:
         return change.result
 
     @changes
-    def undo(
-        self, *, time: datetime | str | float | None = None, source: str | None = None
-    ) -> Effect:
+    def undo(self, **stamp: Unpack[When]) -> Effect:
         """Take the last change back, a second time the one before;
         an ``InputError`` if there is none since training.
 
@@ -350,7 +333,7 @@ class LiveEmbedding:
             >>> home.undo().removed
             ['mug']
         """
-        with self._changing("undo", time, source) as change:
+        with self._changing("undo", stamp) as change:
             self.home.put_back(change.number)
         return change.result
 
@@ -690,7 +673,7 @@ class LiveEmbedding:
         if line.do == "undo":
             self.undo(time=line.time, source=line.source)
             return
-        with self._changing(line.do, line.time, line.source) as change:
+        with self._changing(line.do, line) as change:
             for fact in line.removed:
                 self.home.take_fact(change.number, fact)
             for name, about in line.entities.items():
@@ -735,12 +718,11 @@ class LiveEmbedding:
     # -- inside ------------------------------------------------------------------------------------
 
     @contextmanager
-    def _changing(self, verb: str, time: Any, source: str | None) -> Iterator[Pending]:
+    def _changing(self, verb: str, stamp: Stamp | When) -> Iterator[Pending]:
         """A change: what is done inside is written together with the vectors that follow from it,
         or not at all.
         """
-        with at(verb):
-            stamp = Stamp(time=time, source=source)
+        stamp = stamp if isinstance(stamp, Stamp) else check(stamp, Stamp, "", verb)
         when = as_text(stamp.time or now())
         number = self.home.add_change(verb, when, stamp.source)
         change = Pending(number, when, stamp.source)
@@ -774,18 +756,17 @@ class LiveEmbedding:
             notes=list(dict.fromkeys([*notes, *self.groups.warnings()])),
         )
 
-    def _insert_entities(
-        self, change: Pending, names: Sequence[str], about: Callable[[str], NewEntity], new: bool
-    ) -> None:
+    def _insert_entities(self, change: Pending, names: Sequence[str], told: TellOptions) -> None:
         """Insert entities that are not known."""
         kinds = Vocabulary("kind", self.base.kind_numbers)
         together = Vocabulary("entity", names)
         for name in names:
-            if not new and together.meant(name) is None:
+            if not told.new and together.meant(name) is None:
                 expected = "expected one spelling of a new name, or new=True for several"
                 raise InputError(repr(name)[:80], "", expected)
-            check_new(name, self._known, None if new else self._same_words(name), new)
-            each = about(name)
+            check_new(name, self._known, None if told.new else self._same_words(name), told.new)
+            with at(repr(name)[:80]):
+                each = told.about(name)
             if each.kind is not None:
                 each = each.model_copy(update={"kind": kinds.find(each.kind)})
             self.home.add_entity(change.number, name, each)
@@ -957,9 +938,7 @@ class LiveEmbedding:
         )
 
 
-def open_live(
-    folder: str | Path, durability: Durability = "full", *, journal: bool | None = None
-) -> LiveEmbedding:
+def open_live(folder: str | Path, durability: Durability = "full") -> LiveEmbedding:
     """Open the home of a folder, as ``isi train``, ``isi import`` or ``save`` writes it.
 
     Several processes and threads may use a home at once, to read and to write. A folder that was
@@ -969,7 +948,6 @@ def open_live(
         durability: ``full``: a change is on the disk when it returns; ``normal``: a loss of power
             may take the last ones, which makes changes faster; ``memory``: changes stay in this
             object.
-        journal: has no effect any more.
 
     Raises:
         InputError: the home is missing or broken.
@@ -984,9 +962,6 @@ def open_live(
     """
     path = Path(folder)
     check(durability, Durability, "", "argument 'durability'")  # type: ignore[arg-type]
-    if journal is not None:
-        gone = "isi.open writes each change when it is made: journal= is not needed"
-        warnings.warn(gone, DeprecationWarning, stacklevel=2)
     if convert.is_old(path) and not (path / DATABASE).exists():
         return _converted(path, durability)
     home = Home.opened(path, durability)
@@ -1047,31 +1022,3 @@ def _names(entities: str | Sequence[str]) -> list[str]:
     with naming_argument("entities"):
         listed: list[str] = as_list(entities, str, "a list of names")
     return list(dict.fromkeys(clean(name) for name in listed))
-
-
-def _about(
-    definition: str | Mapping[str, str] | None,
-    kind: str | Mapping[str, str] | None,
-    initializer: str | None,
-    options: Mapping[str, Any] | None,
-    seed: int,
-) -> Callable[[str], NewEntity]:
-    """What is told about each new entity; of texts by name, the one of its name."""
-
-    def of(name: str) -> NewEntity:
-        text, named = (
-            {clean(key): value for key, value in each.items()}.get(name)
-            if isinstance(each, Mapping)
-            else each
-            for each in (definition, kind)
-        )
-        with at(repr(name)[:80]):
-            return NewEntity(
-                definition=text,
-                kind=named,
-                initializer=initializer,
-                options=plain_numbers(options_by_name(options, "options")),
-                seed=plain_number(seed),
-            )
-
-    return of

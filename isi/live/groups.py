@@ -267,7 +267,9 @@ class EntityGroups:
         known = self.base.words
         if known is None or all(vector is None for vector in vectors):
             return None
-        return with_rows(known, vectors)
+        missing = np.zeros(known.shape[1], known.dtype)
+        new = [missing if vector is None else vector for vector in vectors]
+        return np.concatenate([known, np.array(new, known.dtype)])
 
     # -- relations ---------------------------------------------------------------------------------
 
@@ -452,14 +454,3 @@ def components(given: Mapping[str, EntityInput]) -> Iterator[list[str]]:
         for each in reached:
             del left[each]
         yield sorted(reached)
-
-
-def with_rows(known: np.ndarray, vectors: Sequence[np.ndarray | None]) -> np.ndarray:
-    """A table, (E, v), with a row for each of n vectors, zeros where there is none;
-    shape (E + n, v).
-    """
-    added = np.zeros((len(vectors), known.shape[1]), known.dtype)
-    for row, vector in zip(added, vectors, strict=True):
-        if vector is not None:
-            row[:] = vector
-    return np.concatenate([known, added])

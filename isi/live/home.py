@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -36,94 +36,113 @@ Durability = Literal["full", "normal", "memory"]
 WAITING = 60.0  #: Seconds that a change waits for those of other processes.
 
 #: What each version of the database adds to the one before; ``PRAGMA user_version`` counts them.
-STEPS = (
-    """
-    CREATE TABLE setting (name TEXT PRIMARY KEY, value TEXT NOT NULL);  -- value: JSON
-    CREATE TABLE entity (
-        id INTEGER PRIMARY KEY,  -- of a trained one: its row in the trained vectors
-        name TEXT NOT NULL UNIQUE,
-        trained INTEGER NOT NULL,
-        kind TEXT,
-        phrase TEXT NOT NULL,  -- the words of its name
-        definition TEXT,
-        initializer TEXT,  -- that was asked for; none: the one chosen
-        options TEXT NOT NULL DEFAULT '{}',
-        seed INTEGER NOT NULL DEFAULT 0
-    );
-    CREATE TABLE relation (
-        id INTEGER PRIMARY KEY,
-        name TEXT NOT NULL UNIQUE,
-        trained INTEGER NOT NULL,
-        vector BLOB  -- of one that is not trained
-    );
-    CREATE TABLE fact (
-        id INTEGER PRIMARY KEY,
-        head TEXT NOT NULL,
-        relation TEXT NOT NULL,
-        tail TEXT NOT NULL,
-        status TEXT NOT NULL CHECK (status IN ('trained', 'added', 'retracted')),
-        count INTEGER NOT NULL DEFAULT 1,  -- how often it was observed
-        confidence REAL,  -- from 0 to 1; none: it is believed
-        first_seen TEXT,  -- UTC; none: not since training
-        last_seen TEXT,
-        source TEXT,  -- what reported it last
-        UNIQUE (head, relation, tail)
-    );
-    CREATE INDEX fact_of_tail ON fact (tail);
-    CREATE INDEX fact_by_status ON fact (status);
-    CREATE TABLE change (
-        id INTEGER PRIMARY KEY,
-        verb TEXT NOT NULL,
-        time TEXT NOT NULL,
-        source TEXT,
-        undoes INTEGER REFERENCES change,
-        undone INTEGER REFERENCES change
-    );
-    CREATE INDEX change_that_trained ON change (verb) WHERE verb = 'train';
-    CREATE TABLE effect (  -- of a change on an entity, on a relation or on a fact
-        change INTEGER NOT NULL REFERENCES change,
-        effect TEXT NOT NULL,
-        entity TEXT,
-        head TEXT,
-        relation TEXT,
-        tail TEXT,
-        before TEXT  -- JSON of the row; none: there was none
-    );
-    CREATE INDEX effect_of_change ON effect (change);
-    CREATE TABLE vector (  -- of an inserted entity
-        entity TEXT PRIMARY KEY REFERENCES entity (name),
-        change INTEGER NOT NULL,
-        initializer TEXT NOT NULL,
-        options TEXT NOT NULL,
-        why TEXT NOT NULL,
-        fallback TEXT,
-        kind TEXT NOT NULL,
-        notes TEXT NOT NULL,
-        facts INTEGER NOT NULL,  -- number and words: for which initializer and curves were chosen
-        words INTEGER NOT NULL,
-        vector BLOB NOT NULL
-    );
-    CREATE INDEX vector_by_change ON vector (change);
-    CREATE TABLE choice (  -- made on hidden known entities
-        facts INTEGER NOT NULL,
-        words INTEGER NOT NULL,
-        requested TEXT NOT NULL,  -- an initializer and its options, or nothing
-        initializer TEXT NOT NULL,
-        options TEXT NOT NULL,
-        why TEXT NOT NULL,
-        trained_with TEXT NOT NULL,
-        warnings TEXT NOT NULL,
-        curves TEXT,  -- from scores to probabilities
-        PRIMARY KEY (facts, words, requested)
-    );
-    CREATE VIEW now AS
-        SELECT head, relation, tail, status, count, confidence, first_seen, last_seen, source
-        FROM fact WHERE status <> 'retracted';
-    CREATE VIEW history AS
-        SELECT change.id, time, verb, source, effect, entity, head, relation, tail, undone, undoes
-        FROM change LEFT JOIN effect ON effect.change = change.id
-        ORDER BY change.id, effect.rowid;
-    """,
+STEPS: tuple[tuple[str, ...], ...] = (
+    (
+        "CREATE TABLE setting (name TEXT PRIMARY KEY, value TEXT NOT NULL)",  # value: JSON
+        """
+        CREATE TABLE entity (
+            id INTEGER PRIMARY KEY,  -- of a trained one: its row in the trained vectors
+            name TEXT NOT NULL UNIQUE,
+            trained INTEGER NOT NULL,
+            kind TEXT,
+            phrase TEXT NOT NULL,  -- the words of its name
+            definition TEXT,
+            initializer TEXT,  -- that was asked for; none: the one chosen
+            options TEXT NOT NULL DEFAULT '{}',
+            seed INTEGER NOT NULL DEFAULT 0
+        )
+        """,
+        """
+        CREATE TABLE relation (
+            id INTEGER PRIMARY KEY,
+            name TEXT NOT NULL UNIQUE,
+            trained INTEGER NOT NULL,
+            vector BLOB  -- of one that is not trained
+        )
+        """,
+        """
+        CREATE TABLE fact (
+            id INTEGER PRIMARY KEY,
+            head TEXT NOT NULL,
+            relation TEXT NOT NULL,
+            tail TEXT NOT NULL,
+            status TEXT NOT NULL CHECK (status IN ('trained', 'added', 'retracted')),
+            count INTEGER NOT NULL DEFAULT 1,  -- how often it was observed
+            confidence REAL,  -- from 0 to 1; none: it is believed
+            first_seen TEXT,  -- UTC; none: not since training
+            last_seen TEXT,
+            source TEXT,  -- what reported it last
+            UNIQUE (head, relation, tail)
+        )
+        """,
+        "CREATE INDEX fact_of_tail ON fact (tail)",
+        "CREATE INDEX fact_by_status ON fact (status)",
+        """
+        CREATE TABLE change (
+            id INTEGER PRIMARY KEY,
+            verb TEXT NOT NULL,
+            time TEXT NOT NULL,
+            source TEXT,
+            undoes INTEGER REFERENCES change,
+            undone INTEGER REFERENCES change
+        )
+        """,
+        "CREATE INDEX change_that_trained ON change (verb) WHERE verb = 'train'",
+        """
+        CREATE TABLE effect (  -- of a change on an entity, on a relation or on a fact
+            change INTEGER NOT NULL REFERENCES change,
+            effect TEXT NOT NULL,
+            entity TEXT,
+            head TEXT,
+            relation TEXT,
+            tail TEXT,
+            before TEXT  -- JSON of the row; none: there was none
+        )
+        """,
+        "CREATE INDEX effect_of_change ON effect (change)",
+        """
+        CREATE TABLE vector (  -- of an inserted entity
+            entity TEXT PRIMARY KEY REFERENCES entity (name),
+            change INTEGER NOT NULL,
+            initializer TEXT NOT NULL,
+            options TEXT NOT NULL,
+            why TEXT NOT NULL,
+            fallback TEXT,
+            kind TEXT NOT NULL,
+            notes TEXT NOT NULL,
+            facts INTEGER NOT NULL,  -- number and words, for which the initializer was chosen
+            words INTEGER NOT NULL,
+            vector BLOB NOT NULL
+        )
+        """,
+        "CREATE INDEX vector_by_change ON vector (change)",
+        """
+        CREATE TABLE choice (  -- made on hidden known entities
+            facts INTEGER NOT NULL,
+            words INTEGER NOT NULL,
+            requested TEXT NOT NULL,  -- an initializer and its options, or nothing
+            initializer TEXT NOT NULL,
+            options TEXT NOT NULL,
+            why TEXT NOT NULL,
+            trained_with TEXT NOT NULL,
+            warnings TEXT NOT NULL,
+            curves TEXT,  -- from scores to probabilities
+            PRIMARY KEY (facts, words, requested)
+        )
+        """,
+        """
+        CREATE VIEW now AS
+            SELECT head, relation, tail, status, count, confidence, first_seen, last_seen, source
+            FROM fact WHERE status <> 'retracted'
+        """,
+        """
+        CREATE VIEW history AS
+            SELECT change.id, time, verb, source, effect, entity, head, relation, tail, undone,
+                undoes
+            FROM change LEFT JOIN effect ON effect.change = change.id
+            ORDER BY change.id, effect.rowid
+        """,
+    ),
 )
 #: A name in ``fact`` that its table has not: of a fact that another program has written.
 UNKNOWN = """
@@ -191,11 +210,6 @@ class StoredFact:
     @property
     def fact(self) -> Fact:
         return self.head, self.relation, self.tail
-
-    @property
-    def observations(self) -> tuple[Any, ...]:
-        """Its count, confidence, times and source."""
-        return self.count, self.confidence, self.first_seen, self.last_seen, self.source
 
 
 class Home:
@@ -375,7 +389,7 @@ class Home:
             return
         with self.transaction():
             for number in range(self._check_version(), len(STEPS)):
-                for statement in _statements(STEPS[number]):
+                for statement in STEPS[number]:
                     self.connection.execute(statement)
                 self.connection.execute(f"PRAGMA user_version = {number + 1}")
 
@@ -766,16 +780,6 @@ def _connected(path: str) -> sqlite3.Connection:
         )
     except sqlite3.DatabaseError as error:
         raise InputError(path, "", f"cannot be opened ({error})") from error
-
-
-def _statements(script: str) -> Iterable[str]:
-    """The statements of a script; ``executescript`` would end the transaction."""
-    statement = ""
-    for line in script.splitlines(keepends=True):
-        statement += line
-        if sqlite3.complete_statement(statement):
-            yield statement
-            statement = ""
 
 
 def now() -> datetime:

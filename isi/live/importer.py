@@ -51,6 +51,7 @@ PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = (
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 #: PyKEEN's tables of names and of triples.
 OF_TRIPLES = ("entity_to_id", "relation_to_id", "numeric_triples")
+OF_NAMES: dict[str, type] = {"id": np.int64, "label": str}  #: Columns of a table of names.
 #: The files that identify PyTorch-BigGraph's folder and dicee's (``isi.live.checkpoints``).
 VERSION, CONFIGURATION = "checkpoint_version.txt", "configuration.json"
 PICKLE = "trained_model.pkl"  #: PyKEEN's file of a pickled model.
@@ -310,8 +311,11 @@ def read_labels(folder: Path) -> Labels:
     if (folder / PYKEEN).is_dir():
         form, first = "PyKEEN", 2
         files = [folder / PYKEEN / f"{name}.tsv.gz" for name in OF_TRIPLES]
-        names = [_pykeen_names(path) for path in files[:2]]
-        rows = _pykeen_triples(files[2], len(names[0]), len(names[1]))
+        tables = [read_columns(path, OF_NAMES, "\t", header=True) for path in files[:2]]
+        names = list(map(names_by_id, tables, files))
+        ids = read_columns(files[2], dict.fromkeys(TRIPLE, np.int64), "\t", header=True)
+        rows = ids.to_numpy()
+        check_ids(rows, len(names[0]), len(names[1]), files[2], first=2)
     elif (folder / ENTITY2ID).exists():
         form, first = "entity2id", 1
         files = [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)]
@@ -340,29 +344,39 @@ def rows_of(path: Path, columns: Sequence[str]) -> list[list[str]]:
         return split_rows(text, columns) if text.strip("\n") else []
 
 
-def _pykeen_names(path: Path) -> list[str]:
-    table = _pykeen_table(path, {"id": np.int64, "label": str}).sort_values("id")
-    if table["id"].tolist() != list(range(len(table))):
-        raise InputError(path, "", f"expected the ids from 0 to {len(table) - 1}")
+def names_by_id(table: pd.DataFrame, path: Path) -> list[str]:
+    """The names of a file's table of ``id`` and ``label``, by id."""
+    table = table.sort_values("id")
+    ids, lines = table["id"].to_numpy(), table.index.to_numpy() + 2
+    for place in np.flatnonzero(ids != np.arange(len(ids)))[:1]:
+        expected = f"expected the id {place}, got {ids[place]}"
+        raise InputError(path, f"line {lines[place]}", expected)
     return list(table["label"])
 
 
-def _pykeen_triples(path: Path, entities: int, relations: int) -> np.ndarray:
-    """Known triples of ids, shape (T, 3), int64."""
-    triples = _pykeen_table(path, dict.fromkeys(TRIPLE, np.int64)).to_numpy()
-    most = [entities, relations, entities]
-    for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
+def check_ids(ids: np.ndarray, entities: int, relations: int, path: Path, first: int = 0) -> None:
+    """``InputError`` for a triple of a file, (T, 3), with an id beyond the names; ``first``: the
+    line of the first triple in a file of lines.
+    """
+    beyond = (ids < 0) | (ids >= [entities, relations, entities])
+    for row in np.flatnonzero(beyond.any(1))[:1]:
         expected = f"expected ids of {entities} entities and {relations} relations"
-        raise InputError(path, f"line {row + 2}", expected)
-    return triples
+        place = f"line {row + first}" if first else f"row {row}"
+        raise InputError(path, place, f"{expected}, got {ids[row].tolist()}")
 
 
-def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:
-    expected = f"expected a compressed table of {', '.join(kinds)}"
+def read_columns(path: Path, kinds: Mapping[str, type], sep: str, header: bool) -> pd.DataFrame:
+    """A table, perhaps compressed, of columns of these types; ``header``: the first line must have
+    their names.
+    """
+    expected = f"expected a table of {', '.join(kinds)}"
     try:
-        frame = pd.read_csv(path, sep="\t", dtype=kinds, keep_default_na=False)
+        names = None if header else list(kinds)
+        frame = pd.read_csv(
+            path, sep=sep, names=names, header=0, dtype=kinds, keep_default_na=False
+        )
     except (OSError, EOFError, zlib.error, ValueError, OverflowError) as error:
         raise InputError(path, "", f"{expected} ({cut(str(error), 120)})") from error
     if list(frame) != list(kinds) or not isinstance(frame.index, pd.RangeIndex):
         raise InputError(path, "line 1", expected)
-    return frame
+    return frame.fillna("")

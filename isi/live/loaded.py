@@ -2,10 +2,10 @@
 and lookup of typed names.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import NamedTuple, Self
+from functools import cached_property, partial, wraps
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
 
 import numpy as np
 import torch
@@ -26,6 +26,8 @@ USUAL = 0.1  #: Share of entities for which a kind is usual in a slot.
 #: words / this).
 TEMPERATURE = 0.07
 MOST_QUERIES = 24  #: Maximum number of queries about one entity.
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Query(NamedTuple):
@@ -38,6 +40,20 @@ class Query(NamedTuple):
     slot: int
 
 
+def remembered(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
+    """A method of an object that does not change, which keeps what the method gave."""
+
+    @wraps(method)
+    def of(self: Any, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        given: dict[Any, R] = vars(self).setdefault(f"_{method.__name__}", {})
+        key = (*args, *kwargs.items())
+        if key not in given:
+            given[key] = method(self, *args, **kwargs)
+        return given[key]
+
+    return of
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedEmbedding(Bundle):
     """A bundle with its scoring function."""
@@ -47,12 +63,6 @@ class LoadedEmbedding(Bundle):
     added: int = 0  #: number of facts added after training, which are the last triples
     #: facts that no longer hold, and are no answers; ids, shape: (K, 3)
     retracted: np.ndarray = field(default_factory=partial(np.zeros, (0, 3), np.int64))
-
-    _of_relation: dict[int, np.ndarray] = field(init=False, default_factory=dict)
-    #: of ``in_slot``, ``fitting_in_slot`` and ``kinds_in_slot``, by relation and slot
-    _in_slot: dict[tuple[int, int], list[int]] = field(init=False, default_factory=dict)
-    _fitting: dict[tuple[int, int], np.ndarray] = field(init=False, default_factory=dict)
-    _kinds_in_slot: dict[tuple[int, int], set[str]] = field(init=False, default_factory=dict)
 
     @cached_property
     def model(self) -> Model:
@@ -78,11 +88,11 @@ class LoadedEmbedding(Bundle):
         """The known answers of a query."""
         return answers_in(self.of_relation(query.relation), query)
 
+    @remembered
     def of_relation(self, relation: int) -> np.ndarray:
         """The known triples of a relation, (T, 3)."""
-        if relation not in self._of_relation:
-            self._of_relation[relation] = self.triples[self.triples[:, RELATION] == relation]
-        return self._of_relation[relation]
+        triples: np.ndarray = self.triples[self.triples[:, RELATION] == relation]
+        return triples
 
     def ids_of(self, facts: Collection[Fact]) -> np.ndarray:
         """Facts by name as ids, shape (F, 3), int64."""
@@ -109,12 +119,11 @@ class LoadedEmbedding(Bundle):
             return self.embedding.score_tails(given[None], relations)[0]
         return self.embedding.score_heads(relations, given[None])[0]
 
+    @remembered
     def in_slot(self, relation: int, slot: int) -> list[int]:
         """The ids of the entities in a slot of the known triples of a relation, sorted."""
-        key = relation, slot
-        if key not in self._in_slot:
-            self._in_slot[key] = np.unique(self.of_relation(relation)[:, slot]).tolist()
-        return self._in_slot[key]
+        ids: list[int] = np.unique(self.of_relation(relation)[:, slot]).tolist()
+        return ids
 
     @cached_property
     def kind_numbers(self) -> dict[str, int]:
@@ -180,23 +189,18 @@ class LoadedEmbedding(Bundle):
             if kind and usual and kind not in usual:
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
+    @remembered
     def kinds_in_slot(self, relation: int, slot: int) -> set[str]:
         """The kinds of the entities in a slot of the known triples of a relation."""
-        key = relation, slot
-        if key not in self._kinds_in_slot:
-            kinds = {self.kinds[row] for row in self.in_slot(relation, slot)}
-            self._kinds_in_slot[key] = kinds - {""}
-        return self._kinds_in_slot[key]
+        return {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
 
+    @remembered
     def fitting_in_slot(self, relation: int, slot: int) -> np.ndarray:
         """The ids of the entities in a slot of the known triples of a relation that are candidates
         there, sorted.
         """
-        if (relation, slot) not in self._fitting:
-            in_slot = np.array(self.in_slot(relation, slot), np.int64)
-            fits = np.isin(in_slot, self.candidates(relation, slot).numpy())
-            self._fitting[relation, slot] = in_slot[fits]
-        return self._fitting[relation, slot]
+        in_slot = np.array(self.in_slot(relation, slot), np.int64)
+        return in_slot[np.isin(in_slot, self.candidates(relation, slot).numpy())]
 
     def kind_of(self, new: str, facts: Iterable[Fact], alike: np.ndarray | None) -> tuple[str, str]:
         """The kind of a new entity and the reason; empty texts if unknown.

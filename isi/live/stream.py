@@ -11,9 +11,8 @@ import multiprocessing
 import os
 import socket as sockets
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from datetime import timedelta
 from pathlib import Path
 from socketserver import StreamRequestHandler, ThreadingUnixStreamServer
@@ -23,11 +22,11 @@ import torch
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import from_json, to_json
 
-from isi.config import Count, Option, Section, Seed, check
+from isi.config import Count, Section, check
 from isi.errors import InputError, at, short, unwritable
 from isi.insertion.arguments import listed_triples
 from isi.live.bundle import Text
-from isi.live.changes import Confidence, Time
+from isi.live.changes import Confidence, Effect, Stamp, TellOptions
 from isi.live.embedding import LiveEmbedding, open_live
 from isi.process import become_worker
 
@@ -67,7 +66,6 @@ Names = Annotated[list[Text], BeforeValidator(_as_names)]  #: A name, several, o
 Fact = Annotated[list[Text], Field(min_length=3, max_length=3)]
 #: None is what is asked for
 Query = Annotated[list[Text | None], Field(min_length=3, max_length=3)]
-EachText = Text | dict[Text, Text] | None  #: For one entity, or by name.
 
 Result = Mapping[str, Any]  #: The fields of an answer.
 
@@ -77,92 +75,57 @@ class Request(Section):
     ``LiveEmbedding`` and its parameters.
     """
 
-    def result(self, live: LiveEmbedding) -> Result:
+    def first(self, value: Any) -> Sequence[Any]:
+        """The first arguments of the method, by the value of the verb's key; ``true``: none."""
+        return [] if value is True else [value]
+
+    def result(self, live: LiveEmbedding, verb: str) -> Result:
         """Do what is asked; the fields of the answer."""
-        raise NotImplementedError
+        given = dict(self)
+        first = self.first(given.pop(verb))
+        effect: Effect = getattr(live, verb)(*first, **given)
+        return vars(effect)
 
 
-class ChangeRequest(Request):
-    """A request that changes the home."""
-
-    time: Time | None = None
-    source: Text | None = None
-
-    @property
-    def stamp(self) -> dict[str, Any]:
-        """When it was made, and what reported it."""
-        return {"time": self.time, "source": self.source}
-
-
-class TellRequest(ChangeRequest):
-    """What may be told about new entities and facts."""
-
-    definition: EachText = None
-    kind: EachText = None
-    initializer: Text | None = None
-    options: dict[str, Option] = Field({})
-    seed: Seed = 0
-    confidence: Confidence | None = None
-    new: bool = False
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """The arguments of ``LiveEmbedding.tell`` but the facts."""
-        return {name: getattr(self, name) for name in TellRequest.model_fields}
-
-
-class Tell(TellRequest):
+class Tell(Request, TellOptions):
     tell: list[list[Any]]
     entities: Names = Field([])
 
-    def result(self, live: LiveEmbedding) -> Result:
-        return vars(live.tell(self.tell, entities=self.entities, **self.about))
 
-
-class Insert(TellRequest):
+class Insert(Request, TellOptions):
     #: names alone, or tails by name and relation
     insert: Annotated[dict[Text, dict[Text, Names]], BeforeValidator(_by_name)]
     facts: list[list[Any]] = Field([])
     upsert: bool = False
 
-    def result(self, live: LiveEmbedding) -> Result:
+    def result(self, live: LiveEmbedding, verb: str) -> Result:
         facts = [*listed_triples(self.insert), *self.facts]
-        return vars(live.insert(list(self.insert), facts, upsert=self.upsert, **self.about))
+        given = dict(self) | {"insert": list(self.insert), "facts": facts}
+        return vars(live.insert(given.pop(verb), **given))
 
 
-class Observe(ChangeRequest):
+class Observe(Request, Stamp):
     observe: list[list[Any]]
     upsert: bool = False
     confidence: Confidence | None = None
 
-    def result(self, live: LiveEmbedding) -> Result:
-        believed = self.confidence
-        effect = live.observe(self.observe, upsert=self.upsert, confidence=believed, **self.stamp)
-        return vars(effect)
 
-
-class Move(ChangeRequest):
+class Move(Request, Stamp):
     move: Fact
     instead_of: Text | None = None
 
-    def result(self, live: LiveEmbedding) -> Result:
-        head, relation, tail = self.move
-        return vars(live.move(head, relation, tail, instead_of=self.instead_of, **self.stamp))
+    def first(self, value: Any) -> Sequence[Any]:
+        """Head, relation and tail."""
+        return list(value)
 
 
-class Remove(ChangeRequest):
+class Remove(Request, Stamp):
     remove: Names
     facts: list[Fact] = Field([])
 
-    def result(self, live: LiveEmbedding) -> Result:
-        return vars(live.remove(self.remove, self.facts, **self.stamp))
 
-
-class Undo(ChangeRequest):
+class Undo(Request, Stamp):
     undo: Literal[True]
-
-    def result(self, live: LiveEmbedding) -> Result:
-        return vars(live.undo(**self.stamp))
 
 
 class Ask(Request):
@@ -172,10 +135,11 @@ class Ask(Request):
     new: bool = False
     among: list[Text] | None = None
 
-    def result(self, live: LiveEmbedding) -> Result:
+    def result(self, live: LiveEmbedding, verb: str) -> Result:
+        given = dict(self)
         results = []
-        for head, relation, tail in self.ask:
-            best = live.ask(head, relation, tail, self.top, new=self.new, among=self.among)
+        for query in given.pop(verb):
+            best = live.ask(*query, **given)
             fields = {"query": best.query, "sure": best.sure, "answers": best.answers}
             results.append(fields | ({"notes": best.notes} if best.notes else {}))
         return results[0] if len(results) == 1 else {"results": results}
@@ -185,8 +149,8 @@ class Explain(Request):
     explain: Text
     top: Count = 5
 
-    def result(self, live: LiveEmbedding) -> Result:
-        return {"explain": live.explain(self.explain, self.top)}
+    def result(self, live: LiveEmbedding, verb: str) -> Result:
+        return {verb: live.explain(self.explain, self.top)}
 
 
 class History(Request):
@@ -194,10 +158,10 @@ class History(Request):
     #: facts that were not seen for so long, instead of changes
     stale: Age | None = None
 
-    def result(self, live: LiveEmbedding) -> Result:
+    def result(self, live: LiveEmbedding, verb: str) -> Result:
         if self.stale is not None:
-            return {"stale": [asdict(row) for row in live.stale(self.stale)]}
-        return {"history": [asdict(change) for change in live.history]}
+            return {"stale": live.stale(self.stale)}
+        return {verb: live.history}
 
 
 #: Requests by verb, the key that each of them must have.
@@ -226,12 +190,13 @@ def answer(live: LiveEmbedding, line: bytes) -> bytes:
         with at("request"):
             request = _parsed(line)
             label = _label(request)
-            verbs = [verb for verb in VERBS if verb in request]
+            verbs = VERBS.keys() & request.keys()
             if len(verbs) != 1:
                 expected = f"expected one of {', '.join(VERBS)}"
                 raise InputError("", "", f"{expected}, got {short(list(request))}")
-            given = check(request, VERBS[verbs[0]], "", "")
-        result = given.result(live)
+            (verb,) = verbs
+            given = check(request, VERBS[verb], "", "")
+        result = given.result(live, verb)
         return to_json(label | dict(result), inf_nan_mode="null") + b"\n"
     except InputError as error:
         result = {"error": str(error)}

@@ -48,7 +48,7 @@ from isi.insertion.arguments import (
     TripleForms,
     checked_model,
     column_names,
-    listed_triples,
+    named_triples,
     naming_argument,
     of_arrow,
     options_by_name,
@@ -62,7 +62,7 @@ from isi.models.model import MODELS, compared_models
 from isi.models.stack import Embedding, NotFinite, select, usual_torch
 from isi.sources.names import ENTITY, Naming
 from isi.sources.names import Name as KindName
-from isi.sources.readers import COUNT, check_names, cleaned, refuse
+from isi.sources.readers import COUNT, check_names, cleaned
 from isi.sources.triples import naming
 from isi.tables.rules import MOST_OBSERVED
 from isi.training.batches import DENSE_LIMIT, Negatives, is_dense, scaled_counts
@@ -158,33 +158,20 @@ class TrainingSummary:
 
 def tables_of(triples: TripleForms) -> GraphTables:
     """The graph of triples of names
-    (forms: ``listed_triples``; a table may have a column ``count``).
+    (forms: ``named_triples``; a table may have a column ``count``).
 
     InputError for a wrong triple, name or count.
     """
     with naming_argument("triples"):
         table: Any = of_arrow(triples)
-        rows = [
-            tuple(row) if isinstance(row, list | tuple | np.ndarray) else (row,)
-            for row in listed_triples(table)
-        ]
-        for row, triple in enumerate(rows):
-            if len(triple) != len(TRIPLE):
-                raise InputError(
-                    "", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}"
-                )
-        frame = pd.DataFrame(
-            rows, pd.RangeIndex(len(rows), name="triple"), list(TRIPLE), dtype=object
-        )
-        for slot in frame:
-            no_text = [not isinstance(name, str) for name in frame[slot]]
-            refuse("", frame[slot], pd.Series(no_text, frame.index), f"{slot}: expected a name")
+        frame = pd.DataFrame(named_triples(table), columns=list(TRIPLE))
+        frame.index.name = "triple"
         check_names(frame, "")
         frame = cleaned(frame)
         counted: Any = next(
             (name for name in column_names(table) if str(name).casefold() == COUNT), None
         )
-        counts = np.asarray(table[counted]).tolist() if counted else [1] * len(rows)
+        counts = np.asarray(table[counted]).tolist() if counted else [1] * len(frame)
         frame[COUNT] = check(counts, list[Count], COUNT, "")
         if not 0 < sum(counts) <= MOST_OBSERVED:
             raise InputError(

@@ -42,6 +42,23 @@ def of_before() -> None:
     (written(Path("old")) / "journal.jsonl").write_text(line, encoding="utf-8")
 
 
+def own_files() -> None:
+    """Write triples, a home, plain files, and other folders and files of a user."""
+    if not HOME.exists():
+        home_of(HOME)
+    written(Path("files"))
+    Path("notes.ttl").write_text("mine", encoding="utf-8")
+    table = "head,relation,tail\nmug,at,kitchen\ncup,at,kitchen\n"
+    Path("triples.csv").write_text(table, encoding="utf-8")
+    kinds = "entity,kind\nmug,object\ncup,object\nkitchen,room\n"
+    Path("entities.csv").write_text(kinds, encoding="utf-8")
+    for folder in ("plain", "hard", "soft"):
+        Path(folder).mkdir()
+    Path("plain/triples.tsv").write_text(table.replace(",", "\t"), encoding="utf-8")
+    Path("hard/triples.csv").hardlink_to("triples.csv")
+    Path("soft/triples.csv").symlink_to("../triples.csv")
+
+
 COMMAND_CASES = [
     Typed("a long name", f"insert {'x' * 1001} --fact atLocation bed", "name"),
     Typed("a folder whose name is too long", f"undo --home {LARGEST}", "xxx...xxx"),
