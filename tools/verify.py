@@ -16,7 +16,7 @@ import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ Values = Mapping[str, Any]
 
 @dataclass
 class Check:
-    """The comparison of recomputed numbers with those of a table."""
+    """The comparison of recomputed numbers with those of tables."""
 
     about: str
     #: maximum absolute difference at which two numbers agree, in their unit
@@ -42,20 +42,38 @@ class Check:
     worst: float = 0.0
     disagreements: list[str] = field(default_factory=list)
 
-    def compare(self, where: str, here: Any, there: Any) -> None:
-        """Compare two numbers or two arrays, and record a disagreement; two nulls agree."""
-        self.number += 1
-        here, there = np.asarray(here, float), np.asarray(there, float)
-        apart = np.where(np.isnan(here) & np.isnan(there), 0, np.abs(here - there))
+    def compare(
+        self, place: str, here: pd.DataFrame, there: Any, highest: pd.DataFrame | None = None
+    ) -> None:
+        """Compare the rows of two tables by their index, and record those that disagree. Two nulls
+        agree; a row that one table lacks disagrees.
+
+        Args:
+            there: has the columns of ``here``, and may have others.
+            highest: if numbers from ``here`` up to these agree.
+        """
+        index = here.index.union(there.index, sort=False)
+        lowest, numbers, most = (
+            each[here.columns].astype(float).reindex(index, fill_value=np.inf).to_numpy()
+            for each in (here, there, here if highest is None else highest)
+        )
+        apart = np.maximum(lowest - numbers, numbers - most)
+        apart = np.where(np.isnan(lowest) & np.isnan(numbers), 0, apart)
         apart = np.nan_to_num(apart, nan=np.inf, posinf=np.inf)
+        self.number += len(index)
         self.worst = max(self.worst, float(apart.max(initial=0)))
-        if (apart > self.tolerance).any():
-            most = apart.argmax()
-            both = f"{here.flat[most]:.6g} here, {there.flat[most]:.6g} there"
-            self.disagreements.append(f"{self.about}, {where}: {both}")
+        for row in np.flatnonzero((apart > self.tolerance).any(1)):
+            column = apart[row].argmax()
+            key = index[row] if isinstance(index[row], tuple) else (index[row],)
+            parts = [
+                f"{name or ''} {part}".strip() for name, part in zip(index.names, key, strict=True)
+            ]
+            at = ", ".join([*parts, str(here.columns[column]), place])
+            both = f"{lowest[row, column]:.6g} here, {numbers[row, column]:.6g} there"
+            self.disagreements.append(f"{self.about}, {at}: {both}")
 
     def __str__(self) -> str:
-        numbers = f"{self.number:8}{self.worst:20.1e}{self.tolerance:11.0e}"
+        numbers = f"{self.number:9}{self.worst:20.1e}{self.tolerance:11.0e}"
         return f"{self.about:18}{numbers}{len(self.disagreements):15}"
 
 
@@ -68,7 +86,7 @@ def table(path: str, seeds: Sequence[int] = ()) -> pd.DataFrame:
 
 def where(frame: pd.DataFrame, **values: Any) -> pd.DataFrame:
     """The rows with these values in their columns."""
-    return frame[np.logical_and.reduce([frame[name] == value for name, value in values.items()])]
+    return frame[(frame[list(values)] == list(values.values())).all(axis=1)]
 
 
 # A grid point after its first session (D¹)
@@ -140,26 +158,21 @@ UNDECIDED = 1e-5
 RECOMPUTED = ("mean", "es", "rs", "ers")
 
 
-def parts(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scalars (..., d / 2), a-halves (..., d / 4) and b-halves (..., d / 4) of
-    ANALOGY's vectors (..., d).
+def as_blocks(rows: np.ndarray) -> np.ndarray:
+    """ANALOGY's vectors, (..., d), as complex numbers, (..., 3d / 4): scalars, then a + bi of each
+    2 × 2 block. vᵀW is then a product of numbers.
     """
-    d = vector.shape[-1]
-    return vector[..., : d // 2], vector[..., d // 2 : 3 * d // 4], vector[..., 3 * d // 4 :]
+    d = rows.shape[-1]
+    scalars, real, imaginary = np.split(rows.astype(float), [d // 2, 3 * d // 4], -1)
+    return np.concatenate([scalars, real + 1j * imaginary], -1)
 
 
-def there(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
-    """vᵀW."""
-    (s, a, b), (r, x, y) = parts(vector), parts(relation)
-    return np.concatenate([s * r, a * x - b * y, b * x + a * y], -1)
-
-
-def back(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
-    """vᵀW⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``."""
-    (s, a, b), (r, x, y) = parts(vector), parts(relation)
-    size = np.maximum(x**2 + y**2, CLAMP)
-    scalar = np.where(r < 0, -1, 1) * s / np.maximum(abs(r), CLAMP)
-    return np.concatenate([scalar, (a * x + b * y) / size, (b * x - a * y) / size], -1)
+def inverse(relation: np.ndarray) -> np.ndarray:
+    """W⁻¹ of ``as_blocks``, with |r| and x² + y² clamped to at least ``CLAMP``."""
+    scalars, blocks = np.split(relation, [2 * relation.shape[-1] // 3], -1)
+    sign = np.where(scalars.real < 0, -1, 1)
+    of_blocks = blocks.conj() / np.maximum(abs(blocks) ** 2, CLAMP)
+    return np.concatenate([sign / np.maximum(abs(scalars), CLAMP), of_blocks], -1)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -184,12 +197,12 @@ def by_relations(
     scores = np.where(session.eligible, 0.0, -np.inf)
     for relation in np.unique(triples[:, 1]):
         mapped = [
-            there(vectors[head], relations[relation])
+            vectors[head] * relations[relation]
             if tail == entity
-            else back(vectors[tail], relations[relation])
+            else vectors[tail] * inverse(relations[relation])
             for head, _, tail in triples[triples[:, 1] == relation]
         ]
-        scores += unit(vectors) @ unit(np.mean(mapped, 0))
+        scores += (unit(vectors) @ unit(np.mean(mapped, 0)).conj()).real
     return scores if len(triples) and session.eligible.any() else None
 
 
@@ -204,10 +217,15 @@ def best(scores: np.ndarray, k: int) -> tuple[np.ndarray, float]:
 
 
 def indicators(
-    model: str, session: Session, entity: int, tables: tuple[np.ndarray, np.ndarray], options: Any
+    model: str,
+    session: Session,
+    words: np.ndarray | None,
+    relations: np.ndarray | None,
+    options: Values,
 ) -> tuple[np.ndarray, float]:
-    """The indicators of an initializer, and their gap as in ``best``."""
-    words, relations = by_words(session, entity), by_relations(session, entity, *tables)
+    """The indicators of an initializer by two scores of all entities, and their gap as in
+    ``best``.
+    """
     if model == "ers" and words is not None and relations is not None:
         preliminary, gap = best(words, options["candidates"])
         narrowed = np.full(len(words), -np.inf)
@@ -286,78 +304,96 @@ def check_grid_point(
 ) -> int:
     """Compare initial vectors, and MRR* and its halves by model and scope;
     returns the number of vectors skipped.
-
-    Rounding of scores decides which scores are tied, so MRR* may also agree with a tie width of 0.9
-    or 1.1 ``TIE``.
     """
-    session, name = Session(experiment, size, seed), experiment.name
-    point = f"{name}, size {size}, seed {seed}"
-    theta0 = load_file(f"data/embeddings/{name}/theta0/size={size:02d}.safetensors")
-    joint = load_file(f"data/embeddings/{name}/joint.safetensors")
+    session, folder = Session(experiment, size, seed), f"data/embeddings/{experiment.name}"
+    theta0 = load_file(f"{folder}/theta0/size={size:02d}.safetensors")
+    joint = load_file(f"{folder}/joint.safetensors")
     left_open = 0
     for model, runs in experiment.runs.items():
+        place = f"{model}, {experiment.name}, size {size}, seed {seed}"
         trained = joint if model == "joint" else theta0
         row = trained["seed"].tolist().index(seed)
-        vectors, relations = (trained[part][row].astype(float) for part in ("entity", "relation"))
+        vectors, relations = (as_blocks(trained[part][row]) for part in ("entity", "relation"))
         if model != "joint":
-            stored = load_file(f"data/runs/{name}/{model}.safetensors")[f"size={size:02d}"][row]
-            for entity, vector in zip(session.novel, stored, strict=False):
-                if model not in RECOMPUTED:
-                    break
-                tables = vectors, relations
-                chosen, gap = indicators(model, session, entity, tables, options[model])
-                left_open += gap < UNDECIDED
-                if gap >= UNDECIDED:
-                    here = vectors[chosen].mean(0)
-                    initial.compare(f"{model}, {point}, entity {entity}", here, vector)
-            vectors[session.novel] = stored[: len(session.novel)]
-        scores = np.stack([there(vectors, relation) @ vectors.T for relation in relations])
-        first = where(runs, size=size, seed=seed, session=1, epoch=0).set_index("scope")
-        for scope, masks in session.scopes().items():
-            published = first.loc[scope, HALVES].to_numpy(float)
-            here = mrr_star(session, scores, masks)
-            if not np.allclose(here, published, atol=immediate.tolerance, equal_nan=True):
-                others = [mrr_star(session, scores, masks, share * TIE) for share in (0.9, 1.1)]
-                here = min([here, *others], key=lambda ours: np.abs(ours - published).max())
-            immediate.compare(f"{model}, scope {scope}, {point}", here, published)
+            path = f"data/runs/{experiment.name}/{model}.safetensors"
+            stored = as_blocks(load_file(path)[f"size={size:02d}"][row])[: len(session.novel)]
+            if model in RECOMPUTED:
+                here = initial_vectors(model, session, vectors, relations, options[model])
+                there = pd.DataFrame(stored.view(float), session.novel)
+                initial.compare(place, here, there.loc[here.index])
+                left_open += len(there) - len(here)
+            vectors[session.novel] = stored
+        scores = np.stack([(vectors * relation @ vectors.conj().T).real for relation in relations])
+        published = where(runs, size=size, seed=seed, session=1, epoch=0).set_index("scope")
+        here = immediate_mrr_star(session, scores, published, immediate.tolerance)
+        immediate.compare(place, here, published)
     return left_open
+
+
+def initial_vectors(
+    model: str, session: Session, vectors: np.ndarray, relations: np.ndarray, options: Values
+) -> pd.DataFrame:
+    """The vectors of the novel entities whose last indicator is beyond doubt; a row for each."""
+    rows = {}
+    for entity in session.novel:
+        words, related = (
+            by_words(session, entity),
+            by_relations(session, entity, vectors, relations),
+        )
+        chosen, gap = indicators(model, session, words, related, options)
+        if gap >= UNDECIDED:
+            rows[entity] = vectors[chosen].mean(0).view(float)
+    return pd.DataFrame.from_dict(rows, "index", columns=range(2 * vectors.shape[1]))
 
 
 HALVES = ["mrr_star", "mrr_star_entity", "mrr_star_relation"]
 
 
+def immediate_mrr_star(
+    session: Session, scores: np.ndarray, published: pd.DataFrame, tolerance: float
+) -> pd.DataFrame:
+    """MRR* and its halves by scope.
+
+    Rounding of scores decides which scores are tied. Where the ``published`` numbers differ, those
+    of a tie width of 0.9 or 1.1 ``TIE`` may agree with them.
+    """
+    rows = {}
+    for scope, masks in session.scopes().items():
+        for share in (1, 0.9, 1.1):
+            here = mrr_star(session, scores, masks, share * TIE)
+            rows.setdefault(scope, here)
+            if np.allclose(here, published.loc[scope, HALVES], 0, tolerance, equal_nan=True):
+                rows[scope] = here
+                break
+    return pd.DataFrame.from_dict(rows, "index", columns=HALVES)
+
+
 # Epochs to convergence
 
 
-def check_epochs(
-    experiment: Experiment, suffix: str, params: Values, mean: Check, share: Check
-) -> None:
+def check_epochs(experiment: Experiment, suffix: str, params: Values, check: Check) -> None:
     """Compare mean epochs and unconverged shares of the runs with Table 2 and the table by size."""
     margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
     names, scopes = ("table2_convergence", "convergence_by_size"), ["all", "novel_heldout"]
-    shown, by_size = (pd.read_csv(f"reports/tables/{name}{suffix}.csv") for name in names)
+    table2, by_size = (pd.read_csv(f"reports/tables/{name}{suffix}.csv") for name in names)
+    tuned = [model for model in experiment.initializers if experiment.runs[model]["epoch"].any()]
+    titled = zip(table2["initializer"], tuned, strict=True)
+    runs = pd.concat({title: experiment.runs[model] for title, model in titled})
+    runs = runs[runs["scope"].isin(scopes)].rename_axis(["initializer", None]).reset_index(0)
     point = ["size", "seed", "session", "scope"]
     goal = experiment.runs["joint"].set_index(point)["mrr_star"] - margin
-    tuned = [model for model in experiment.initializers if experiment.runs[model]["epoch"].any()]
-    for model, (_, line) in zip(tuned, shown.iterrows(), strict=True):
-        runs = experiment.runs[model]
-        runs = runs[runs["scope"].isin(scopes)].set_index(point)
-        measured = runs[runs["epoch"] == 0]["mrr_star"].dropna().index
-        runs = runs.join(goal.rename("goal"))
-        converged = runs[runs["mrr_star"] >= runs["goal"]].groupby(point)["epoch"].min()
-        epochs = converged.reindex(measured).reset_index()
-        rows = [
-            (scope, None, line[f"{scope}: mean"], line[f"{scope}: unconverged %"])
-            for scope in scopes
-        ]
-        sizes = where(by_size, initializer=line["initializer"])
-        rows += sizes[["scope", "size", "mean", "unconverged %"]].itertuples(index=False)
-        for scope, size, mean_epochs, unconverged in rows:
-            about = {"scope": scope} if size is None else {"scope": scope, "size": size}
-            chosen = where(epochs, **about)["epoch"]
-            place = f"{model}, scope {scope}, {experiment.name}, size {size or 'any'}"
-            mean.compare(place, chosen.fillna(most).mean(), mean_epochs)
-            share.compare(place, 100 * chosen.isna().mean(), unconverged)
+    runs = runs.join(goal.rename("goal"), on=point).set_index(["initializer", *point])
+    measured = runs[runs["epoch"] == 0]["mrr_star"].dropna().index
+    converged = runs[runs["mrr_star"] >= runs["goal"]]
+    epochs = converged.groupby(level=[0, 1, 2, 3, 4])["epoch"].min().reindex(measured)
+    each = pd.DataFrame({"mean": epochs.fillna(most), "unconverged %": 100 * epochs.isna()})
+    of_all = each.groupby(["scope", "initializer"]).mean()
+    of_size = each.groupby(["scope", "size", "initializer"]).mean()
+    for scope in scopes:
+        columns = {f"{scope}: {name}": name for name in each}
+        shown = table2.set_index("initializer")[list(columns)].rename(columns=columns)
+        check.compare(f"{experiment.name}, scope {scope}", of_all.loc[scope], shown)
+    check.compare(f"{experiment.name}, by size", of_size, by_size.set_index(of_size.index.names))
 
 
 # MRR* under every reading of the metric, from the terms of single queries
@@ -420,25 +456,16 @@ def check_readings(case: str, check: Check, seeds: Sequence[int] = ()) -> None:
     """
     ranks = table(f"beyond/readings/{case}.ranks", seeds)
     computed = readings_of(ranks)
-    keys = [*RUN, *GROUP, "slots", "filter", "truth"]
-    listed = table(f"beyond/readings/{case}", seeds).set_index(keys)["mrr_star"]
-    stored = listed.unstack(["filter", "truth"], fill_value=np.inf)  # where a row is missing
-    index = computed.index.union(stored.index)
-    computed, stored = (
-        each.reindex(index, fill_value=np.inf).reindex(columns=TERMS, fill_value=np.inf)
-        for each in (computed, stored)
-    )
-    for place, here in computed.groupby(level=[*RUN, *GROUP]):
-        model, k, size, seed, *group = place
-        about = f"{' '.join(group)}, {model}, k {k}, {case}, size {size}, seed {seed}"
-        check.compare(about, here, stored.loc[here.index])
-    for truth in TRUTHS:
-        reciprocal = 1 / ranks["rank_true"]
-        check.compare(f"terms of {truth}, {case}", reciprocal, ranks[f"closeness_true_{truth}"])
+    keys = [*computed.index.names, *TERMS.names]
+    stored = table(f"beyond/readings/{case}", seeds).set_index(keys)["mrr_star"]
+    check.compare(case, computed, stored.unstack(TERMS.names, fill_value=np.inf))
+    terms_of_true = [f"closeness_true_{truth}" for truth in TRUTHS]
+    reciprocal = pd.DataFrame(dict.fromkeys(terms_of_true, 1 / ranks["rank_true"]))
+    check.compare(f"terms of {case}", reciprocal, ranks)
 
 
-def verify(params: Values, number: int, seed: int) -> list[Check]:
-    """Compare random grid points, and mean epochs of experiments with one source;
+def verify(params: Values, number: int) -> list[Check]:
+    """Compare random grid points, and epochs of experiments with one source;
     print which vectors are skipped.
     """
     experiments = []
@@ -447,20 +474,17 @@ def verify(params: Values, number: int, seed: int) -> list[Check]:
         chosen = [key for key in params["initializers"] if listed == "all" or key in listed]
         experiments.append(Experiment(name, chosen))
     initial, immediate = Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5)
-    epochs, unconverged = Check("mean epochs", 6e-3), Check("unconverged %", 6e-3)
-    readings = Check("readings of MRR*", 1e-5)
+    epochs, readings = Check("epochs", 6e-3), Check("readings of MRR*", 1e-5)
+    rng = np.random.default_rng(0)
     if params["embedding"]["model"] == "analogy":
         points = [
-            (experiment, size, of_seed)
+            (experiment, *point)
             for experiment in experiments
-            for size, of_seed in where(experiment.novel, session=1)[["size", "seed"]]
-            .drop_duplicates()
-            .itertuples(index=False)
+            for point in where(experiment.novel, session=1).groupby(["size", "seed"]).groups
         ]
-        places = np.random.default_rng(seed).permutation(len(points))[:number]
         left_open = sum(
             check_grid_point(*points[place], params["initializers"], initial, immediate)
-            for place in places
+            for place in rng.permutation(len(points))[:number]
         )
         others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
         print(
@@ -474,14 +498,12 @@ def verify(params: Values, number: int, seed: int) -> list[Check]:
         )
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
-            suffix = f"_{experiment.name}" if place else ""
-            check_epochs(experiment, suffix, params, epochs, unconverged)
+            check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs)
     for path in sorted(Path("data/beyond/readings").glob("*.ranks.parquet")):
         case = path.name.removesuffix(".ranks.parquet")
-        seeds = sorted(set(table(f"beyond/readings/{case}")["seed"].tolist()))
-        drawn = np.random.default_rng(seed).permutation(seeds)[:READING_SEEDS]
-        check_readings(case, readings, drawn.tolist())
-    return [initial, immediate, epochs, unconverged, readings]
+        seeds = table(f"beyond/readings/{case}")["seed"].unique()
+        check_readings(case, readings, rng.permutation(seeds)[:READING_SEEDS].tolist())
+    return [initial, immediate, epochs, readings]
 
 
 # Graphs that grow: the graph and its queries
@@ -494,20 +516,16 @@ TRIPLE = ["head", "relation", "tail"]
 #: By the slot that a query hides: the slot that it gives.
 OTHER_END = {"head": "tail", "tail": "head"}
 HITS = (1, 3, 10)
-MEASURES = ["mrr", *(f"hits@{k}" for k in HITS)]
+MEASURES = ["queries", "mrr", *(f"hits@{k}" for k in HITS)]
 #: By benchmark, its column in data/raw/snapshots/triples.parquet.
 LKGE = {name: f"lkge_{name.lower()}" for name in ("ENTITY", "RELATION", "FACT", "HYBRID")}
 GRAPHS = {f"Graph{name}": f"graph_{name.lower()}" for name in ("Equal", "Higher", "Lower")}
 COLUMNS = LKGE | GRAPHS | {f"FBinc-{size}": f"fbinc_{size.lower()}" for size in "SML"}
 ABSENT = 255  #: In such a column: the triple takes no part.
 MODEL = "complex"  #: The model of which R[i, j] is computed again.
-#: Bounds of the numbers of a row of R that is missing: no number lies between them.
-NO_ROW = np.full(5, np.inf), np.full(5, np.inf)
-
-#: Of a row of ``matrix.parquet``: protocol, test set j, slot, kind of answer.
-Group = tuple[str, int, str, str]
-#: Of a part of a chain: initializer and strategy (both None: the first embedding), phase, i.
-Step = tuple[str | None, str | None, str, int]
+#: Columns that tell the parts of a chain apart (no initializer and strategy: the first embedding),
+#: and the rows of ``matrix.parquet`` of a part and a seed.
+STEP, GROUP_OF_R = ["initializer", "strategy", "phase", "i"], ["protocol", "j", "slot", "answer"]
 
 
 def chains_of(settings: Values) -> list[tuple[str, str]]:
@@ -521,17 +539,17 @@ def chains_of(settings: Values) -> list[tuple[str, str]]:
     return chains
 
 
-def plain_steps(settings: Values, last: int) -> list[Step]:
+def plain_steps(settings: Values, last: int) -> pd.DataFrame:
     """The parts of chains whose new vectors are the mean of the known ones, up to a ``last``
-    snapshot. Whatever trains later, those of snapshot 1 are.
+    snapshot; columns ``STEP``. Whatever trains later, those of snapshot 1 are.
     """
-    steps: list[Step] = [(None, None, "trained", 0)]
+    steps = [("", "", "trained", 0)]
     parts_of = list(product(range(1, last + 1), ("inserted", "trained")))
     for initializer, strategy in chains_of(settings):
         plain = parts_of if strategy == "insert" else parts_of[:1]
         if initializer == "mean":
             steps += [(initializer, strategy, phase, i) for i, phase in plain]
-    return steps
+    return pd.DataFrame(steps, columns=STEP)
 
 
 def triples_of(timeline: str) -> pd.DataFrame:
@@ -557,52 +575,55 @@ def triples_of(timeline: str) -> pd.DataFrame:
 class GrowingGraph:
     """The triples of a timeline, with ids in the order of first appearance."""
 
-    def __init__(self, timeline: str) -> None:
+    def __init__(self, timeline: str, most: int | None = None) -> None:
+        """``most``: the largest number of triples of a test set that are ranked (None: all)."""
         triples = triples_of(timeline)
         ends = pd.factorize(triples[["head", "tail"]].to_numpy(object).ravel())[0].reshape(-1, 2)
         relations = pd.factorize(triples["relation"])[0]
         triples = triples.assign(head=ends[:, 0], relation=relations, tail=ends[:, 1])
         snapshots = range(triples["snapshot"].max() + 1)
-        known = [triples[triples["snapshot"] <= each] for each in snapshots]
+        of_snapshot = triples.groupby("snapshot")[TRIPLE].max().cummax() + 1
         #: number of those known after each snapshot
-        self.entities = [1 + int(each[["head", "tail"]].to_numpy().max()) for each in known]
-        self.relations = [1 + int(each["relation"].max()) for each in known]
+        self.entities = of_snapshot[["head", "tail"]].max(axis=1).tolist()
+        self.relations = of_snapshot["relation"].tolist()
         tests = where(triples, split="test")
-        #: shapes (N, 3)
-        self.tests = [where(tests, snapshot=each)[TRIPLE].to_numpy() for each in snapshots]
+        #: the triples that are ranked, shapes (N, 3)
+        self.tests = [
+            drawn(where(tests, snapshot=j)[TRIPLE].to_numpy(), most, j) for j in snapshots
+        ]
         first = triples.groupby(TRIPLE)["snapshot"].min().rename("arrival")
         read = triples[triples["split"] != "valid"]  # what LKGE's code reads
         in_lkge = read.groupby(TRIPLE)["snapshot"].min().rename("in_lkge")
         #: the first snapshots that have a fact: in any split, and in those that LKGE's code reads
         self.facts = first.to_frame().join(in_lkge).fillna(np.inf).reset_index()
-        self._answers: dict[tuple[int, str], pd.DataFrame] = {}
+        #: by test set and the slot that its queries hide
+        self.answers = {place: self._answers(*place) for place in product(snapshots, OTHER_END)}
 
     @property
-    def last(self) -> int:
-        return len(self.tests) - 1
+    def unranked(self) -> list[int]:
+        """Test sets with a relation that the first embedding lacks: a later one is fitted."""
+        relations = self.relations[0]
+        return [j for j, test in enumerate(self.tests) if (test[:, 1] >= relations).any()]
 
-    def ranked(self, j: int, most: int | None) -> np.ndarray:
-        """The triples of test set j that are ranked, shape (Q, 3): at most ``most``, by a random
-        stream whose seed is 0, a purpose and j.
-        """
-        triples = self.tests[j]
-        if most is None or len(triples) <= most:
-            return triples
-        purpose = zlib.crc32(b"test triples of a snapshot")
-        order = np.random.default_rng(np.random.SeedSequence([0, purpose, j]))
-        drawn: np.ndarray = triples[np.sort(order.permutation(len(triples))[:most])]
-        return drawn
-
-    def answers(self, j: int, slot: str, most: int | None) -> pd.DataFrame:
+    def _answers(self, j: int, slot: str) -> pd.DataFrame:
         """The right answers of the queries of test set j for a slot; columns ``query``, ``answer``,
         and the first snapshots as in ``facts``.
         """
-        if (j, slot) not in self._answers:
-            triples = pd.DataFrame(self.ranked(j, most), columns=TRIPLE).drop(columns=slot)
-            asked = triples.assign(query=np.arange(len(triples)))
-            answers = asked.merge(self.facts.rename(columns={slot: "answer"}))
-            self._answers[j, slot] = answers.sort_values("query")
-        return self._answers[j, slot]
+        queries = pd.DataFrame(self.tests[j], columns=TRIPLE).drop(columns=slot)
+        queries = queries.rename_axis("query").reset_index()
+        answers = queries.merge(self.facts.rename(columns={slot: "answer"}))
+        return answers.sort_values("query")
+
+
+def drawn(triples: np.ndarray, most: int | None, j: int) -> np.ndarray:
+    """At most ``most`` of the triples of test set j, (N, 3), by a random stream whose seed is 0, a
+    purpose and j.
+    """
+    if most is None or len(triples) <= most:
+        return triples
+    purpose = zlib.crc32(b"test triples of a snapshot")
+    order = np.random.default_rng(np.random.SeedSequence([0, purpose, j]))
+    return np.asarray(triples[np.sort(order.permutation(len(triples))[:most])])
 
 
 def limits_of(i: int, j: int) -> dict[str, tuple[int, int]]:
@@ -614,64 +635,41 @@ def limits_of(i: int, j: int) -> dict[str, tuple[int, int]]:
 # Ranks
 
 
-class FirstEmbedding:
-    """The first embedding of a seed, by which R is computed."""
+def ranked(graph: GrowingGraph, entity: np.ndarray, relation: np.ndarray, i: int) -> pd.DataFrame:
+    """Ranks of the test sets 0 to i by the first embedding, for the entities of snapshot i: those
+    after the first snapshot have the mean of the others. (With them, the mean of all stays the
+    same.)
 
-    def __init__(self, entity: np.ndarray, relation: np.ndarray) -> None:
-        """Tables of entities, (E, d), and of relations with their inverse ones, (R, 2d)."""
-        self.entity = as_complex(entity)  #: (E, d / 2)
-        forward, inverse = np.split(relation, 2, axis=1)
-        #: by the slot that a query hides; shapes (R, d / 2)
-        self.relation = {"tail": as_complex(forward), "head": as_complex(inverse)}
+    Args:
+        entity: table of the first embedding, shape (E, d).
+        relation: its table of relations with their inverse ones, shape (R, 2d).
 
-    @classmethod
-    def read(cls, experiment: str) -> list[FirstEmbedding]:
-        """Those of an experiment, by seed."""
-        tables = load_file(f"data/continual/{experiment}/first.safetensors")
-        return [cls(*rows) for rows in zip(tables["entity"], tables["relation"], strict=True)]
-
-    def with_means(self, entities: int) -> np.ndarray:
-        """The vectors of so many entities: those after the first snapshot have the mean of the
-        others. (With them, the mean of all stays the same.)
-        """
-        new = entities - len(self.entity)
-        return np.concatenate([self.entity, np.tile(self.entity.mean(0), (new, 1))])
-
-    def matrix_row(
-        self, graph: GrowingGraph, i: int, most: int | None
-    ) -> dict[Group, tuple[np.ndarray, np.ndarray]]:
-        """Lower and upper bounds of the number of queries and ``MEASURES``, by group, of the test
-        sets 0 to i whose relations all have a row; shapes (5,).
-        """
-        row = {}
-        for j, (slot, other) in product(range(i + 1), OTHER_END.items()):
-            triples = graph.ranked(j, most)
-            if not len(triples) or not self.can_rank(triples):
-                continue
-            hidden, given = triples[:, TRIPLE.index(slot)], triples[:, TRIPLE.index(other)]
-            vectors = self.with_means(graph.entities[i])
-            mapped = vectors[given] * self.relation[slot][triples[:, 1]]
-            answers, blocks = graph.answers(j, slot, most), []
-            for start in range(0, len(triples), QUERIES_AT_ONCE):
-                block = slice(start, start + QUERIES_AT_ONCE)
-                wins = wins_of((mapped[block] @ vectors.conj().T).real, hidden[block])
-                of_block = answers["query"].between(start, block.stop - 1)
-                of_block = answers[of_block].assign(query=answers["query"] - start)
-                blocks.append(ranks_of(wins, of_block, graph.entities, i, j))
-            is_new = hidden >= (graph.entities[i - 1] if i else 0)
-            for protocol, kind in product(blocks[0], ("new", "old")):
-                chosen = is_new == (kind == "new")
-                ranks = np.concatenate([block[protocol] for block in blocks], axis=1)[:, chosen]
-                if chosen.any():
-                    lowest, highest = ranks
-                    row[protocol, j, slot, kind] = measures(highest), measures(lowest)
-        return row
-
-    def can_rank(self, triples: np.ndarray) -> bool:
-        """Whether all relations of triples, (N, 3), are those of the first snapshot: a later one
-        is fitted.
-        """
-        return bool((triples[:, 1] < len(self.relation["tail"])).all())
+    Returns:
+        Columns ``GROUP_OF_R``, ``lowest`` and ``highest``; a row for each query and protocol.
+    """
+    known = as_complex(entity)
+    forward, inverse = map(as_complex, np.split(relation, 2, axis=1))
+    new = graph.entities[i] - len(known)
+    vectors = np.concatenate([known, np.tile(known.mean(0), (new, 1))])
+    parts = []
+    for j, (slot, given) in product(range(i + 1), OTHER_END.items()):
+        if j in graph.unranked:
+            continue
+        triples = graph.tests[j]
+        relations = forward if slot == "tail" else inverse
+        mapped = vectors[triples[:, TRIPLE.index(given)]] * relations[triples[:, 1]]
+        hidden = triples[:, TRIPLE.index(slot)]
+        answers = graph.answers[j, slot]
+        is_new = hidden >= (graph.entities[i - 1] if i else 0)
+        kind = np.where(is_new, "new", "old")
+        for start in range(0, len(triples), QUERIES_AT_ONCE):
+            block = slice(start, start + QUERIES_AT_ONCE)
+            wins = wins_of((mapped[block] @ vectors.conj().T).real, hidden[block])
+            of_block = answers[answers["query"].between(start, block.stop - 1)]
+            of_block = of_block.assign(query=of_block["query"] - start)
+            ranks = ranks_of(wins, of_block, graph.entities, i, j)
+            parts.append(ranks.assign(j=j, slot=slot, answer=kind[block][ranks["query"]]))
+    return pd.concat(parts)
 
 
 def as_complex(rows: np.ndarray) -> np.ndarray:
@@ -696,71 +694,75 @@ def wins_of(scores: np.ndarray, answer: np.ndarray) -> np.ndarray:
 
 def ranks_of(
     wins: np.ndarray, answers: pd.DataFrame, entities: list[int], i: int, j: int
-) -> dict[str, np.ndarray]:
-    """Ranks by protocol, (2, Q), from ``wins_of``, (2, Q, E), and the right answers of queries.
+) -> pd.DataFrame:
+    """Ranks by protocol, from ``wins_of``, (2, Q, E), and the right answers of queries; columns
+    ``protocol``, ``query``, ``lowest`` and ``highest``.
 
     The answer, too, is a right answer. It is tied with itself, and so does not count.
     """
-    ranks = {}
+    parts = []
     for protocol, (candidates, facts) in limits_of(i, j).items():
         if candidates < j:  # the answer may be no candidate
             continue
         number = entities[candidates]
         first = answers["in_lkge" if protocol == "lkge" else "arrival"]
         right = answers[(first <= facts) & (answers["answer"] < number)]
-        left_out = wins[:, right["query"], right["answer"]]
         ahead = wins[:, :, :number].sum(2)
+        left_out = wins[:, right["query"], right["answer"]]
         for bound, of_answers in zip(ahead, left_out, strict=True):
             bound -= np.bincount(right["query"], of_answers, wins.shape[1])
-        ranks[protocol] = 1 + ahead
-    return ranks
+        bounds = pd.DataFrame(1 + ahead.T, columns=["lowest", "highest"])
+        parts.append(bounds.rename_axis("query").reset_index().assign(protocol=protocol))
+    return pd.concat(parts)
 
 
-def measures(ranks: np.ndarray) -> np.ndarray:
-    """The number of queries and ``MEASURES`` of ranks, (Q,); shape (5,)."""
-    hits = [(ranks <= k).mean() for k in HITS]
-    return np.array([len(ranks), (1 / ranks).mean(), *hits])
-
-
-def of_step(matrix: pd.DataFrame, step: Step, seed: int) -> dict[Group, np.ndarray]:
-    """The numbers of queries and ``MEASURES`` of a part of a chain; shapes (5,)."""
-    initializer, strategy, phase, i = step
-    chain = {"initializer": initializer, "strategy": strategy} if initializer else {}
-    rows = where(matrix, seed=seed, phase=phase, i=i, **chain)
-    groups = rows[["protocol", "j", "slot", "answer"]].itertuples(index=False, name=None)
-    return dict(zip(groups, rows[["queries", *MEASURES]].to_numpy(float), strict=True))
+def measures(ranks: pd.DataFrame, bound: str) -> pd.DataFrame:
+    """The means of ``MEASURES`` by group of ``ranked``, of the ranks of a column."""
+    rank = ranks[bound]
+    of_each = {f"hits@{k}": rank <= k for k in HITS} | {"mrr": 1 / rank}
+    groups = ranks[[*GROUP_OF_R]].assign(**of_each).groupby(GROUP_OF_R)
+    return groups.mean().assign(queries=groups.size())
 
 
 def check_matrix(experiment: str, settings: Values, check: Check) -> str:
     """Compare R[i, j] of the first embeddings, and of the chains that insert the mean, with the
     table of an experiment; returns what is left open.
     """
-    graph, matrix = GrowingGraph(settings["timeline"]), table(f"continual/{experiment}/matrix")
-    steps, most = plain_steps(settings, graph.last), settings["most_tests"]
-    skipped, widest = set[int](), 0.0
-    for seed, first in enumerate(FirstEmbedding.read(experiment)):
-        skipped |= {j for j in range(len(graph.tests)) if not first.can_rank(graph.ranked(j, most))}
-        rows = {i: first.matrix_row(graph, i, most) for i in {i for *_, i in steps}}
-        for step in steps:
-            initializer, strategy, phase, i = step
-            chain = f"{initializer} {strategy}" if initializer else "first embedding"
-            ours, theirs = rows[i], of_step(matrix, step, seed)
-            groups = {*ours, *(group for group in theirs if group[1] not in skipped)}
-            for group in sorted(groups):
-                protocol, j, slot, kind = group
-                place = f"{protocol}, {chain}, {phase}, {experiment}, seed {seed}, R[{i}, {j}]"
-                lowest, highest = ours.get(group, NO_ROW)
-                stored = theirs.get(group, NO_ROW[0])
-                here = np.clip(stored, lowest, highest)
-                check.compare(f"{place}, {slot}, {kind} answers", here, stored)
-                if group in ours:
-                    widest = max(widest, float((highest - lowest).max()))
+    graph = GrowingGraph(settings["timeline"], settings["most_tests"])
+    steps, names = plain_steps(settings, len(graph.tests) - 1), ["initializer", "strategy"]
+    matrix = table(f"continual/{experiment}/matrix")
+    stored = matrix.assign(**matrix[names].fillna("")).merge(steps)
+    stored = stored[~stored["j"].isin(graph.unranked)]
+    first = load_file(f"data/continual/{experiment}/first.safetensors")
+    widest = 0.0
+    for seed, (entity, relation) in enumerate(zip(first["entity"], first["relation"], strict=True)):
+        ranks = {i: ranked(graph, entity, relation, i) for i in steps["i"].unique()}
+        highest, lowest = (
+            pd.concat({i: measures(rows, bound) for i, rows in ranks.items()}, names=["i"])
+            .reset_index()
+            .merge(steps)
+            .set_index([*STEP, *GROUP_OF_R])[MEASURES]
+            for bound in ("lowest", "highest")
+        )
+        there = where(stored, seed=seed).set_index(lowest.index.names)
+        check.compare(f"{experiment}, seed {seed}", lowest, there, highest)
+        widest = max(widest, float((highest - lowest).to_numpy().max()))
     left_open = f"R[i, j] of {experiment}: rounding of scores leaves {widest:.0e} open at most"
-    tests = ", ".join(map(str, sorted(skipped)))
+    tests = ", ".join(map(str, graph.unranked))
     return f"{left_open}; test sets not ranked, for their new relations: {tests or 'none'}."
 
 
-# What the report shows of a chain, from its rows of ``matrix.parquet``; per cent
+# What the report shows of a chain
+
+#: Columns of its tables of graphs that grow that are computed again.
+SHOWN = {
+    "grown": [
+        "new tests, at once", "new tests, after training",
+        "base test, before", "base test, in the end", "D",
+    ],
+    "after_last": ["mrr", "hits@1", "hits@10"],
+    "interference": ["H_old", "H_cur", "A_TN", "D"],
+}  # fmt: skip
 
 
 def mean_of(rows: pd.DataFrame, measure: str = "mrr") -> float:
@@ -768,73 +770,67 @@ def mean_of(rows: pd.DataFrame, measure: str = "mrr") -> float:
     return float(np.average(rows[measure], weights=rows["queries"])) if len(rows) else np.nan
 
 
-def grown(rows: pd.DataFrame) -> dict[str, float]:
-    """MRR of new tests and of the base test, and D."""
+def measures_of(rows: pd.DataFrame, protocol: str) -> pd.Series:
+    """All measures of ``SHOWN`` from a chain's rows of ``matrix.parquet``, in per cent: MRR of new
+    tests and of the base test; means over all test sets after the last snapshot under a
+    ``protocol``; and MEOR's H_old, H_cur, A_TN and D, means of MRR over updates and slots.
+    """
+    last = rows["i"].max()
     current = where(rows, protocol="current")
     of_new = current[(current["i"] == current["j"]) & (current["i"] > 0)]
     base = where(current, j=0, phase="trained")
-    means = {
+    measures = {
         "new tests, at once": mean_of(where(of_new, phase="inserted")),
         "new tests, after training": mean_of(where(of_new, phase="trained")),
         "base test, before": mean_of(where(base, i=0)),
-        "base test, in the end": mean_of(where(base, i=rows["i"].max())),
+        "base test, in the end": mean_of(where(base, i=last)),
     }
-    of_meor = interference(rows)
-    return {name: 100 * value for name, value in means.items()} | {"D": of_meor["D"]}
-
-
-def after_last(rows: pd.DataFrame, protocol: str) -> dict[str, float]:
-    """Means of MRR, hits@1 and hits@10 over all test sets after the last snapshot."""
-    in_the_end = where(rows, protocol=protocol, phase="trained", i=rows["i"].max())
-    tests = [where(in_the_end, j=j) for j in range(rows["i"].max() + 1)]
-    names = ("mrr", "hits@1", "hits@10")
-    return {name: float(100 * np.mean([mean_of(test, name) for test in tests])) for name in names}
-
-
-def interference(rows: pd.DataFrame) -> dict[str, float]:
-    """MEOR's H_old, H_cur, D and A_TN: means of MRR over updates and slots."""
-    values = []
-    for i, slot in product(range(1, rows["i"].max() + 1), OTHER_END):
+    in_the_end = where(rows, protocol=protocol, phase="trained", i=last)
+    tests = [where(in_the_end, j=j) for j in range(last + 1)]
+    for name in SHOWN["after_last"]:
+        measures[name] = float(np.mean([mean_of(test, name) for test in tests]))
+    of_updates = []
+    for i, slot in product(range(1, last + 1), OTHER_END):
         update = where(rows, phase="trained", i=i, slot=slot)
         earlier = update[update["j"] < i]
-        of_protocol = [mean_of(where(earlier, protocol=name)) for name in ("old", "current")]
-        new = mean_of(where(update, protocol="current", j=i, answer="new"))
-        values.append([*of_protocol, new])
-    old, current, new = (100 * np.nanmean(values, axis=0)).tolist()
-    return {"H_old": old, "H_cur": current, "A_TN": new, "D": old - current}
+        parts = {
+            "H_old": where(earlier, protocol="old"),
+            "H_cur": where(earlier, protocol="current"),
+            "A_TN": where(update, protocol="current", j=i, answer="new"),
+        }
+        of_updates.append({name: mean_of(part) for name, part in parts.items()})
+    measures |= pd.DataFrame(of_updates).mean().to_dict()
+    measures["D"] = measures["H_old"] - measures["H_cur"]
+    return 100 * pd.Series(measures)
 
 
 def check_published(experiment: str, settings: Values, check: Check) -> None:
-    """Compare the tables of the report of graphs that grow with what follows from R[i, j]."""
-    matrix, chains = table(f"continual/{experiment}/matrix"), chains_of(settings)
-    lines = list(zip(cycle(["grown"]), chains, shown(f"grown_{experiment}"), strict=False))
-    check.compare(f"lines of table grown, {experiment}", len(chains), len(lines))
-    # beside the numbers of each source that others publish: all strategies of an initializer
-    beside = [chain for chain in chains if chain[0] == chains[0][0]]
-    for name in ("after_last", "interference"):
-        ours = [
-            line
-            for line in shown(name)
-            if (line["benchmark"], line["source"]) == (settings["title"], "this run")
-        ]
-        lines += zip(cycle([name]), cycle(beside), ours, strict=False)
-    for name, (initializer, strategy), line in lines:
-        is_chain = (matrix["initializer"] == initializer) & (matrix["strategy"] == strategy)
-        by_seed = []
-        for _, rows in matrix[is_chain | (matrix["i"] == 0)].groupby("seed"):
-            if name == "after_last":
-                by_seed.append(after_last(rows, line["protocol"]))
-            else:
-                by_seed.append(grown(rows) if name == "grown" else interference(rows))
-        for column, here in pd.DataFrame(by_seed).mean().items():
-            place = f"{column}, table {name}, {initializer} {strategy}, {experiment}"
-            check.compare(place, here, line[column])
+    """Compare tables of the report of graphs that grow with what follows from R[i, j]: the
+    experiment's own, and the lines of this run beside the numbers that others publish.
+    """
+    chains, matrix = chains_of(settings), table(f"continual/{experiment}/matrix")
+    of_run = {"benchmark": settings["title"], "source": "this run"}
+    for name, columns in SHOWN.items():
+        if name == "grown":
+            lines = shown(f"grown_{experiment}").assign(protocol="current")
+        else:
+            lines = where(shown(name), **of_run)
+        for protocol, of_protocol in lines.groupby("protocol"):
+            here = {}
+            for initializer, strategy in chains:
+                is_chain = (matrix["initializer"] == initializer) & (matrix["strategy"] == strategy)
+                by_seed = matrix[is_chain | (matrix["i"] == 0)].groupby("seed")
+                measures = [measures_of(rows, protocol)[columns] for _, rows in by_seed]
+                here[f"{initializer} {strategy}"] = pd.DataFrame(measures).mean()
+            ours = pd.DataFrame(here).T
+            there = of_protocol.set_index(ours.index[: len(of_protocol)])
+            check.compare(f"table {name}, {experiment}", ours, there)
 
 
-def shown(name: str) -> list[dict[Any, Any]]:
-    """Lines of a table of the report of graphs that grow; none if there is no such table."""
+def shown(name: str) -> pd.DataFrame:
+    """A table of the report of graphs that grow; without rows if there is no such table."""
     path = Path(f"reports/continual/tables/{name}.csv")
-    return pd.read_csv(path).to_dict("records") if path.exists() else []
+    return pd.read_csv(path) if path.exists() else pd.DataFrame(columns=["benchmark", "source"])
 
 
 def verify_grown(continual: Mapping[str, Values]) -> list[Check]:
@@ -842,37 +838,36 @@ def verify_grown(continual: Mapping[str, Values]) -> list[Check]:
     skipped.
     """
     matrix, measured = Check("R[i, j]", 1e-6), Check("continual measures", 6e-3)
-    absent, others = list[str](), list[str]()
-    for experiment, settings in continual.items():
-        if not Path(f"data/continual/{experiment}/matrix.parquet").exists():
-            absent.append(experiment)
-            continue
-        if settings["model"] == MODEL:
-            print(check_matrix(experiment, settings, matrix))
-        else:
-            others.append(experiment)
-        if shown(f"grown_{experiment}"):
-            check_published(experiment, settings, measured)
-    if absent:
-        print(f"Not computed again: R[i, j] of {', '.join(absent)}, which have not run.")
-    if others:
-        print(f"Not computed again: R[i, j] of {', '.join(others)}, of other models than {MODEL}.")
+    have_run = [
+        name for name in continual if Path(f"data/continual/{name}/matrix.parquet").exists()
+    ]
+    others = [name for name in have_run if continual[name]["model"] != MODEL]
+    for experiment in have_run:
+        if experiment not in others:
+            print(check_matrix(experiment, continual[experiment], matrix))
+        check_published(experiment, continual[experiment], measured)
+    absent = [name for name in continual if name not in have_run]
+    for names, reason in (
+        (absent, "which have not run"),
+        (others, f"of other models than {MODEL}"),
+    ):
+        if names:
+            print(f"Not computed again: R[i, j] of {', '.join(names)}, {reason}.")
     return [matrix, measured]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--cells", type=int, default=12, help="grid points whose vectors are computed again"
+        "--points", type=int, default=12, help="grid points whose vectors are computed again"
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the choice of grid points")
-    options = parser.parse_args()
+    number = parser.parse_args().points
     yaml = YAML(typ="safe", pure=True)
     have_grown = Path("data/continual").exists()
     checks = []
     try:
         if Path("data/graph").exists() or not have_grown:
-            checks += verify(yaml.load(Path("params.yaml")), options.cells, options.seed)
+            checks += verify(yaml.load(Path("params.yaml")), number)
         else:
             print("Not computed again: the first pipeline, which has not run.")
         if have_grown:
@@ -881,7 +876,7 @@ def main() -> None:
             print("Not computed again: graphs that grow, which have not run.")
     except OSError as error:
         sys.exit(f"verify: {error}")
-    titles = f"{'number':>8}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}"
+    titles = f"{'number':>9}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}"
     print(f"\n{'compared':18}{titles}", *checks, sep="\n")
     disagreements = [line for check in checks for line in check.disagreements]
     print(*disagreements[:20], sep="\n")
