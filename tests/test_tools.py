@@ -2,7 +2,6 @@
 
 import ast
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -347,9 +346,27 @@ def hidden_results() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns).astype({"told": "Int64"})
 
 
+#: Means over seeds that meet all bars.
+MET = {
+    "study": "a graph",
+    "facts": "all",
+    "known_ends": 0.5,
+    "best": 0.51,
+    "best_named": "map",
+    "best_loss": 0.05,
+    "retrained": 0.5,
+    "loss": 0.01,
+    "estimated": 0.012,
+}
+
+
+def means_with(*changes: dict[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame([MET | change for change in changes], columns=list(MET))
+
+
+@pytest.mark.usefixtures("pykeen")
 def test_the_comparison_of_hidden_entities_by_hand() -> None:
     """Mean .2, half width 4.303 · .1 / √3 = .248, so not significant."""
-    pytest.importorskip("pykeen")
     from tools.hidden import by_seed, compared, interval, loss, means_of, summary
 
     results = hidden_results()
@@ -366,73 +383,99 @@ def test_the_comparison_of_hidden_entities_by_hand() -> None:
         "loss +0.070; estimate -0.080; known ends -0.030",
         "loss +0.030; known ends -0.030",
     ]
-    text = summary({"one": mrr, "another": mrr}, {"one": means, "another": means})
+    assert table["default minus retrained"].tolist() == ["", "0.200 ± 0.248"]
+    both = pd.concat([means.assign(study=name) for name in ("one", "another")], ignore_index=True)
+    text = summary({"one": mrr, "another": mrr}, both)
     assert "in 0 of 2 studies" in text
     assert "in 4 of 4 rows, at most by 0.070 (one, facts: 1)" in text
     assert "in 2 of 4 rows, at most by 0.080 (one, facts: 1)" in text
     assert text.endswith("after training from scratch in 0 of 2 rows.")
-    assert table["default minus retrained"].tolist() == ["", "0.200 ± 0.248"]
 
 
-def studies_by_hand(*differences: list[float]) -> dict[str, pd.DataFrame]:
-    """A study for each list, of the default minus retraining by seed."""
+@pytest.mark.usefixtures("pykeen")
+def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:
+    from tools.hidden import by_seed, compared, means_of, summary
+
+    results = hidden_results()
+    results = results[(results["seed"] == 0) & (results["method"] != "retrained")]
+    mrr = by_seed(results)
+    settings = check(HIDDEN | {"max_insert_triples": [None]}, Hidden, "hidden.ring")
+    means = means_of(mrr, results, settings)
+    (row,) = compared(mrr, means).to_dict("records")
+    assert (row["known ends: default"], row["retrained"]) == ("0.400", "")
+    assert "in 0 of 0 studies" in summary({"one": mrr}, means.assign(study="one"))
+
+
+def studies_by_hand(*differences: tuple[float, float]) -> dict[str, pd.DataFrame]:
+    """Studies of three seeds by the mean and the standard error of the default minus retraining."""
     studies = {}
-    for number, values in enumerate(differences):
-        inserted = [("insert", seed, 0.5 + value) for seed, value in enumerate(values)]
-        again = [("retrained", seed, 0.5) for seed in range(len(values))]
-        table = pd.DataFrame([*inserted, *again], columns=["method", "seed", "mrr"])
-        table = table.assign(told="all", asked="known")
-        studies[f"study {number}"] = table.pivot(
-            index=["method", "seed"], columns=["told", "asked"], values="mrr"
-        )
+    for number, (mean, error) in enumerate(differences):
+        spread = error * 3**0.5
+        values = [0.5 + mean - spread, 0.5 + mean, 0.5 + mean + spread]
+        index = pd.MultiIndex.from_product([["insert", "retrained"], range(3)])
+        mrr = pd.DataFrame({("all", "known"): [*values, 0.5, 0.5, 0.5]}, index)
+        studies[f"study {number}"] = mrr.rename_axis(["method", "seed"])
     return studies
 
 
+@pytest.mark.usefixtures("pykeen")
 def test_significance_against_retraining_is_corrected_over_studies() -> None:
-    """Means .2, -.25 and .035 with standard errors of .01: t = 20, -25 and 3.5; p with two
-    degrees of freedom: 1 - t / √(2 + t²). The study with one seed is not tested.
+    """t = 20, -25 and 3.5; p with two degrees of freedom: 1 - t / √(2 + t²). A study with one seed
+    is not tested. For t = 5, p is .038 alone, and .075 as the smallest of two.
     """
-    pytest.importorskip("pykeen")
     from tools.hidden import against_retraining, counts
 
-    spread = 0.01 * 3**0.5  # a standard error of .01 with three seeds
-    high, low, small = ([mean - spread, mean, mean + spread] for mean in (0.2, -0.25, 0.035))
-    studies = studies_by_hand(high, low, small, [0.1])
-    table = against_retraining(studies)
+    studies = studies_by_hand((0.2, 0.01), (-0.25, 0.01), (0.035, 0.01))
+    with_one_seed = studies["study 0"].query("seed == 0")
+    table = against_retraining(studies | {"study 3": with_one_seed})
     p = [1 - t / (2 + t * t) ** 0.5 for t in (20, 25, 3.5)]
     assert table.index.tolist() == ["study 0", "study 1", "study 2"]
     assert table["difference"].tolist() == pytest.approx([0.2, -0.25, 0.035])
     assert table["p"].tolist() == pytest.approx(p)
     assert table["corrected"].tolist() == pytest.approx([2 * p[0], 3 * p[1], p[2]])
-    counted = counts(studies, {})
-    assert counted.loc["above retraining"].tolist() == [1, 3]
-    assert counted.loc["below retraining"].tolist() == [1, 3]
+
+    def counted(*differences: tuple[float, float]) -> list[list[int]]:
+        rows = counts(studies_by_hand(*differences), means_with())
+        return rows.loc[["above retraining", "below retraining"]].to_numpy().tolist()
+
+    assert counted((0.2, 0.01), (-0.25, 0.01), (0.035, 0.01)) == [[1, 3], [1, 3]]
+    assert counted((0.05, 0.01)) == [[1, 1], [0, 1]]
+    assert counted((0.05, 0.01), (0.0, 0.06)) == [[0, 2], [0, 2]]
 
 
-def test_a_difference_can_lose_its_significance_to_the_number_of_studies() -> None:
-    """t = 5: p = .038 alone, .075 as the smallest of two."""
+@pytest.mark.usefixtures("pykeen")
+def test_misses_of_the_default_by_hand() -> None:
+    from tools.hidden import counts, harmful, misses
+
+    nan = float("nan")
+    rows: list[tuple[dict[str, Any], dict[str, float]]] = [
+        ({}, {}),
+        ({"loss": 0.025, "estimated": 0.02}, {"loss": 0.005}),
+        ({"facts": "3", "loss": 0.025, "estimated": 0.02}, {}),
+        ({"loss": 0.012, "estimated": 0.02}, {"estimate": 0.008}),
+        ({"loss": 0.02, "estimated": 0.01}, {"estimate": -0.01}),
+        ({"loss": -0.01, "estimated": 0.006}, {"estimate": 0.016}),
+        ({"loss": 0.005, "estimated": 0.0}, {}),
+        ({"loss": 0.01, "estimated": nan}, {}),
+        ({"best": 0.53}, {"known ends": -0.03}),
+        ({"best": 0.53, "best_loss": 0.02}, {"known ends": -0.03}),
+        ({"best": 0.53, "loss": 0.03, "estimated": 0.03}, {"known ends": -0.03, "loss": 0.01}),
+        ({"retrained": 0.501}, {"retraining": -0.001}),
+        ({"retrained": nan}, {}),
+    ]
+    means = means_with(*(changes for changes, _ in rows))
+    expected = pd.DataFrame([missed for _, missed in rows])
+    pd.testing.assert_frame_equal(misses(means), expected, check_like=True)
+    assert harmful(means) == 2
+    counted = counts({}, means)
+    assert counted.loc["near the best named"].tolist() == [10, 13]
+    assert counted.loc["within the bar of the loss"].tolist() == [11, 13]
+    assert counted.loc["both"].tolist() == [9, 13]
+
+
+@pytest.fixture
+def pykeen() -> None:
     pytest.importorskip("pykeen")
-    from tools.hidden import counts
-
-    spread = 0.01 * 3**0.5
-    better = [0.05 - spread, 0.05, 0.05 + spread]
-    alone, both = studies_by_hand(better), studies_by_hand(better, [-0.1, 0.0, 0.1])
-    assert counts(alone, {}).loc["above retraining"].tolist() == [1, 1]
-    assert counts(both, {}).loc["above retraining"].tolist() == [0, 2]
-
-
-def test_rows_within_both_bars_are_counted() -> None:
-    """One row within both bars, one too far below the best, one too harmful, one both."""
-    pytest.importorskip("pykeen")
-    from tools.hidden import Means, counts
-
-    good = Means("all", 0.5, 0.515, "map", 0.05, 0.4, 0.02, 0.02)
-    far, harmful = replace(good, best=0.525), replace(good, loss=0.021)
-    rows = {"one": [good, far], "another": [harmful, replace(far, loss=0.03)]}
-    counted = counts({}, rows)
-    assert counted.loc["near the best named"].tolist() == [2, 4]
-    assert counted.loc["within the bar of the loss"].tolist() == [2, 4]
-    assert counted.loc["both"].tolist() == [1, 4]
 
 
 def test_intervals_of_semi_inductive_answers_are_over_hidden_entities() -> None:
@@ -452,43 +495,3 @@ def test_intervals_of_semi_inductive_answers_are_over_hidden_entities() -> None:
     assert row["MRR of known ends ±"] == pytest.approx(12.7062 / 9, abs=1e-4)
     assert (row["hits@10"], row["hits@10 ±"]) == (1.0, 0.0)
     assert row["loss of trained MRR"] == pytest.approx(0.05)
-
-
-def test_a_single_seed_without_retraining_has_numbers_and_no_interval() -> None:
-    pytest.importorskip("pykeen")
-    from tools.hidden import by_seed, compared, means_of, summary
-
-    results = hidden_results()
-    results = results[(results["seed"] == 0) & (results["method"] != "retrained")]
-    mrr = by_seed(results)
-    settings = check(HIDDEN | {"max_insert_triples": [None]}, Hidden, "hidden.ring")
-    means = means_of(mrr, results, settings)
-    (row,) = compared(mrr, means).to_dict("records")
-    assert (row["known ends: default"], row["retrained"]) == ("0.400", "")
-    assert "in 0 of 0 studies" in summary({"one": mrr}, {"one": means})
-
-
-@pytest.mark.parametrize(
-    ("changed", "missed"),
-    [
-        ({}, {}),
-        ({"loss": 0.025, "estimated": 0.02}, {"loss": 0.005}),
-        ({"facts": "3", "loss": 0.025, "estimated": 0.02}, {}),
-        ({"loss": 0.012, "estimated": 0.02}, {"estimate": 0.008}),
-        ({"loss": 0.02, "estimated": 0.01}, {"estimate": -0.01}),
-        ({"loss": -0.01, "estimated": 0.006}, {"estimate": 0.016}),
-        ({"loss": 0.005, "estimated": 0.0}, {}),
-        ({"loss": 0.01, "estimated": float("nan")}, {}),
-        ({"best": 0.53}, {"known ends": -0.03}),
-        ({"retrained": 0.501}, {"retraining": -0.001}),
-        ({"retrained": float("nan")}, {}),
-    ],
-)
-def test_misses_of_the_default_by_hand(changed: dict[str, Any], missed: dict[str, float]) -> None:
-    pytest.importorskip("pykeen")
-    from tools.hidden import Means, harmful, misses
-
-    met = Means("all", 0.5, 0.51, "map", 0.05, 0.5, 0.01, 0.012)
-    means = replace(met, **changed)
-    assert misses(means) == pytest.approx(missed)
-    assert harmful({"a graph": [means, replace(means, best_loss=0.02)]}) == ("known ends" in missed)

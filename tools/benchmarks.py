@@ -367,7 +367,6 @@ def main() -> None:
         print(f"\n{switch}")
         with mpl.rc_context(STYLE):
             canvas = scaling(rows)
-            canvas.savefig(BENCHMARKS / "scaling.svg", metadata={"Date": None})
             canvas.savefig(BENCHMARKS / "scaling.png")
 
 

@@ -8,7 +8,6 @@ the grid point are not used; test triples enter only the counts from which true 
 Writes the tables of the documentation.
 """
 
-import argparse
 from dataclasses import replace
 from typing import Any
 
@@ -44,6 +43,9 @@ from tools.docs import BENCHMARKS, write_table
 from tools.figures import STYLE, rendered
 
 Setting = tuple[str, dict[str, Any]]
+SIZE, SEEDS = 5, 10  #: |ξ| and number of the grid points.
+HIDDEN = 5  #: Hidden entities at each grid point.
+STACK = 5
 #: MRR* in scope novel; entity MRR* of its queries that give a novel entity; loss of MRR* of earlier
 #: validation triples by the novel entities among the candidates.
 MEASURES = ("MRR*", "novel entity given", "loss of earlier")
@@ -131,28 +133,21 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
 
 
 def tasks_of(
-    params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
+    params: Params, experiment: str, settings: list[Setting]
 ) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
-    """Arguments of ``measured`` for samples of hidden entities at grid points of one size;
-    trains the embeddings.
-    """
-    store, chosen, fraction = (
-        Store(experiment),
-        params.train_config(),
-        params.sessions.insert_fraction,
-    )
-    words = store.words()
-    drawn = [
-        hide(points, given.hidden, draw, params.seed, fraction)
-        for points in store.grid(given.stack, given.size, given.seeds)
-        for draw in range(given.draws)
+    """Arguments of ``measured`` for hidden entities at grid points; trains the embeddings."""
+    store, config = Store(experiment), params.train_config()
+    fraction = params.sessions.insert_fraction
+    hidden = [
+        hide(points, HIDDEN, 0, params.seed, fraction) for points in store.grid(STACK, SIZE, SEEDS)
     ]
     trained = run(
-        train_stack, [(points, chosen) for points in drawn], params.compute, f"{experiment}: theta"
+        train_stack, [(points, config) for points in hidden], params.compute, f"{experiment}: theta"
     )
+    words = store.words()
     return [
         (points, result.theta, words, params.seed, settings)
-        for points, result in zip(drawn, trained, strict=True)
+        for points, result in zip(hidden, trained, strict=True)
     ]
 
 
@@ -172,48 +167,20 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--experiments", nargs="+", help="default: all that have grid points of --size"
-    )
-    names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
-    parser.add_argument(
-        "--initializers",
-        nargs="+",
-        choices=names,
-        default=names,
-        help="default: all that have a grid",
-    )
-    parser.add_argument("--size", type=int, default=5, help="|ξ| of the grid points")
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument(
-        "--draws", type=int, default=1, help="samples of hidden entities at each grid point"
-    )
-    parser.add_argument("--hidden", type=int, default=5, help="hidden entities in each sample")
-    parser.add_argument("--stack", type=int, default=5)
-    given = parser.parse_args()
     params = load()
-    fitting = [
-        name for name, about in params.experiments.items() if given.size in about.sessions.sizes
-    ]
-    settings, results = settings_of(given.initializers, params.initializers), {}
-    for experiment in given.experiments or fitting:
-        tasks = tasks_of(params, experiment, given, settings)
-        results[experiment] = 100 * np.concatenate(
-            run(measured, tasks, params.compute, experiment), 1
-        )
+    names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
+    settings, results = settings_of(names, params.initializers), {}
+    for experiment, entry in params.experiments.items():
+        if SIZE in entry.sessions.sizes:
+            tasks = tasks_of(params, experiment, settings)
+            measures = run(measured, tasks, params.compute, experiment)
+            results[experiment] = 100 * np.concatenate(measures, 1)
     table = table_of(settings, results)
     table.to_csv(BENCHMARKS / "initializer_options.csv", index=False)
-    with mpl.rc_context(STYLE):
-        canvas = frontier(table)
-        for form in ("svg", "png"):
-            (BENCHMARKS / f"initializers.{form}").write_bytes(rendered(canvas, form))
-    of_params = [
-        shown(params.initializers.get(name, {})) for name in table["initializer"]
-    ] == table["options"].to_numpy()
-    write_table("initializers", table[~table["initializer"].duplicated() | of_params])
+    (BENCHMARKS / "initializers.svg").write_bytes(rendered(frontier(table), "svg"))
+    of_params = [shown(params.initializers.get(name, {})) for name in table["initializer"]]
+    is_best = ~table["initializer"].duplicated()
+    write_table("initializers", table[is_best | (table["options"] == of_params)])
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
@@ -231,12 +198,9 @@ def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.Data
     table = pd.DataFrame({"initializer": names, "options": list(map(shown, options))} | columns)
     # within the tolerance all are equal
     harm = (table["loss of earlier"] - TOLERANCE).clip(lower=0)
-    ordered = (
-        table.assign(harm=harm)
-        .sort_values(["harm", "MRR*"], ascending=[True, False])
-        .drop(columns="harm")
-    )
-    parts = [ordered[ordered["initializer"] == name] for name in dict.fromkeys(names)]
+    ordered = table.assign(harm=harm).sort_values(["harm", "MRR*"], ascending=[True, False])
+    by_name = ordered.drop(columns="harm").groupby("initializer", sort=False)
+    parts = [by_name.get_group((name,)) for name in dict.fromkeys(names)]
     return pd.concat([part.assign(**{"±": deviations(part.index, results)}) for part in parts])
 
 
@@ -254,23 +218,19 @@ def frontier(table: pd.DataFrame) -> Figure:
     """Gain about hidden entities against loss of earlier triples for every setting that
     loses at most three points.
     """
-    canvas = Figure(figsize=(8, 5.5), layout="constrained")
-    axes = canvas.subplots()
     gain, _, loss = MEASURES
-    (least, most), lowest = (-0.1, 3), 50
-    for name, rows in table[table[loss].between(least, most) & (table[gain] >= lowest)].groupby(
-        "initializer", sort=False
-    ):
-        registered = INITIALIZERS.get(str(name), str(name))
-        axes.scatter(rows[loss], rows[gain], s=14, color=registered.colour, label=registered.label)
-    axes.axvline(TOLERANCE, color="#999999", linewidth=0.8, linestyle="--")
-    axes.set(
-        xlabel=f"{loss} triples, MRR* points",
-        ylabel="MRR* about hidden entities",
-        xlim=(least, most),
-        ylim=(lowest, None),
-    )
-    canvas.legend(loc="outside lower center", ncols=4)
+    shown = table[table[loss].between(-0.1, 3) & (table[gain] >= 50)]
+    with mpl.rc_context(STYLE):
+        canvas = Figure(figsize=(8, 5.5), layout="constrained")
+        axes = canvas.subplots()
+        for name, rows in shown.groupby("initializer", sort=False):
+            registered = INITIALIZERS.get(str(name), str(name))
+            style = {"color": registered.colour, "label": registered.label}
+            axes.scatter(rows[loss], rows[gain], s=14, **style)
+        axes.axvline(TOLERANCE, color="#999999", linewidth=0.8, linestyle="--")
+        axes.set(xlabel=f"{loss} triples, MRR* points", ylabel="MRR* about hidden entities")
+        axes.set(xlim=(-0.1, 3), ylim=(50, None))
+        canvas.legend(loc="outside lower center", ncols=4)
     return canvas
 
 

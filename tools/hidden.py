@@ -7,7 +7,6 @@ training from scratch, and says which bars it misses; ``hidden_summary.md`` and
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -136,125 +135,118 @@ def model_of(settings: Hidden) -> str:
     return f"{model}, {LOSSES.get(training.loss, training.loss)}"
 
 
-@dataclass(frozen=True)
-class Means:
-    """Means over seeds for a number of facts; NaN: not measured."""
-
-    facts: str
-    known_ends: float  #: MRR with the default
-    best: float  #: the highest MRR of known ends with a named initializer
-    best_named: str  #: that initializer
-    best_loss: float  #: what the MRR of earlier triples loses with it
-    retrained: float  #: MRR of known ends after training from scratch
-    loss: float  #: of the default
-    estimated: float  #: the loss that the selection of the default expects
-
-
-def means_of(mrr: pd.DataFrame, results: pd.DataFrame, settings: Hidden) -> list[Means]:
-    """For each number of facts."""
-    means = []
+def means_of(mrr: pd.DataFrame, results: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
+    """Means over seeds, a row for each number of ``facts``. ``known_ends``: MRR with the default;
+    ``best``: the highest with a named initializer, which is ``best_named``; ``retrained``: after
+    training from scratch. ``loss`` and ``best_loss``: what the MRR of earlier triples loses with
+    the default and that initializer; ``estimated``: what the selection of the default expects to
+    lose. NaN: not measured.
+    """
+    rows = []
     for number in (str(number or ALL) for number in settings.max_insert_triples):
         ends = mrr[number, "known"].groupby("method").mean()
         best = str(ends[settings.initializers].idxmax())
-        means.append(
-            Means(
-                number,
-                known_ends=ends["insert"],
-                best=ends[best],
-                best_named=best,
-                best_loss=loss(mrr, best, number).mean(),
-                retrained=ends.get("retrained", np.nan),
-                loss=loss(mrr, "insert", number).mean(),
-                estimated=estimated(results, number),
-            )
+        rows.append(
+            {
+                "facts": number,
+                "known_ends": ends["insert"],
+                "best": ends[best],
+                "best_named": best,
+                "best_loss": loss(mrr, best, number).mean(),
+                "retrained": ends.get("retrained", np.nan),
+                "loss": loss(mrr, "insert", number).mean(),
+                "estimated": estimated(results, number),
+            }
         )
-    return means
+    return pd.DataFrame(rows)
 
 
-def most_lost(facts: str) -> float:
-    """The bar of what earlier triples lose."""
-    return MOST_LOST if facts == ALL else MOST_LOST_OF_FEW
+def most_lost(means: pd.DataFrame) -> pd.Series:
+    """By row: the bar of what earlier triples lose."""
+    return (means["facts"] == ALL).map({True: MOST_LOST, False: MOST_LOST_OF_FEW})
 
 
-def differences(means: Means) -> dict[str, float]:
+def differences(means: pd.DataFrame) -> pd.DataFrame:
     """By bar: the loss above its bar; the estimated minus the real loss; the MRR of known ends
     minus that of the best initializer, and minus that after training from scratch.
     """
-    by_bar = {
-        "loss": means.loss - most_lost(means.facts),
-        "estimate": means.estimated - means.loss,
-        "known ends": means.known_ends - means.best,
-        "retraining": means.known_ends - means.retrained,
-    }
-    return {bar: difference for bar, difference in by_bar.items() if not np.isnan(difference)}
+    return pd.DataFrame(
+        {
+            "loss": means["loss"] - most_lost(means),
+            "estimate": means["estimated"] - means["loss"],
+            "known ends": means["known_ends"] - means["best"],
+            "retraining": means["known_ends"] - means["retrained"],
+        }
+    )
 
 
-def misses(means: Means) -> dict[str, float]:
-    """The ``differences`` of the bars that the default misses."""
-    low, high = sorted([means.estimated, means.loss])
-    is_missed = {
-        "loss": means.loss > most_lost(means.facts),
-        "estimate": high > SMALL and high > RATIO * low,
-        "known ends": means.best - means.known_ends > BELOW_BEST,
-        "retraining": means.known_ends < means.retrained,
-    }
-    return {bar: value for bar, value in differences(means).items() if is_missed[bar]}
+def misses(means: pd.DataFrame) -> pd.DataFrame:
+    """The ``differences`` of the bars that the default misses; NaN for the others."""
+    by_bar, losses = differences(means), means[["estimated", "loss"]]
+    low, high = losses.min(axis=1), losses.max(axis=1)
+    is_missed = pd.DataFrame(
+        {
+            "loss": by_bar["loss"] > 0,
+            "estimate": (high > SMALL) & (high > RATIO * low),
+            "known ends": by_bar["known ends"] < -BELOW_BEST,
+            "retraining": by_bar["retraining"] < 0,
+        }
+    )
+    return by_bar.where(is_missed)
 
 
-def compared(mrr: pd.DataFrame, means: list[Means]) -> pd.DataFrame:
+def compared(mrr: pd.DataFrame, means: pd.DataFrame) -> pd.DataFrame:
     """A row for each number of insert triples:
     the default, the best initializer and training from scratch.
     """
     rows = []
-    for row in means:
-        number, with_all = row.facts, row.facts == ALL and "retrained" in mrr.index
+    for (_, row), (_, missed) in zip(means.iterrows(), misses(means).iterrows(), strict=True):
+        number = row["facts"]
         known_ends = mrr.loc["insert"][number, "known"]
         minus_retrained, again = "", np.nan
-        if with_all:
+        if number == ALL and "retrained" in mrr.index:
             minus_retrained = with_interval(known_ends - mrr.loc["retrained"][number, "known"])
             again = loss(mrr, "retrained", number).mean()
         rows.append(
             {
                 "facts": number,
                 "known ends: default": with_interval(known_ends),
-                "best named": f"{row.best:.3f} ({row.best_named})",
-                "retrained": number_or_blank(row.retrained),
+                "best named": f"{row['best']:.3f} ({row['best_named']})",
+                "retrained": number_or_blank(row["retrained"]),
                 "default minus retrained": minus_retrained,
                 "hidden ones: default": with_interval(mrr.loc["insert"][number, "hidden"]),
                 "earlier": f"{mrr.loc['nothing'][ALL, 'earlier'].mean():.3f}",
                 "loss: default": with_interval(loss(mrr, "insert", number)),
-                "loss: estimated": number_or_blank(row.estimated),
-                "best named's": f"{loss(mrr, row.best_named, number).mean():.3f}",
+                "loss: estimated": number_or_blank(row["estimated"]),
+                "best named's": f"{row['best_loss']:.3f}",
                 "retraining's": number_or_blank(again),
-                "misses": "; ".join(f"{bar} {by:+.3f}" for bar, by in misses(row).items()),
+                "misses": "; ".join(f"{bar} {by:+.3f}" for bar, by in missed.dropna().items()),
             }
         )
     return pd.DataFrame(rows)
 
 
-def summary(studies: Mapping[str, pd.DataFrame], means: Mapping[str, list[Means]]) -> str:
-    """Sentences on the default; ``by_seed`` and ``means_of`` of each study by name."""
+def summary(studies: Mapping[str, pd.DataFrame], means: pd.DataFrame) -> str:
+    """Sentences on the default, from ``by_seed`` of each study by name, and ``means_of`` of all
+    with a column ``study``.
+    """
     counted = counts(studies, means)["rows"]
     tested = len(against_retraining(studies))
-    rows = sum(map(len, means.values()))
     sentences = [
         "With all facts, the MRR of known ends is significantly higher with the default than "
         f"after training from scratch in {counted[HIGHER]} of {tested} studies, and significantly "
         f"lower in {counted[LOWER]} (t-tests paired by seed; p below {LEVEL:g} after Holm's "
         f"correction over the {tested} studies).",
-        f"In {counted[BOTH]} of {rows} rows, the default is within {BELOW_BEST:g} of the best "
-        "named initializer and within the bar of the loss.",
+        f"In {counted[BOTH]} of {len(means)} rows, the default is within {BELOW_BEST:g} of the "
+        "best named initializer and within the bar of the loss.",
     ]
+    by_bar, missed = differences(means), misses(means).abs()
     for bar, words in SENTENCES.items():
-        number, missed = 0, []
-        for name, rows in means.items():
-            for row in rows:
-                number += bar in differences(row)
-                if bar in misses(row):
-                    missed.append((abs(misses(row)[bar]), f"{name}, facts: {row.facts}"))
-        largest = max(missed, default=None)
-        end = "" if largest is None else f", at most by {largest[0]:.3f} ({largest[1]})"
-        sentences.append(f"{words} in {len(missed)} of {number} rows{end}.")
+        number, end = missed[bar].count(), ""
+        if number:
+            row = means.loc[missed[bar].idxmax()]
+            end = f", at most by {missed[bar].max():.3f} ({row['study']}, facts: {row['facts']})"
+        sentences.append(f"{words} in {number} of {by_bar[bar].count()} rows{end}.")
         if bar == "known ends":
             sentences.append(
                 f"In {harmful(means)} of these, that initializer exceeds the bar of the loss."
@@ -267,30 +259,31 @@ NEAR, SAFE, BOTH = "near the best named", "within the bar of the loss", "both"
 HIGHER, LOWER = "above retraining", "below retraining"
 
 
-def counts(studies: Mapping[str, pd.DataFrame], means: Mapping[str, list[Means]]) -> pd.DataFrame:
+def counts(studies: Mapping[str, pd.DataFrame], means: pd.DataFrame) -> pd.DataFrame:
     """In how many ``rows`` ``of`` all the default is at most ``BELOW_BEST`` below the best named
     initializer, at most the bar above the loss, or both; and in how many studies it is
-    significantly above or below training from scratch. ``studies``: ``by_seed`` of each.
+    significantly above or below training from scratch. Arguments as in ``summary``.
     """
-    missed = [set(misses(row)) for rows in means.values() for row in rows]
+    is_met = misses(means)[["known ends", "loss"]].isna()
     tested = against_retraining(studies)
     significant = tested.loc[tested["corrected"] < LEVEL, "difference"]
-    table = {
-        NEAR: (sum("known ends" not in bars for bars in missed), len(missed)),
-        SAFE: (sum("loss" not in bars for bars in missed), len(missed)),
-        BOTH: (sum(not {"known ends", "loss"} & bars for bars in missed), len(missed)),
-        HIGHER: (int((significant > 0).sum()), len(tested)),
-        LOWER: (int((significant < 0).sum()), len(tested)),
+    rows = {
+        NEAR: is_met["known ends"].sum(),
+        SAFE: is_met["loss"].sum(),
+        BOTH: is_met.all(axis=1).sum(),
+        HIGHER: (significant > 0).sum(),
+        LOWER: (significant < 0).sum(),
     }
-    return pd.DataFrame.from_dict(table, "index", columns=["rows", "of"])
+    of_all = 3 * [len(means)] + 2 * [len(tested)]
+    return pd.DataFrame({"rows": rows.values(), "of": of_all}, list(rows))
 
 
-def harmful(means: Mapping[str, list[Means]]) -> int:
+def harmful(means: pd.DataFrame) -> int:
     """In how many rows the best initializer of known ends has a bar's more MRR than the default,
     but a loss above its bar.
     """
-    rows = [row for rows in means.values() for row in rows]
-    return sum("known ends" in misses(row) and row.best_loss > most_lost(row.facts) for row in rows)
+    is_far = misses(means)["known ends"].notna()
+    return int((is_far & (means["best_loss"] > most_lost(means))).sum())
 
 
 def every_method(
@@ -311,11 +304,8 @@ def every_method(
     took = seconds[seconds["told"].isna()].set_index("method")["seconds"].reindex(mean.index)
     table = pd.DataFrame(columns, mean.index).map(number_or_blank)
     table.insert(0, "method", [label(method, settings) for method in mean.index])
-    return table.assign(
-        s=took.map(
-            lambda value: "" if pd.isna(value) else f"{value:{'.3f' if value < 1 else '.1f'}}"
-        )
-    ).reset_index(drop=True)
+    texts = took.map("{:.3f}".format).where(took < 1, took.map("{:.1f}".format))
+    return table.assign(s=texts.where(took.notna(), "")).reset_index(drop=True)
 
 
 def headed(table: pd.DataFrame, settings: Hidden, **first: str) -> pd.DataFrame:
@@ -334,19 +324,19 @@ def main() -> None:
         results = HIDDEN_ENTITIES.read(study=study)
         seconds = pd.DataFrame(json.loads(seconds_path(study).read_text(encoding="utf-8")))
         hidden, mrr = results.drop_duplicates("seed")["entities"], by_seed(results)
-        times = f"{len(hidden)} × {round(hidden.mean())}"
         name = f"{model_of(settings)}, {settings.title}"
         studies[name], means[name] = mrr, means_of(mrr, results, settings)
         read_as = results.loc[results["method"] == "insert", "trained_with"].unique()
+        times = f"{len(hidden)} × {round(hidden.mean())}"
         columns = {"loss read as": ", ".join(read_as), "hidden": times}
         comparison.append(headed(compared(mrr, means[name]), settings, **columns))
         methods.append(headed(every_method(mrr, results, seconds, settings), settings))
     if studies:
+        of_all = pd.concat(means, names=["study"]).reset_index("study").reset_index(drop=True)
+        sentences = f"{summary(studies, of_all)}\n"
+        (BENCHMARKS / "hidden_summary.md").write_text(sentences, encoding="utf-8")
+        counted = counts(studies, of_all).rename_axis("the default is").reset_index()
         write_table("hidden", pd.concat(comparison))
-        (BENCHMARKS / "hidden_summary.md").write_text(
-            f"{summary(studies, means)}\n", encoding="utf-8"
-        )
-        counted = counts(studies, means).rename_axis("the default is").reset_index()
         write_table("hidden_counts", counted)
         write_table("hidden_methods", pd.concat(methods))
 
