@@ -1,11 +1,12 @@
 """The files of the last commit, and the numbers of a report against them."""
 
 import json
-import math
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 ROOT = Path(__file__).parent.parent
 
@@ -32,24 +33,21 @@ def compared(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """A line that compares the numbers of two reports:
     how many are equal, and the largest difference.
     """
-    new, old = dict(_numbers(metrics)), dict(_numbers(before))
-    both = sorted(new.keys() & old.keys())
-    apart = {key: abs(new[key] - old[key]) for key in both if new[key] != old[key]}
-    line = (
-        f"Against the committed report: {len(both) - len(apart)} of {len(both)} numbers are equal"
-    )
-    if apart:
-        largest = max(apart, key=apart.__getitem__)
+    numbers = pd.concat({"new": _numbers(metrics), "old": _numbers(before)}, axis=1).sort_index()
+    both = numbers.dropna()
+    apart = (both["new"] - both["old"]).abs()
+    equal = (apart == 0).sum()
+    line = f"Against the committed report: {equal} of {len(both)} numbers are equal"
+    if equal < len(both):
+        largest = apart.idxmax()
+        new, old = both.loc[largest]
         line += f"; the largest difference is {apart[largest]:.2g}, in {largest}: "
-        line += f"{new[largest]:g} instead of {old[largest]:g} (docs/change.md: go back)"
-    alone = len(new) + len(old) - 2 * len(both)
+        line += f"{new:g} instead of {old:g} (docs/change.md: go back)"
+    alone = len(numbers) - len(both)
     return f"{line}; {alone} are in one report only" if alone else line
 
 
-def _numbers(values: Any, key: str = "") -> Iterator[tuple[str, float]]:
+def _numbers(values: Mapping[str, Any]) -> pd.Series:
     """The numbers in a tree of mappings, by their keys with dots between."""
-    if isinstance(values, Mapping):
-        for name, value in values.items():
-            yield from _numbers(value, f"{key}.{name}" if key else name)
-    elif isinstance(values, int | float) and math.isfinite(values):
-        yield key, values
+    flat = pd.json_normalize(dict(values)).T
+    return pd.to_numeric(flat[0] if len(flat) else pd.Series(dtype=float), "coerce").dropna()

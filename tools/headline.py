@@ -9,54 +9,56 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from tabulate import tabulate  # type: ignore[import-untyped]
 
 from tools.committed import ROOT, against_commit
 
-#: Columns: two lines of the title, and the keys of the numbers in ``metrics.json``.
-COLUMNS = (
-    ("immediate MRR*", "all", "immediate_mrr_star", "all"),
-    ("immediate MRR*", "novel", "immediate_mrr_star", "novel"),
-    ("gain %", "all", "improvement_over_xavier_percent", "all"),
-    ("epochs", "all", "epochs_to_convergence", "all"),
-    ("never %", "all", "unconverged_percent", "all"),
-    ("epochs", "held-out", "epochs_to_convergence", "novel_heldout"),
-    ("never %", "held-out", "unconverged_percent", "novel_heldout"),
-)
+#: The section and the scope of each column in ``metrics.json``, by the two lines of its title.
+COLUMNS = {
+    "immediate MRR*\nall": ("immediate_mrr_star", "all"),
+    "immediate MRR*\nnovel": ("immediate_mrr_star", "novel"),
+    "gain %\nall": ("improvement_over_xavier_percent", "all"),
+    "epochs\nall": ("epochs_to_convergence", "all"),
+    "never %\nall": ("unconverged_percent", "all"),
+    "epochs\nheld-out": ("epochs_to_convergence", "novel_heldout"),
+    "never %\nheld-out": ("unconverged_percent", "novel_heldout"),
+}
 #: In the folder of a pipeline: the metrics of its last two runs that differ.
 KEPT = Path(".dvc/tmp/metrics.json")
 
 
 def headline(metrics: Mapping[str, Any]) -> str:
     """The numbers of one experiment as text, a line for each model."""
-    return _table(_rows(metrics), ".2f")
+    return _text(_numbers(metrics), ".2f")
 
 
 def changes(metrics: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """The differences of the numbers in both from those before,
     a line for each model that has one; or no text.
     """
-    old, new = _rows(before), _rows(metrics)
-    rows = {model: list(map(_difference, new[model], old[model])) for model in new if model in old}
-    return _table({model: numbers for model, numbers in rows.items() if any(numbers)}, "+.2f")
+    new, old = _numbers(metrics), _numbers(before)
+    apart = (new - old).round(2).replace(0, np.nan).dropna(how="all")
+    return _text(apart.loc[new.index.intersection(apart.index, sort=False)], "+.2f")
 
 
-def _rows(metrics: Mapping[str, Any]) -> dict[str, list[Any]]:
-    columns = [metrics.get(section, {}).get(scope, {}) for _, _, section, scope in COLUMNS]
-    models = dict.fromkeys(
-        model for scope in metrics["immediate_mrr_star"].values() for model in scope
-    )
-    return {model: [column.get(model) for column in columns] for model in models}
+def _numbers(metrics: Mapping[str, Any]) -> pd.DataFrame:
+    """Rows by model, columns as in ``COLUMNS``."""
+    columns = {
+        title: pd.Series(metrics.get(section, {}).get(scope, {}), dtype=float)
+        for title, (section, scope) in COLUMNS.items()
+    }
+    of_scopes = metrics["immediate_mrr_star"].values()
+    models = dict.fromkeys(model for scope in of_scopes for model in scope)
+    return pd.DataFrame(columns, list(models))
 
 
-def _difference(new: float | None, old: float | None) -> float | None:
-    return None if new is None or old is None else round(new - old, 2) or None
-
-
-def _table(rows: Mapping[str, list[Any]], form: str) -> str:
-    lines = [[model, *numbers] for model, numbers in rows.items()]
-    titles = ["", *(f"{upper}\n{lower}" for upper, lower, *_ in COLUMNS)]
-    return str(tabulate(lines, titles, "plain", floatfmt=form)) if rows else ""
+def _text(numbers: pd.DataFrame, form: str) -> str:
+    if numbers.empty:
+        return ""
+    shown = numbers.astype(object).where(numbers.notna(), None)
+    return str(tabulate(shown, list(COLUMNS), "plain", floatfmt=form))
 
 
 def last(path: Path, metrics: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -25,7 +25,7 @@ from isi.live.bundle import Fact
 from isi.live.loaded import LoadedEmbedding, Query, answers_in
 
 #: Least probability of an answer that is stated as one. With it, four in five of the best answers
-#: about hidden objects of AI2-THOR were right (`tools/choose_threshold.py`, docs/command.md).
+#: about hidden objects of AI2-THOR were right (docs/command.md).
 LIKELY = 0.3
 #: Maximum number of answers and of queried entities per curve.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
