@@ -188,10 +188,9 @@ def alike(new: str, old: str) -> bool:
     )
 
 
-def write_table(name: str, table: pd.DataFrame, folder: Path = BENCHMARKS) -> None:
-    """Print a table, and write it as ``NAME.csv``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+def write_table(name: str, table: pd.DataFrame) -> None:
+    """Print a table, and write it as ``NAME.csv`` into docs/benchmarks."""
+    table.to_csv(BENCHMARKS / f"{name}.csv", index=False, lineterminator="\n")
     print(table.to_string(index=False))
 
 
@@ -199,13 +198,13 @@ def main(named: list[str]) -> None:
     """Update the commands' output in the named pages;
     without names, the tables and numbers of all pages.
     """
-    for page in map(Path, named) if named else pages():
-        text = page.read_text(encoding="utf-8")
+    for page in pages() if not named else ():
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in map(Path, named):
         with tempfile.TemporaryDirectory() as folder:
             prepare(Path(folder))
-            page.write_text(
-                with_output(text, Path(folder)) if named else filled(text), encoding="utf-8"
-            )
+            text = with_output(page.read_text(encoding="utf-8"), Path(folder))
+        page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from matplotlib.figure import Figure
 
 from isi.config import Name, check, read
 from isi.errors import InputError
+from isi.process import errors_in_one_line
 from isi.sources import Source
 from isi.tables import paths
 from tools.docs import BENCHMARKS, write_table
@@ -34,22 +34,6 @@ TRIPLE = ["head", "relation", "tail"]
 #: Maximum number of objects in a picture, or the number of its rooms if that is larger.
 SHOWN = 25
 NONE = "–"
-
-
-@dataclass(frozen=True)
-class Measured:
-    """The counts of a source that was read in full, and the seconds that it took."""
-
-    name: str
-    scenes: int
-    instances: int
-    counts: pd.Series[int]  #: number of observations of each unique triple
-    kinds: pd.DataFrame  #: entities (rows of ``isi.sources.KINDS``)
-    left: Mapping[str, int]  #: number of instances that each step of mining leaves
-    seconds: float
-
-    def of_kind(self, kind: str) -> list[str]:
-        return list(self.kinds.loc[self.kinds["kind"] == kind, "entity"])
 
 
 def source_settings(files: Iterable[Path]) -> dict[str, Any]:
@@ -73,84 +57,58 @@ def source_settings(files: Iterable[Path]) -> dict[str, Any]:
     return settings
 
 
-def run(name: str, settings: Any, seed: int) -> Measured:
-    """Read a source in full; ``InputError`` if it cannot be read."""
+def measured(name: str, settings: Any, seed: int) -> tuple[dict[str, str], pd.DataFrame]:
+    """Read a source in full; ``InputError`` if it cannot be read.
+
+    Returns:
+        its row of the table, as text; and the number of observations by object and room.
+    """
     counts, seen = [], []
     start = time.perf_counter()
     source = Source(settings, f"sources.{name}", seed)
     for frame in source.frames():
         counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
-        seen.append(
-            frame[["scene", "instance", "count"]]
-            .drop_duplicates(["scene", "instance"])
-            .astype(object)
-        )
+        instances = frame[["scene", "instance", "count"]]
+        seen.append(instances.drop_duplicates(["scene", "instance"]).astype(object))
     seconds = time.perf_counter() - start
-    total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum()
+    total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum().rename("count")
     where = pd.concat(seen).drop_duplicates(["scene", "instance"])
-    instances = int(where.loc[where["instance"].notna(), "count"].sum())
-    return Measured(
-        name, where["scene"].nunique(), instances, total, source.kinds, source.counts, seconds
-    )
+    kinds = source.kinds["kind"].value_counts()
+    steps = [f"{number:,} {step}" for step, number in source.counts.items() if number]
+    row = {
+        "source": name,
+        "scenes": _number(where["scene"].nunique()),
+        "rooms": _number(kinds.get("room", 0)),
+        "instances": _number(int(where.loc[where["instance"].notna(), "count"].sum())),
+        "observations": _number(int(total.sum())),
+        "unique triples": _number(len(total)),
+        "entities": _number(len(source.kinds)),
+        "entities by kind": ", ".join(f"{number:,} {kind}" for kind, number in kinds.items()),
+        "relations": _number(total.index.get_level_values("relation").nunique()),
+        "counted by mining": "; ".join(steps) or NONE,
+        "seconds": f"{seconds:.1f}",
+    }
+    rooms = source.kinds.loc[source.kinds["kind"] == "room", "entity"]
+    of_rooms = total[total.index.get_level_values("tail").isin(rooms)]
+    by_place = of_rooms.groupby(level=["head", "tail"], observed=True).sum()
+    return row, by_place.unstack(fill_value=0)
 
 
-def table(measured: Iterable[Measured]) -> pd.DataFrame:
-    """A table of counts as text, with a row for each source."""
-    return pd.DataFrame(
-        [
-            {
-                "source": source.name,
-                "scenes": _number(source.scenes),
-                "rooms": _number(len(source.of_kind("room"))),
-                "instances": _number(source.instances),
-                "observations": _number(int(source.counts.sum())),
-                "unique triples": _number(len(source.counts)),
-                "entities": _number(len(source.kinds)),
-                "entities by kind": ", ".join(
-                    f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()
-                ),
-                "relations": _number(source.counts.index.get_level_values("relation").nunique()),
-                "counted by mining": "; ".join(
-                    f"{n:,} {step}" for step, n in source.left.items() if n
-                )
-                or NONE,
-                "seconds": f"{source.seconds:.1f}",
-            }
-            for source in measured
-        ]
-    )
-
-
-def picture(measured: Measured) -> Figure | None:
-    """A heat map of the observations of the most frequent objects by room;
-    None for a source without rooms.
-    """
-    rooms = measured.counts[
-        measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))
-    ]
-    if rooms.empty:
-        return None
-    shown = most_frequent(
-        rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0)
-    )
+def picture(name: str, seen: pd.DataFrame) -> Figure:
+    """A heat map of the observations of the most frequent objects by room."""
+    shown = most_frequent(seen)
+    height, width = shown.shape
     with mpl.rc_context(STYLE):
-        canvas = Figure(
-            figsize=(3.2 + 0.25 * shown.shape[1], 1.8 + 0.18 * len(shown)), layout="constrained"
-        )
+        size = (3.2 + 0.25 * width, 1.8 + 0.18 * height)
+        canvas = Figure(figsize=size, layout="constrained")
         axes = canvas.subplots()
-        drawn = axes.imshow(
-            shown.where(shown > 0), cmap="Blues", norm=LogNorm(vmin=0.5), aspect="auto"
-        )
-        axes.set_xticks(
-            range(shown.shape[1]),
-            [f"{room} ({kinds})" for room, kinds in shown.columns],
-            rotation=90,
-        )
-        axes.set_yticks(range(len(shown)), list(shown.index))
+        values, norm = shown.where(shown > 0), LogNorm(vmin=0.5)
+        drawn = axes.imshow(values, cmap="Blues", norm=norm, aspect="auto")
+        rooms = [f"{room} ({kinds})" for room, kinds in shown.columns]
+        axes.set_xticks(range(width), rooms, rotation=90)
+        axes.set_yticks(range(height), list(shown.index))
         axes.grid(visible=False)
-        axes.set(
-            title=f"where things are: {measured.name}", xlabel="rooms (kinds of objects in them)"
-        )
+        axes.set(title=f"where things are: {name}", xlabel="rooms (kinds of objects in them)")
         canvas.colorbar(drawn, label="observations")
     return canvas
 
@@ -181,38 +139,32 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help="read these alone, and write no file without --docs",
+        "names", nargs="*", metavar="NAME", help="read these alone, and write no file"
     )
     parser.add_argument(
         "--params", type=Path, action="append", default=[], help="a YAML file with more sources"
     )
-    parser.add_argument("--docs", type=Path, help="folder of the table and the pictures (docs)")
     given = parser.parse_args()
-    docs = given.docs or (None if given.names else BENCHMARKS.parent)
-    try:
-        sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
-        if unknown := set(given.names) - set(sources):
-            sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
-        measured, seed = [], read(paths.PARAMS)["seed"]
-        for name in given.names or sources:
-            try:
-                measured.append(run(name, sources[name], seed))
-            except InputError as error:
-                print(f"skipped {name}: {error}", file=sys.stderr)
-        if docs is None:
-            print(table(measured).to_markdown(index=False, disable_numparse=True))
-            return
-        write_table("sources", table(measured), docs / "benchmarks")
-        (docs / "sources").mkdir(parents=True, exist_ok=True)
-        for source in measured:
-            if drawn := picture(source):
-                (docs / "sources" / f"{source.name}.png").write_bytes(rendered(drawn, "png"))
-    except InputError as error:
-        sys.exit(str(error))
+    sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
+    if unknown := set(given.names) - set(sources):
+        sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
+    rows, seed, folder = [], read(paths.PARAMS)["seed"], BENCHMARKS.parent / "sources"
+    for name in given.names or sources:
+        try:
+            row, seen = measured(name, sources[name], seed)
+        except InputError as error:
+            print(f"skipped {name}: {error}", file=sys.stderr)
+            continue
+        rows.append(row)
+        if not (given.names or seen.empty):
+            (folder / f"{name}.png").write_bytes(rendered(picture(name, seen), "png"))
+    table = pd.DataFrame(rows)
+    if given.names:
+        print(table.to_markdown(index=False, disable_numparse=True))
+    else:
+        write_table("sources", table)
 
 
 if __name__ == "__main__":
-    main()
+    with errors_in_one_line("sources"):
+        main()

@@ -39,9 +39,9 @@ def read_giant(title: str, worker: Worker) -> Outcome:
     return replace(outcome, problem=f"{title}: {outcome.problem}", files={})
 
 
-def try_format(name: str, inputs: int, root: int) -> list[Outcome]:
+def outcomes_of(name: str, inputs: int) -> list[Outcome]:
     """All outcomes of a row of the table, with a new process for reading."""
     with Worker() as worker:
         if name == OF_GIANTS:
             return [read_giant(title, worker) for title in GIANTS]
-        return read_changed(name, inputs, root, worker)
+        return read_changed(name, inputs, 0, worker)

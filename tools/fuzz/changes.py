@@ -7,7 +7,9 @@ import gzip
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import product
 from typing import Any
 
 import pyarrow as pa
@@ -39,8 +41,10 @@ ODD_FIELDS += [
     b"00", b"2147483647", b"9" * 20, b"9" * 5_000, b"1e17", b"-1e17", b"1_0", b"\xe9",
     b"\xed\xa0\x80", b'"', b'"a', b"?", b"<urn:x:a>", b"_:b", b'"lit"@en',
 ]  # fmt: skip
-ODD_LINES = [b"", b" ", b"\r", b"#", b"x" * 3_000_000]
-ODD_BYTES = [b"\x00", b"\xff", b"\n", b"\r", b"\t", b",", b'"', b"{", b"[" * 3_000, b"9" * 30]
+ODD_FIELDS += [b",", b"\t", b" x", b",x", b",,"]
+ODD_LINES = [b"\n", b" \n", b"\r\n", b"#\n", b"x" * 3_000_000]
+ODD_BYTES = [*map(str.encode, '\x00\n\r\t,"{'), b"[" * 3_000, b"9" * 30]
+ODD_BYTES += [bytes([number]) for number in range(256)]
 ODD_NAMES = ["", "x", "head", "count", "n" * 10_000, "a\nb", "weight", "e1", "tailLabel"]
 ODD_COLUMNS = [pa.array([value]) for value in [None, True, b"\xff", 2**62, *TEXTS, *NUMBERS]]
 ODD_COLUMNS += [pa.array([["a"]]), pa.array([{"a": 1}]), pa.array([0], pa.timestamp("s"))]
@@ -55,7 +59,8 @@ def changed(draw: DrawFn, files: Files) -> Files:
     packed = content.startswith(GZIP) and draw(st.integers(0, 4)) > 0
     content = gzip.decompress(content) if packed else content
     for _ in range(draw(st.sampled_from([1, 1, 1, 2, 3]))):
-        content = draw(draw(st.sampled_from(ways(name, content)))(content))
+        way = draw(st.sampled_from(ways(name, content)))
+        content = draw(way(content))
     return files | {name: gzip.compress(content, mtime=0) if packed else content}
 
 
@@ -64,50 +69,41 @@ def ways(name: str, content: bytes) -> list[Callable[[bytes], SearchStrategy[byt
     to be chosen more often.
     """
     if content.startswith(b"PAR1") and content.endswith(b"PAR1"):
-        return [of_bytes, *[of_columns] * 3]
+        return [of_form, of_bytes, *[of_columns] * 6]
     if name.endswith((".bin", ".safetensors")):
-        return [of_bytes, of_bytes, of_lines]
-    if ".json" in name:
-        return [of_bytes, of_lines, *[of_json] * 5]
-    return [of_bytes, of_lines, *[of_fields] * 3]
+        return [of_form, *[of_bytes] * 4, *[of_lines] * 2]
+    kept = of_json if ".json" in name else of_fields
+    return [of_form, *[of_bytes] * 2, *[of_lines] * 2, *[kept] * 6]
 
 
 @st.composite
-def spliced(draw: DrawFn, parts: Any, odd: SearchStrategy[Any]) -> Any:
-    """Parts (bytes, or a list) with another slice at a place: nothing, an odd one, or their own."""
-    start, first, last = (draw(st.integers(0, len(parts))) for _ in range(3))
-    stop = start + draw(st.sampled_from([0, 1, 1, 2, 40, len(parts)]))
-    new = draw(st.sampled_from([st.just(parts[:0]), odd, odd, st.just(parts[first:last])]))
-    return parts[:start] + draw(new) + parts[stop:]
-
-
-@st.composite
-def of_bytes(draw: DrawFn, content: bytes) -> bytes:
-    """Change bytes, or the form of all."""
-    if draw(st.integers(0, 4)):
-        odd = st.sampled_from(ODD_BYTES) | st.binary(min_size=1, max_size=3)
-        return bytes(draw(spliced(content, odd)))
-    forms = [b"", b"\n", codecs.BOM_UTF8 + content, gzip.compress(content), content[::-1]]
+def of_form(draw: DrawFn, content: bytes) -> bytes:
+    """Another form of all bytes: none, compressed, reversed, or in another encoding."""
     text, codes = content.decode("latin-1"), ("utf-16", "utf-16-le", "utf-32", "utf-8")
+    forms = [b"", b"\n", codecs.BOM_UTF8 + content, gzip.compress(content), content[::-1]]
     forms += [content.replace(b"\n", b"\r\n"), *map(text.encode, codes)]
     return draw(st.sampled_from(forms))
 
 
 @st.composite
-def of_lines(draw: DrawFn, content: bytes) -> bytes:
-    """Change lines."""
-    odd = st.sampled_from(ODD_LINES).map(lambda line: [line])
-    return b"\n".join(draw(spliced(content.split(b"\n"), odd)))
+def spliced(draw: DrawFn, parts: list[Any], odd: Sequence[Any]) -> list[Any]:
+    """Parts with other ones at a place: none, an odd one, or some of their own."""
+    start, first, last = (draw(st.integers(0, len(parts))) for _ in range(3))
+    stop = start + draw(st.sampled_from([0, 1, 1, 2, 40, len(parts)]))
+    own = draw(st.sampled_from([[], parts[first:last], None, None]))
+    new = [draw(st.sampled_from(odd))] if own is None else own
+    return [*parts[:start], *new, *parts[stop:]]
 
 
 @st.composite
-def of_fields(draw: DrawFn, content: bytes) -> bytes:
-    """Change fields of a line, or what separates them."""
-    lines = content.split(b"\n")
-    here = draw(st.integers(0, len(lines) - 1))
-    odd = st.sampled_from([*ODD_FIELDS, b",", b"\t", b" x", b",x", b",,"]).map(lambda new: [new])
-    lines[here] = b"".join(draw(spliced(re.split(rb"([,\t ]+)", lines[here]), odd)))
-    return b"\n".join(lines)
+def of_parts(draw: DrawFn, content: bytes, pattern: bytes, odd: Sequence[bytes]) -> bytes:
+    """Change parts of a text, which ``pattern`` matches."""
+    return b"".join(draw(spliced(re.findall(pattern, content), odd)))
+
+
+of_bytes = partial(of_parts, pattern=rb"(?s).", odd=ODD_BYTES)
+of_lines = partial(of_parts, pattern=rb".*\n|.+", odd=ODD_LINES)
+of_fields = partial(of_parts, pattern=rb"[,\t \n]+|[^,\t \n]+", odd=ODD_FIELDS)
 
 
 @st.composite
@@ -115,7 +111,7 @@ def of_json(draw: DrawFn, content: bytes) -> bytes:
     """Change a value of a JSON file, or of a line of JSON Lines:
     replace, remove, double, rename or move it.
     """
-    is_whole = b"\n" not in content.strip() or content.startswith((b"[\n", b"{\n"))
+    is_whole = content.startswith((b"[\n", b"{\n"))
     lines = [content] if is_whole else content.split(b"\n")
     here = draw(st.integers(0, len(lines) - 1))
     try:
@@ -164,8 +160,7 @@ def of_columns(draw: DrawFn, content: bytes) -> bytes:
     if way == 0 or not columns or not rows:
         table = pa.concat_tables([table] * 2) if draw(st.booleans()) else table.slice(0, 0)
     elif way <= 2:
-        odd = st.tuples(st.sampled_from(ODD_NAMES), st.sampled_from(table.columns))
-        columns = draw(spliced(columns, odd.map(lambda column: [column])))
+        columns = draw(spliced(columns, list(product(ODD_NAMES, table.columns))))
         table = pa.table([values for _, values in columns], [name for name, _ in columns])
     else:
         place, row = (draw(st.integers(0, number - 1)) for number in (len(columns), rows))

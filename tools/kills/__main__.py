@@ -7,7 +7,7 @@ them, another run must give every output byte for byte as an undisturbed run doe
 process and no temporary file. As many processes that change a home are killed or starved: what they
 have acknowledged must be there, and nothing half.
 
-python -m tools.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
+python -m tools.kills [--kills 20] [--out FILE]
 """
 
 import argparse
@@ -32,6 +32,7 @@ from tools.kills import home
 from tools.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
 
 TABLE = Path("docs/benchmarks/kills.csv")
+ALL = 2**20  #: The space of a file system that is not full, in KiB.
 
 
 @contextmanager
@@ -43,13 +44,14 @@ def disk() -> Iterator[tuple[Path, Callable[[int], object]]]:
     """
     mount = ["mount", "-t", "tmpfs", "tmpfs", "-o"]
     with tempfile.TemporaryDirectory() as folder:
-        if subprocess.run([*mount, "size=1g", folder], capture_output=True).returncode:
+        if subprocess.run([*mount, f"size={ALL}k", folder], capture_output=True).returncode:
             raise PermissionError
+
+        def hold(kib: int) -> None:
+            subprocess.run([*mount, f"remount,size={kib}k", folder], check=True)
+
         try:
-            yield (
-                Path(folder),
-                lambda kib: subprocess.run([*mount, f"remount,size={kib}k", folder], check=True),
-            )
+            yield Path(folder), hold
         finally:
             subprocess.run(["umount", "--lazy", folder], check=True)  # noqa: S607
 
@@ -84,37 +86,32 @@ def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) 
         yield replace(fault, whom=whom, cause=cause.name)
 
 
-def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault]:
+def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault | None]:
     """Disturb runs by a limit of 2 to 100 KiB on the size of files."""
     for _ in range(number):
-        fault = survived(
-            where, partial(where.starve, chosen.choice([2, 5, 10, 20, 50, 100]) * 1024)
-        )
-        if fault:
-            yield fault
+        limit = chosen.choice([2, 5, 10, 20, 50, 100]) * 1024
+        yield survived(where, partial(where.starve, limit))
 
 
-def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> Iterator[Fault]:
+def full_disks(
+    expected: dict[str, str], number: int, chosen: random.Random
+) -> Iterator[Fault | None]:
     """Disturb runs by a full file system, which then gets space;
     yields nothing if this user may not mount.
     """
+
+    def strike() -> Fault:
+        hold(size)
+        fault = where.starve()
+        hold(ALL)
+        return fault
+
     for _ in range(number):
         with suppress(PermissionError), disk() as (folder, hold):
             where = Workspace(folder / "run")
             where.expected = expected
-            used = shutil.disk_usage(folder).used // 1024
-
-            def strike(
-                where: Workspace = where, hold: Callable[[int], object] = hold, used: int = used
-            ) -> Fault:
-                hold(used + chosen.randrange(50, 1500))
-                fault = where.starve()
-                hold(2**20)
-                return fault
-
-            fault = survived(where, strike)
-            if fault:
-                yield fault
+            size = shutil.disk_usage(folder).used // 1024 + chosen.randrange(50, 1500)
+            yield survived(where, strike)
 
 
 def of_homes(kills: int, disks: int, chosen: random.Random) -> Iterator[Fault]:
@@ -130,7 +127,7 @@ def of_homes(kills: int, disks: int, chosen: random.Random) -> Iterator[Fault]:
         with suppress(PermissionError), disk() as (folder, hold):
             Home.create(KNOWN, folder / "home").close()
             hold(shutil.disk_usage(folder).used // 1024 + chosen.randrange(100, 300))
-            yield home.starved(folder / "home", way, partial(hold, 2**20))
+            yield home.starved(folder / "home", way, partial(hold, ALL))
 
 
 def table(faults: Sequence[Fault]) -> str:
@@ -152,34 +149,24 @@ def table(faults: Sequence[Fault]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=20, help="of processes (20)")
-    parser.add_argument(
-        "--disks",
-        type=int,
-        default=4,
-        help="number of full file systems, and of limits on files (4)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random moments (0)")
     parser.add_argument("--out", type=Path, default=TABLE, help=f"the table ({TABLE})")
     given = parser.parse_args()
-    chosen, faults = random.Random(given.seed), list[Fault]()
+    disks, chosen, faults = max(1, given.kills // 5), random.Random(0), list[Fault]()
     with tempfile.TemporaryDirectory() as folder:
         where = Workspace(Path(folder))
         seconds = where.finish()
         where.expected = where.digests()
         every = itertools.chain(
             kills(where, given.kills, seconds, chosen),
-            limits(where, given.disks, chosen),
-            full_disks(where.expected, given.disks, chosen),
-            of_homes(given.kills, given.disks, chosen),
+            limits(where, disks, chosen),
+            full_disks(where.expected, disks, chosen),
+            of_homes(given.kills, disks, chosen),
         )
-        for fault in tqdm(
-            every, total=2 * given.kills + 3 * given.disks, unit=" faults", disable=None
-        ):
+        total = 2 * given.kills + 3 * disks
+        for fault in filter(None, tqdm(every, total=total, unit=" faults", disable=None)):
             faults.append(fault)
-            print(
-                f"{fault.whom}, {fault.cause}, in {fault.stage}: {fault.lost or 'nothing lost'}",
-                flush=True,
-            )
+            about = f"{fault.whom}, {fault.cause}, in {fault.stage}"
+            print(f"{about}: {fault.lost or 'nothing lost'}", flush=True)
     given.out.write_text(table(faults), encoding="utf-8")
     lost = sum(bool(fault.lost) for fault in faults)
     print(f"{len(faults)} faults, {lost} lost something; a run takes {seconds:.0f} s")

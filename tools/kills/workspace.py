@@ -89,12 +89,8 @@ class Workspace:
         self, folder: Path, targets: Sequence[str] = (), inputs: Sequence[str] = ()
     ) -> None:
         workspace.make(folder, SMALL)
-        self.folder, self.targets, self.inputs, self.expected = (
-            folder,
-            targets,
-            inputs,
-            dict[str, str](),
-        )
+        self.folder, self.targets, self.inputs = folder, targets, inputs
+        self.expected = dict[str, str]()
 
     def begin(self, limit: int | None = None) -> subprocess.Popen[str]:
         """Start a run in a new session; ``limit``: maximum size of its files in bytes."""
@@ -132,12 +128,7 @@ class Workspace:
         Raises:
             Lost: if a file differs, is missing or is left over.
         """
-        made = self.digests()
-        differs = sorted(
-            name
-            for name in made.keys() | self.expected
-            if made.get(name) != self.expected.get(name)
-        )
+        differs = sorted({name for name, _ in self.digests().items() ^ self.expected.items()})
         if differs:
             raise Lost(f"{len(differs)} files differ, lack or stay: {', '.join(differs[:5])}")
 
@@ -145,24 +136,19 @@ class Workspace:
         """SHA-256 by path of all outputs: data, reports and the lock file."""
         made = [
             path
-            for part in ("data", "reports")
-            for path in (self.folder / part).rglob("*")
-            if path.is_file()
+            for part in ("data", "reports", "dvc.lock")
+            for path in [self.folder / part, *(self.folder / part).rglob("*")]
+            if path.is_file() and not path.is_relative_to(self.folder / "data/raw")
         ]
-        files = [path for path in made if not path.is_relative_to(self.folder / "data/raw")]
-        files.append(self.folder / "dvc.lock")
         return {
             str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in files
+            for path in made
         }
 
     def clear(self) -> None:
         """Remove all outputs except ``inputs``, and DVC's cache; DVC's other files stay."""
-        outputs = [
-            path
-            for path in (self.folder / "data").iterdir()
-            if path.name not in ("raw", *self.inputs)
-        ]
+        kept = {"raw", *self.inputs}
+        outputs = [path for path in (self.folder / "data").iterdir() if path.name not in kept]
         for path in [*outputs, self.folder / ".dvc/cache", self.folder / "reports"]:
             shutil.rmtree(path, ignore_errors=True)
         if not self.inputs:
