@@ -52,11 +52,6 @@ def of_file(format: str, file: str) -> Callable[..., Case]:
     return case
 
 
-def scene(*things: object, **of_the_mug: object) -> str:
-    """A scene of these objects as JSON; without objects, the usual scene with a changed mug."""
-    return json.dumps(list(things) or [MUG | of_the_mug, SHELF, FORK, FLOOR])
-
-
 def recording(*lines: object, header: object = FORMAT) -> bytes:
     """A recording in the format of ``make record``; lines that are text are written unchanged."""
     return gzip.compress(
@@ -76,24 +71,11 @@ def house(*objects: object, **others: object) -> str:
     return json.dumps(procthor.house(*objects, **others))
 
 
-def mug(what: str, names: str, **change: object) -> Case:
-    """A case with a mistake in the first object of a scene."""
-    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{names}")
-
-
 def log(what: str, rows: str, names: str, **settings: object) -> Case:
     """A case with a mistake in a table of triples."""
     return Case(
         what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings}
     )
-
-
-def changed(
-    what: str, form: str, file: str, old: str, new: str, names: str, **settings: object
-) -> Case:
-    """A case in which ``new`` replaces the first ``old`` in the text of a file."""
-    content = replaced(formats.FORMATS[form].files[file].decode(), {old: new})
-    return Case(what, form, {file: content}, names, settings)
 
 
 def replaced(text: str, changes: dict[str, str]) -> str:
@@ -104,6 +86,26 @@ def replaced(text: str, changes: dict[str, str]) -> str:
     return text
 
 
+def with_values(name: str, content: bytes, values: dict[str, Any]) -> bytes:
+    """A file of JSON, or of a line of JSON for each object, with other values at dotted keys; the
+    index behind the last one of a list appends.
+    """
+    text = (gzip.decompress(content) if name.endswith(".gz") else content).decode()
+    has_lines = ".jsonl" in name
+    tree = list(map(json.loads, text.splitlines())) if has_lines else json.loads(text)
+    for key, value in values.items():
+        *parents, last = (int(step) if step.isdigit() else step for step in key.split("."))
+        part = tree
+        for step in parents:
+            part = part[step]
+        if isinstance(part, list) and last == len(part):
+            part.append(value)
+        else:
+            part[last] = value
+    text = "\n".join(map(json.dumps, tree)) if has_lines else json.dumps(tree)
+    return gzip.compress(text.encode()) if name.endswith(".gz") else text.encode()
+
+
 def listed() -> list[Case]:
     """The cases of `files.yaml`."""
     cases = []
@@ -111,10 +113,12 @@ def listed() -> list[Case]:
     for form, mistakes in by_format.items():
         valid = formats.FORMATS[form].files
         for mistake in mistakes:
-            files = {
+            files: dict[str, str | bytes | None] = {
                 name: replaced(valid[name].decode(), new) if isinstance(new, dict) else new
                 for name, new in mistake.get("files", {}).items()
             }
+            for name, values in mistake.get("json", {}).items():
+                files[name] = with_values(name, valid[name], values)
             settings = mistake.get("settings", {})
             cases.append(Case(mistake["what"], form, files, mistake["says"], settings))
     return cases
