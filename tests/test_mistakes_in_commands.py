@@ -18,13 +18,12 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from tests.mistakes import assert_names, commands, graphs, imports, of_pykeen
+from tests.mistakes import assert_names, commands, graphs, imports, of_pykeen, settings
 from tests.mistakes.calls import Called, Typed, lay_out, listed
 from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES, TRAIN_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
-from tests.mistakes.settings import PARAMS_CASES, RECORD_CASES
 from tests.small_bundle import write_lists, write_openke
 from tests.small_embedding import call
 
@@ -32,14 +31,17 @@ from tests.small_embedding import call
 PROGRAMS = listed(
     changed=commands.changed,
     distances=commands.distances,
+    of_another_build=settings.of_another_build,
     of_before=commands.of_before,
     of_pipeline=commands.of_pipeline,
     own_files=commands.own_files,
     misnamed=graphs.misnamed,
     not_compressed=imports.not_compressed,
     of_pykeen=imports.of_pykeen,
+    player=settings.player,
     texts=graphs.texts,
     with_tables=imports.with_tables(),
+    without_a_scene=settings.without_a_scene,
     write_experiment=graphs.write_experiment,
     write_lists=write_lists,
     write_openke=write_openke,
@@ -50,8 +52,6 @@ PROGRAMS["isi"] += [
     *IMPORT_CASES,
     *graphs.GRAPH_CASES,
 ]
-PROGRAMS["stages.check_params"] += PARAMS_CASES
-PROGRAMS["stages.record"] += RECORD_CASES
 #: By program: the beginning of its lines of refusal.
 SAYS = {"isi": "isi", "stages.record": "record: ", "tools.headline": "headline: "}
 TYPED = [

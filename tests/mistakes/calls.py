@@ -65,15 +65,19 @@ def put(
     return write
 
 
-def params(changes: dict[str, Any]) -> Callable[[], object]:
-    """A function that writes the shipped params with values changed at dotted keys."""
+def params(
+    changes: dict[str, Any], path: Path = paths.PARAMS, before: Callable[[], object] = nothing
+) -> Callable[[], object]:
+    """A function that calls ``before`` and writes the shipped params with values changed at dotted
+    keys.
+    """
 
     def write() -> None:
-        values = yaml.load(paths.PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        before()
+        values = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
         change_all(values, changes)
-        paths.PARAMS.write_text(
-            yaml.dump(values, Dumper=yaml.CSafeDumper, sort_keys=False), encoding="utf-8"
-        )
+        text = yaml.dump(values, Dumper=yaml.CSafeDumper, sort_keys=False)
+        path.write_text(text, encoding="utf-8")
 
     return write
 
@@ -89,8 +93,9 @@ def listed(**functions: Callable[[], object]) -> dict[str, list[Typed]]:
             before = functions.get(mistake.get("before", ""), nothing)
             if "files" in mistake:
                 before = put(mistake["files"], before)
-            if "params" in mistake:
-                before = params(mistake["params"])
+            for name, path in (("params", paths.PARAMS), ("beyond", paths.BEYOND_PARAMS)):
+                if name in mistake:
+                    before = params(mistake[name], path, before)
             about, status = mistake.get("what", typed), mistake.get("status", 1)
             programs[program].append(Typed(about, typed, mistake["says"], before, status))
     return programs
