@@ -101,6 +101,13 @@ def listed(**functions: Callable[[], object]) -> dict[str, list[Typed]]:
     return programs
 
 
+def called(function: str) -> list[Called]:
+    """The cases of `calls.yaml` of a function."""
+    text = (Path(__file__).parent / "calls.yaml").read_text(encoding="utf-8")
+    cases = yaml.safe_load(text)[function]
+    return [Called(case["what"], case["given"], case["says"]) for case in cases]
+
+
 def lay_out(folder: Path) -> Path:
     """Write the folder of commands: params, shipped data, an embedding without word vectors,
     a log of one triple.

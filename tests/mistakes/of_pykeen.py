@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tests.mistakes.calls import Called
+from tests.mistakes.calls import Called, called
 
 NEW = [("cup", "r0", "e1"), ("e3", "r1", "cup")]
 
@@ -39,13 +39,12 @@ def unnamed() -> Any:
 
 
 PYKEEN_CASES = [
-    Called("no model", {"model": None}, "argument 'model'|NoneType"),
+    *called("isi.pykeen.insert"),
     Called(
         "vectors that are computed",
         lambda: {"model": model("rgcn")},
         "argument 'model'|RGCN|train_on",
     ),
-    Called("no factory", {"factory": None}, "argument 'factory'"),
     Called("another model's factory", lambda: {"factory": factory(7)}, "argument 'factory'"),
     Called("a factory that lacks labels", lambda: {"factory": unnamed()}, "argument 'factory'"),
     Called(
@@ -53,52 +52,12 @@ PYKEEN_CASES = [
         lambda: {"factory": factory().to_core_triples_factory()},
         "argument 'new'",
     ),
-    Called("no list of triples", {"triples": 5}, "argument 'triples'"),
-    Called(
-        "an unknown relation", {"triples": [("cup", "under", "e1")]}, "argument 'triples'|triple 0"
-    ),
-    Called(
-        "triples of known entities",
-        {"triples": [("e0", "r0", "e1")]},
-        "argument 'triples'|'e0', 'e1'|known",
-    ),
-    Called(
-        "a triple of known entities",
-        {"triples": [*NEW, ("e0", "r0", "e1")]},
-        "argument 'triples'|(e0, r0, e1)",
-    ),
-    Called("no triple", {"triples": []}, "argument 'triples'"),
-    Called("no triples at all", {"triples": None}, "argument 'triples'"),
     Called("a frame of two columns", {"triples": pd.DataFrame(NEW)[[0, 2]]}, "argument 'triples'"),
-    Called(
-        "ids of new entities beside labels", {"triples": [(6, 0, 1)]}, "argument 'triples'|triple 0"
-    ),
-    Called("a list of facts", {"triples": {"cup": ["e1"]}}, "argument 'triples'|'cup'"),
-    Called(
-        "a relation in another case",
-        {"triples": [("cup", "R0", "e1")]},
-        "argument 'triples'|did you mean 'r0'",
-    ),
-    Called("a new label that is known", {"new": ["cup", "e1"]}, "argument 'new'|'e1'|known"),
-    Called(
-        "nothing is known of an entity",
-        {"triples": [*NEW, ("kup", "r0", "kup")]},
-        "new entity 'kup'",
-    ),
-    Called(
-        "a new relation that is known",
-        {"new_relations": ["r1"]},
-        "argument 'new_relations'|'r1'|known",
-    ),
-    Called(
-        "a number of new relations beside labels", {"new_relations": 1}, "argument 'new_relations'"
-    ),
     Called(
         "new relations of a model without tables of them",
         lambda: {"model": model("um"), "new_relations": ["near"]},
         "argument 'new_relations'|UM",
     ),
-    Called("a margin that is no number", {"margin": "a"}, "argument 'margin'"),
     Called(
         "an initializer that needs an inverse",
         lambda: {"model": model("rescal"), "initializer": "rs"},

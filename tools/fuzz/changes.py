@@ -90,8 +90,8 @@ def spliced(draw: DrawFn, parts: list[Any], odd: Sequence[Any]) -> list[Any]:
     """Parts with other ones at a place: none, an odd one, or some of their own."""
     start, first, last = (draw(st.integers(0, len(parts))) for _ in range(3))
     stop = start + draw(st.sampled_from([0, 1, 1, 2, 40, len(parts)]))
-    own = draw(st.sampled_from([[], parts[first:last], None, None]))
-    new = [draw(st.sampled_from(odd))] if own is None else own
+    copied = draw(st.sampled_from([[], parts[first:last], None, None]))
+    new = [draw(st.sampled_from(odd))] if copied is None else copied
     return [*parts[:start], *new, *parts[stop:]]
 
 
