@@ -141,10 +141,10 @@ class Runs:
         listed = self.finetuned or self.initializers
         return self.converged(self.runs[self.runs["model"].isin(listed)], ["model"])
 
-    def epochs(self, scope: str) -> pd.Series:
-        """Mean epochs to convergence by model."""
-        means: pd.Series = where(self.convergence, scope=scope).groupby("model")["epochs"].mean()
-        return means
+    def epochs(self, scope: str) -> pd.DataFrame:
+        """Mean epochs to convergence, with intervals: rows by model, column ``mean``."""
+        rows = where(self.convergence, scope=scope)
+        return over_seeds(rows, ["model"], {"epochs": "mean"}, scale=1)
 
     @cached_property
     def directed(self) -> pd.DataFrame:
@@ -166,9 +166,7 @@ class Runs:
         """
         rows, measure = self._measured(scope, measure)
         means = over_seeds(where(rows, scope=scope), ["model"], {measure: "mean"})
-        return means.loc[[model for model in self.rows if model in means.index]].dropna(
-            subset="mean"
-        )
+        return means.reindex(self.rows).dropna(subset="mean")
 
     def by_run(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
         """The same by session, size and seed (rows) and model (columns)."""
@@ -198,7 +196,7 @@ class Experiment(Runs):
         """The tables of an experiment; ``InputError`` where one is missing or broken."""
         initializers = params.initializers_of(name)
         settings = params.experiments[name]
-        runs = _of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
+        runs = of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
         breakdown = Path(f"data/analyses/query_breakdown/{name}.parquet")
         ran = name in params.query_breakdown.experiments
         return cls(
@@ -236,7 +234,7 @@ class Experiment(Runs):
         """The same for an analysis with a file for each initializer."""
         if self.name not in self.params.studies[section].experiments[:1]:
             return None
-        return _of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
+        return of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
 
     @cached_property
     def entities(self) -> pd.DataFrame:
@@ -251,7 +249,7 @@ class Experiment(Runs):
     @cached_property
     def inserted(self) -> pd.DataFrame:
         """The inserted entities of each initializer, with what was measured about each."""
-        return _of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
+        return of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
 
     @property
     def curve_size(self) -> int | None:
@@ -276,7 +274,7 @@ class Experiment(Runs):
         return pd.concat([rows, alone.assign(model=FINETUNE_ONLY)], ignore_index=True)
 
 
-def _of_models(place: str, names: Names) -> pd.DataFrame:
+def of_models(place: str, names: Names) -> pd.DataFrame:
     """The files of some models below each other; the column ``model`` has the name."""
     return pd.concat([read(place.format(name)).assign(model=name) for name in names])
 
