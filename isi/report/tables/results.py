@@ -69,10 +69,11 @@ def in_rows(
     """Means by group (index levels) as rows of a table, in the order of the models and of
     ``orders``, by level.
     """
-    levels, frame = list(map(str, means.index.names)), means.reset_index()
-    for name, order in {"model": models, **orders}.items():
+    orders = {"model": models, **orders}
+    frame = where(means.reset_index(), **{name: list(order) for name, order in orders.items()})
+    for name, order in orders.items():
         frame[name] = pd.Categorical(frame[name], list(order))
-    frame = frame.dropna(subset=levels).sort_values(levels)
+    frame = frame.sort_values(list(map(str, means.index.names)))
     frame = labels.labelled(frame, "model")
     return frame.rename(columns={"model": header}).reset_index(drop=True)
 
