@@ -59,7 +59,7 @@ def grown(timeline: str = "ENTITY", **initializers: Any) -> GrownRuns:
     matrix = matrix.assign(**{"hits@1": 0.5, "hits@10": 1.0, "mrr_square": square})
     costs = matrix.dropna()[RUN].drop_duplicates().assign(seconds=3)
     faults = [{"fault": fault, "test": 0, "share": 0.5} for fault in PUBLISHED["faults"]]
-    models = Models(LABELS, {}, {})
+    models = Models(LABELS, {})
     return GrownRuns("own", settings, models, matrix, costs, pd.DataFrame(faults))
 
 

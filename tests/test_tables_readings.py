@@ -24,7 +24,7 @@ from isi.report.tables.registry import frames_of
 ROOT = Path(__file__).parent.parent
 FIVE = {"xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS"}
 ROLES = dict.fromkeys(FIVE, "isi") | {"xavier": "baseline", "iu": "baseline"}
-MODELS = Models(FIVE | {"mean": "Mean", "joint": "Joint"}, ROLES, {})
+MODELS = Models(FIVE | {"mean": "Mean", "joint": "Joint"}, ROLES)
 PAPER = yaml.safe_load((ROOT / "data/raw/paper/values.yaml").read_text("utf-8"))
 
 

@@ -36,7 +36,7 @@ LABELS = {
     "joint": "Joint",
     "finetune_only": "Nothing inserted",
 }
-MODELS = Models(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"}, {})
+MODELS = Models(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"})
 ENTITIES = pd.DataFrame(
     [
         ("shelf", "object", "home"),

@@ -47,23 +47,17 @@ def read(path: str | Path) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Models:
-    """Labels, roles and descriptions of initializers and of the other models, by name."""
+    """Labels and roles of initializers and of the other models, by name."""
 
     labels: Mapping[str, str]
     roles: Mapping[str, str]
-    descriptions: Mapping[str, str]
 
     @classmethod
     def of(cls, registered: pd.DataFrame) -> Self:
-        """From a table with columns name, label, role and description."""
-        rows = registered.fillna("").set_index("name")
-        names = list(map(str, rows.index))
-        labels, roles, descriptions = (
-            dict(zip(names, map(str, rows[column]), strict=True))
-            for column in ("label", "role", "description")
-        )
+        """From a table with columns name, label and role."""
+        rows = registered.set_index("name").astype(str)
         others = {JOINT: "Joint", FINETUNE_ONLY: "Nothing inserted"}
-        return cls(others | labels, roles, descriptions)
+        return cls(others | dict(rows["label"]), dict(rows["role"]))
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -74,14 +68,6 @@ class Models:
     def of_role(self, models: Iterable[str], *roles: str) -> list[str]:
         """The models among some with one of the roles, in order."""
         return [name for name in models if self.roles.get(name) in roles]
-
-    def isi(self, models: Iterable[str]) -> list[str]:
-        """The initializers that the paper proposes."""
-        return self.of_role(models, "isi")
-
-    def contenders(self, models: Iterable[str]) -> list[str]:
-        """The initializers under test: all but controls."""
-        return self.of_role(models, "paper", "isi", "baseline", "own")
 
     def labelled(self, frame: pd.DataFrame, *columns: str) -> pd.DataFrame:
         """The frame with labels in place of names in some columns."""
@@ -116,7 +102,7 @@ class Runs:
     @property
     def methods(self) -> list[str]:
         """The initializers that the paper proposes."""
-        return self.models.isi(self.initializers)
+        return self.models.of_role(self.initializers, "isi")
 
     @cached_property
     def immediate(self) -> pd.DataFrame:

@@ -24,8 +24,6 @@ HALVES = {
 }
 #: Ends of the names of an estimate's columns.
 ENDS = ("", " low", " high")
-#: A difference is significant where its corrected p is below this.
-LEVEL = 0.05
 
 
 def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:

@@ -140,7 +140,7 @@ def _runs_of(
 def causes(results: Further) -> pd.DataFrame | None:
     """Causes of the gap to the paper: a row for each changed setting, then the paper."""
     variants, first = results.variants_of("causes"), results.experiments[0]
-    methods = first.models.isi(first.finetuned)
+    methods = first.models.of_role(first.finetuned, "isi")
     if not variants or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return None
     rows = list[Line]()

@@ -441,7 +441,8 @@ def at_the_end(experiment: Experiment) -> pd.DataFrame:
     ran = list(dict.fromkeys(last["model"]))
     for scope in EARLIER:
         queried = set(last.loc[last["scope"] == scope, "model"])
-        names = [*experiment.models.contenders(ran), FINETUNE_ONLY]
+        names = experiment.models.of_role(ran, "paper", "isi", "baseline", "own")
+        names = [*names, FINETUNE_ONLY]
         names = [name for name in names if name in queried]
         cells = 100 * cells_of(last, names, scope, "mrr_star")
         measure = {f"{TITLES[scope]}, epoch {epoch}": cells}
