@@ -124,7 +124,8 @@ def lines(
     """A line for each model or initializer, with an interval for those of ``BANDED``;
     ``level``: a name and a height that is drawn across.
     """
-    made, name = panel(title, XLABELS[x], ylabel), "model" if "model" in frame else "initializer"
+    made = panel(title, XLABELS[x], ylabel)
+    name = "model" if "model" in frame else "initializer"
     axes, names = made.axes, list(dict.fromkeys(frame[name]))
     ends = list[tuple[float, str]]()
     for each in names:
