@@ -143,37 +143,30 @@ def causes(results: Further) -> pd.DataFrame | None:
     methods = first.models.of_role(first.finetuned, "isi")
     if not variants or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return None
-    rows = list[Line]()
-    for title, now, later in _conditions(results, variants):
-        rows.append(_cause(first, methods, title, now, later))
-    epochs = pd.DataFrame(results.paper["convergence"]["epochs"]).T["mean"]
-    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
-    theirs = _cause(first, methods, "the paper", pd.Series(dtype=float), epochs)
-    return pd.DataFrame([*rows, theirs | {"gain %": gains.reindex(methods).mean()}])
-
-
-def _cause(
-    runs: Runs, methods: list[str], title: str, now: pd.Series, later: pd.Series
-) -> dict[str, Any]:
-    """A row of causes: Xavier, and the mean of ISI; ``now``: MRR*, ``later``: epochs, by model."""
-    base, xavier = now.get(BASELINE, np.nan), runs.models.labels[BASELINE]
-    of_isi = now.reindex(methods).mean(skipna=False)
-    return {
-        "row": title,
-        "joint": now.get(JOINT, np.nan),
-        xavier: base,
+    titles, *measures = zip(*_conditions(results, variants), strict=True)
+    models, xavier = [JOINT, BASELINE, *methods], first.models.labels[BASELINE]
+    now, later = (pd.DataFrame(map(dict, rows)).reindex(columns=models) for rows in measures)
+    of_isi = now[methods].mean(axis=1, skipna=False)
+    columns = {
+        "row": titles,
+        "joint": now[JOINT],
+        xavier: now[BASELINE],
         "ISI": of_isi,
-        "gain %": 100 * (of_isi / base - 1),
-        f"epochs: {xavier}": later.get(BASELINE, np.nan),
-        "epochs: ISI": later.reindex(methods).mean(skipna=False),
+        "gain %": 100 * (of_isi / now[BASELINE] - 1),
+        f"epochs: {xavier}": later[BASELINE],
+        "epochs: ISI": later[methods].mean(axis=1, skipna=False),
     }
+    frame = pd.DataFrame(columns)
+    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
+    frame.loc[frame.index[-1], "gain %"] = gains.reindex(methods).mean()
+    return frame
 
 
 def _conditions(
     results: Further, variants: Iterable[VariantRuns]
 ) -> Iterator[tuple[str, pd.Series, pd.Series]]:
     """Titles with MRR* and epochs by model: of the first graph two sizes, entity MRR* and a filter
-    of all true triples; then of variants and of other graphs.
+    of all true triples; then of variants and of other graphs; last, the paper's epochs.
     """
     first, none = results.experiments[0], pd.Series(dtype=float)
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
@@ -197,6 +190,7 @@ def _conditions(
             of_size = experiment.of_size(size)
             title = f"{experiment.title}, {size} novel entities"
             yield title, _mrr_star(of_size), of_size.epochs("all")["mean"]
+    yield "the paper", none, pd.DataFrame(results.paper["convergence"]["epochs"]).T["mean"]
 
 
 def _mrr_star(runs: Runs, measure: str = "mrr_star") -> pd.Series:

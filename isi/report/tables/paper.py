@@ -12,7 +12,15 @@ import pandas as pd
 from isi import config
 from isi.config import value_of
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Results, read
-from isi.report.tables.estimates import ENDS, Line, drops, improvements, named, where
+from isi.report.tables.estimates import (
+    ENDS,
+    Line,
+    drops,
+    epochs_summary,
+    improvements,
+    named,
+    where,
+)
 from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.method import best_setting, indicator_means, picked_sizes, table1
 from isi.report.tables.registry import table
@@ -309,9 +317,8 @@ def _choices(results: Results, experiment: Experiment) -> dict[str, Any]:
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     """Table 2 in one scope, by model: mean and standard deviation of the epochs to convergence."""
-    groups = where(experiment.convergence, scope=scope).groupby("model")["epochs"]
-    numbers = pd.DataFrame({"mean": groups.mean(), "deviation": groups.std()})
-    return dict(numbers.to_dict("index"))
+    summary = epochs_summary(where(experiment.convergence, scope=scope), ["model"])
+    return dict(summary.rename(columns={"std": "deviation"}).to_dict("index"))
 
 
 def _judged(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from isi.evaluation.query_sets import CONVERGING
@@ -269,23 +268,19 @@ def answer_parts(results: Results) -> pd.DataFrame | None:
     best = best_method(first)
     if best is None or BASELINE not in first.initializers:
         return None
-    rows = list[dict[str, Any]]()
+    rows = list[tuple[str, str, float, float]]()
     for scope in ("all", about_new(first)):
-        means = first.means(scope)["mean"]
-        end = means.get(BASELINE, np.nan)
-        row = {"scope": scope, "part": first.models.labels[BASELINE], "start": 0.0, "end": end}
-        rows.append(row)
+        means = first.means(scope)["mean"].reindex(first.rows)
+        end = means[BASELINE]
+        rows.append((scope, first.models.labels[BASELINE], 0.0, end))
         for part, model, before in steps(best, first.initializers):
             points = first.minus(scope, model, before)["difference"]
-            rows.append({"scope": scope, "part": part, "start": end, "end": end + points})
+            rows.append((scope, part, end, end + points))
             end += points
-        others = first.models.of_role(first.initializers, "baseline", "own")
-        others = sorted(others, key=lambda name: -means.get(name, -np.inf))[:1]
-        for name in (best, *others, JOINT):
-            value = means.get(name, np.nan)
-            label = first.models.labels[name]
-            rows.append({"scope": scope, "part": label, "start": value, "end": value})
-    return pd.DataFrame(rows)
+        others = means[first.models.of_role(first.initializers, "baseline", "own")]
+        for name in (best, *others.nlargest(1).index, JOINT):
+            rows.append((scope, first.models.labels[name], means[name], means[name]))
+    return pd.DataFrame(rows, columns=["scope", "part", "start", "end"])
 
 
 def best_method(runs: Runs) -> str | None:
