@@ -442,7 +442,7 @@ def _styled_once(group: re.Match[str]) -> str:
     return f'{group[1]} style="{styles.pop()}">\n{uses}</g>'
 
 
-def _placed(sizes: Sequence[tuple[Any, Any]]) -> tuple[list[tuple[Any, Any]], Any, Any]:
+def _layout(sizes: Sequence[tuple[Any, Any]]) -> tuple[list[tuple[Any, Any]], Any, Any]:
     """Places (x, y) of panels of some sizes (width, height), two in a row; width and height of
     all.
     """
@@ -457,7 +457,7 @@ def _placed(sizes: Sequence[tuple[Any, Any]]) -> tuple[list[tuple[Any, Any]], An
 def joined(svgs: Sequence[str], made: Sequence[Panel]) -> str:
     """The panels of a figure in one SVG file."""
     sizes = [(WIDTH, 72 * panel.canvas.get_figheight()) for panel in made]
-    places, width, height = _placed(sizes)
+    places, width, height = _layout(sizes)
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width} {height:.0f}" font-family="DejaVu Sans, sans-serif">'
@@ -478,7 +478,7 @@ def png(made: Sequence[Panel]) -> bytes:
             agg = FigureCanvasAgg(each.canvas)
             agg.draw()  # type: ignore[no-untyped-call]
             images.append(np.asarray(agg.buffer_rgba()))  # type: ignore[no-untyped-call]
-    places, width, height = _placed([(image.shape[1], image.shape[0]) for image in images])
+    places, width, height = _layout([(image.shape[1], image.shape[0]) for image in images])
     whole = np.full((height, width, 4), 255, np.uint8)
     for image, (x, y) in zip(images, places, strict=True):
         whole[y : y + image.shape[0], x : x + image.shape[1]] = image

@@ -176,7 +176,7 @@ def rendered(item: ReportItem, tables: PageTables) -> Rendered | None:
 
 def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
     """A table as the page shows it: of ``only`` these columns, if there are any."""
-    columns, texts = list[Column](), forms.cells(frame)
+    columns, texts = list[Column](), forms.with_intervals(frame)
     for name, cells in texts.items():
         if only and name not in only:
             continue

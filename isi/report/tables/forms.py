@@ -66,12 +66,12 @@ def csv(frame: pd.DataFrame) -> str:
 def shown(frame: pd.DataFrame) -> pd.DataFrame:
     """A table as text: each value with its interval, "–" where there is none."""
     texts = dict[str, list[str]]()
-    for name, pairs in cells(frame).items():
+    for name, pairs in with_intervals(frame).items():
         texts[name] = [f"{value} {interval}".rstrip() for value, interval in pairs]
     return pd.DataFrame(texts)
 
 
-def cells(frame: pd.DataFrame) -> dict[str, list[tuple[str, str]]]:
+def with_intervals(frame: pd.DataFrame) -> dict[str, list[tuple[str, str]]]:
     """By column: each value as text, and its interval, empty where there is none."""
     texts = dict[str, list[tuple[str, str]]]()
     for name in estimates(frame):
