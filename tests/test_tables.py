@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pandas as pd
 import pyarrow as pa
@@ -17,6 +17,7 @@ from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import NOVEL
 from isi.sources import KINDS
 from isi.tables import io
+from isi.tables.rules import ArrowType
 from isi.tables.table import Table, concat
 from tests.example_tables import ROWS, rows_of
 
@@ -48,6 +49,14 @@ def test_a_table_comes_back_as_it_was_written(tmp_path: Path, table: Table) -> N
     assert list(read.columns) == list(table.columns)
     assert plain(read) == plain(rows_of(table))
     assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
+
+
+def test_the_examples_have_every_type_with_and_without_nulls() -> None:
+    """Stages write all other tables; their columns are of the same types."""
+    columns = [column for table in ROWS for column in table.columns.values()]
+    assert {column.type for column in columns} == {*get_args(ArrowType)}
+    nullable = {column.type for column in columns if column.nullable}
+    assert nullable >= {"string", "category", "float64", "int32"}
 
 
 @pytest.mark.parametrize("cut", [0, 1, 3])

@@ -28,7 +28,7 @@ LABELS = {
     "map": "MAP",
     "joint": "Joint",
 }
-MODELS = Models(LABELS, dict.fromkeys(("es", "rs", "ers"), "isi"), {})
+MODELS = Models(LABELS, dict.fromkeys(("es", "rs", "ers"), "isi"))
 ENTITIES = pd.DataFrame(
     [
         ("mug", "object", "mug"),

@@ -36,7 +36,7 @@ LABELS = {
     "joint": "Joint",
     "finetune_only": "Nothing inserted",
 }
-MODELS = Models(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"}, {})
+MODELS = Models(LABELS, dict.fromkeys(("es", "rs"), "isi") | {"xavier": "paper"})
 ENTITIES = pd.DataFrame(
     [
         ("shelf", "object", "home"),
@@ -92,12 +92,12 @@ def test_rows_follow_the_order_of_models_and_scopes() -> None:
     rows = [(model, scope, 0, 0, 0.5) for model in ("joint", "es", "xavier") for scope in "ab"]
     experiment = home(runs(rows))
     means = runs(rows).groupby(["scope", "model"])[["mrr_star"]].mean()
-    table = results.in_rows(means, experiment, experiment.rows, scope=["b", "a"])
+    table = results.in_rows(means, MODELS, experiment.rows, scope=["b", "a"])
     assert table[["scope", "model"]].to_numpy().tolist() == [
         [scope, label] for scope in "ba" for label in ("Xavier", "ES", "Joint")
     ]
     shown = results.by_label(
-        experiment, ["es", "rs"], {"n": {"rs": 2}, "g": means.loc["a"], "": means.loc["b"]}, "who"
+        MODELS, ["es", "rs"], {"n": {"rs": 2}, "g": means.loc["a"], "": means.loc["b"]}, "who"
     )
     assert list(shown) == ["who", "n", "g: mrr_star", "mrr_star"]
     assert shown["who"].tolist() == ["ES", "RS"]
@@ -274,7 +274,7 @@ def test_answers_go_by_mean_rank_and_those_of_another_kind_are_marked(
     afforded: Mapping[str, Any], judged: Mapping[str, int], marked: str
 ) -> None:
     made = answers(ORDERS, afforded)
-    found = results.AffordanceAnswers(made)
+    found = results.answers_of(made)
     # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan is of the other source and no answer
     kinds = {"open": "affordance", "push": "affordance", "shelf": "object", "kitchen": "room"}
     assert found.top("es", "fan") == list(kinds.items())

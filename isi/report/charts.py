@@ -19,21 +19,30 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.lines import Line2D
+from scipy.optimize import isotonic_regression
 
 from isi import config
 
 WIDTH, HEIGHT, FONT = 430, 300, 12.5  #: In pixels.
-#: Margins of a panel in pixels: left, right, top, bottom.
-_MARGINS = (46, 104, 44, 46)
+_TOP, _BOTTOM = 44, 46  #: Margins of a panel in pixels.
 INK, SOFT, LINE, PAPER = "#1b1e23", "#5c6470", "#d9dde3", "#ffffff"
 #: Colours that the page's style sets, light or dark.
 _VARIABLES = {INK: "ink", SOFT: "soft", LINE: "line", PAPER: "paper"}
 #: Colours of the part of ISI itself, and of what has no name of its own.
 ISI_COLOUR, MUTE = "#d1491b", "#8a919c"
 PALETTE = config.read(Path(__file__).with_name("palette.yaml"))
+#: Labels of the axis below lines, by column.
+XLABELS = {
+    "epoch": "epoch of fine-tuning",
+    "indicators": "indicators k",
+    "size": "novel entities |ξ|",
+}
+#: Initializers whose lines have a band: the paper's.
+BANDED = ("Xavier", "IU", "ES", "RS", "ERS")
 #: Colours of names that the palette lacks, in order of their appearance.
 _SPARE = ("#8c564b", "#5f8f2f", "#b04a5a", "#4f86a8", "#94752c", "#7d5fa5")
 _DASHES = {"-": "-", "--": (0, (5, 2.5)), ":": (0, (1.2, 2)), "-.": (0, (6, 2, 1.2, 2))}
+_SOLID = {"ls": "-"}  #: In place of the dashes of a style, where a point alone is drawn.
 _SETTINGS: Any = {
     "font.size": FONT,
     "svg.fonttype": "none",
@@ -85,30 +94,21 @@ def style_of(name: str, names: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def panel(
-    title: str, xlabel: str = "", ylabel: str = "", height: int = HEIGHT, left: int = 0,
-    right: int | None = None,
+    title: str, xlabel: str, ylabel: str = "", height: int = HEIGHT, left: int = 46,
+    right: int = 104,
 ) -> Panel:  # fmt: skip
-    """An empty panel: lines across, and no frame but below."""
+    """An empty panel: lines across, and no frame but below; ``left``, ``right``: margins."""
     canvas = Figure(figsize=(WIDTH / 72, height / 72), dpi=110)
-    before, after, top, bottom = _MARGINS
-    before, after = left or before, after if right is None else right
-    box = (
-        before / WIDTH,
-        bottom / height,
-        (WIDTH - before - after) / WIDTH,
-        (height - top - bottom) / height,
-    )
-    axes = canvas.add_axes(box)
+    width, tall = WIDTH - left - right, height - _TOP - _BOTTOM
+    axes = canvas.add_axes((left / WIDTH, _BOTTOM / height, width / WIDTH, tall / height))
     axes.grid(visible=True, axis="y", color=LINE, lw=1)
     axes.set_axisbelow(True)
     axes.spines[["left", "top", "right"]].set_visible(False)
     axes.spines["bottom"].set(color=SOFT, lw=1)
     axes.tick_params(length=0, pad=5, labelsize=FONT - 0.5, labelcolor=SOFT)
     canvas.text(2 / WIDTH, 1 - 17 / height, title, fontsize=FONT + 0.5, color=INK, weight="bold")
-    if ylabel:
-        canvas.text(2 / WIDTH, 1 - 36 / height, ylabel, fontsize=FONT - 0.5, color=SOFT)
-    if xlabel:
-        axes.set_xlabel(xlabel, loc="left", fontsize=FONT - 0.5, color=SOFT, labelpad=5)
+    canvas.text(2 / WIDTH, 1 - 36 / height, ylabel, fontsize=FONT - 0.5, color=SOFT)
+    axes.set_xlabel(xlabel, loc="left", fontsize=FONT - 0.5, color=SOFT, labelpad=5)
     return Panel(canvas, axes, title)
 
 
@@ -116,18 +116,16 @@ def lines(
     frame: pd.DataFrame,
     x: str,
     y: str,
-    name: str,
     title: str,
     *,
-    xlabel: str,
     ylabel: str = "MRR* (points)",
-    banded: Sequence[str] = (),
     level: tuple[str, float] | None = None,
 ) -> Panel:
-    """A line for each name, with its interval for those of ``banded``, named at its end;
+    """A line for each model or initializer, with an interval for those of ``BANDED``;
     ``level``: a name and a height that is drawn across.
     """
-    made = panel(title, xlabel, ylabel)
+    made = panel(title, XLABELS[x], ylabel)
+    name = "model" if "model" in frame else "initializer"
     axes, names = made.axes, list(dict.fromkeys(frame[name]))
     ends = list[tuple[float, str]]()
     for each in names:
@@ -136,13 +134,13 @@ def lines(
             continue
         style = style_of(each, names)
         at, height = rows[x].to_numpy(float), rows[y].to_numpy(float)
-        if each in banded and f"{y} low" in rows:
+        if each in BANDED and f"{y} low" in rows:
             low, high = rows[f"{y} low"].to_numpy(float), rows[f"{y} high"].to_numpy(float)
             axes.fill_between(at, low, high, color=style["color"], alpha=0.13, lw=0)
         wide = 2.2 if each in ("ERS", "Xavier") else 1.5
-        axes.plot(at, height, color=style["color"], ls=style["ls"], lw=wide)
+        axes.plot(at, height, **style | {"marker": ""}, lw=wide)
         few = _marked(at)
-        axes.plot(at[few], height[few], color=style["color"], ls="", marker=style["marker"], ms=5)
+        axes.plot(at[few], height[few], **style | {"ls": ""}, ms=5)
         ends.append((height[-1], each))
         for place, value in zip(at, height, strict=True):
             made.add(place, value, each, f"{value:.1f}")
@@ -191,9 +189,8 @@ def _name_ends(made: Panel, ends: Sequence[tuple[float, str]], names: Sequence[s
         if abs(place - share) * height > 3:
             axes.plot(start, [share, place], color=LINE, lw=1, **anywhere)
         piece = np.array([1 + 8 / width, 1 + 22 / width])
-        axes.plot(piece, [place] * 2, color=style["color"], ls=style["ls"], lw=1.6, **anywhere)
-        axes.plot(piece.mean(), place, color=style["color"], marker=style["marker"], ms=4.5,
-                  **anywhere)  # fmt: skip
+        axes.plot(piece, [place] * 2, **style | {"marker": ""}, lw=1.6, **anywhere)
+        axes.plot(piece.mean(), place, **style | _SOLID, ms=4.5, **anywhere)
         axes.text(1 + 26 / width, place, _short(name), color=INK, fontsize=FONT - 1,
                   va="center_baseline", transform=axes.transAxes)  # fmt: skip
 
@@ -218,14 +215,9 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
     (less if there are many) and stay within.
     """
     steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
-    pools = list[list[float]]()  # neighbours that would be too near move together
-    for height in (heights - steps).tolist():
-        pools.append([height])
-        while len(pools) > 1 and np.mean(pools[-2]) > np.mean(pools[-1]):
-            pools[-2:] = [pools[-2] + pools[-1]]
-    apart = np.concatenate([np.full(len(pool), np.mean(pool)) for pool in pools])
-    spread_out: np.ndarray = apart.clip(0, 1 - steps[-1]) + steps
-    return spread_out
+    apart = isotonic_regression(heights - steps).x  # neighbours too near move together
+    placed: np.ndarray = apart.clip(0, 1 - steps[-1]) + steps
+    return placed
 
 
 def dots(
@@ -253,7 +245,7 @@ def dots(
         ):
             style = style_of(label, labels) if alone else style_of(name, list(columns))
             axes.hlines(height + move, low, high, color=style["color"], lw=1.6, alpha=0.7)
-            axes.plot(value, height + move, color=style["color"], marker=style["marker"], ms=6)
+            axes.plot(value, height + move, **style | _SOLID, ms=6)
             if value == value:
                 made.add(value, height, label if alone else f"{label}, {name}", f"{value:.1f}")
     axes.grid(visible=False)
@@ -273,13 +265,9 @@ def _key(made: Panel, names: Sequence[str]) -> None:
     x, height = 2.0, made.canvas.get_size_inches()[1] * 72
     for name in names:
         style = style_of(name, names)
-        place = np.array([(x + 6) / WIDTH, 1 - 32 / height])
-        made.canvas.add_artist(Line2D(
-            [place[0]], [place[1]], color=style["color"], marker=style["marker"], ms=6, ls="",
-        ))  # fmt: skip
-        made.canvas.text(
-            place[0] + 8 / WIDTH, place[1] - 4 / height, name, fontsize=FONT - 1, color=INK
-        )
+        mark = Line2D([(x + 6) / WIDTH], [1 - 32 / height], **style | {"ls": ""}, ms=6)
+        made.canvas.add_artist(mark)
+        made.canvas.text((x + 14) / WIDTH, 1 - 36 / height, name, fontsize=FONT - 1, color=INK)
         x += 24 + 6.6 * len(name)
 
 
@@ -305,9 +293,11 @@ def scatter(
     for values in frame.dropna(subset=[x, y]).to_dict("records"):
         each, place = str(values[name]), (float(values[x]), float(values[y]))
         style = style_of(each, names)
-        shape = PALETTE["strategies"].get(values[mark], "o") if mark else style["marker"]
-        axes.plot(*place, color=style["color"], marker=shape, ms=8, ls="")
-        strategy = f", {values[mark]}" if mark else ""
+        strategy = ""
+        if mark:
+            style["marker"] = PALETTE["strategies"].get(values[mark], "o")
+            strategy = f", {values[mark]}"
+        axes.plot(*place, **style | {"ls": ""}, ms=8)
         made.add(*place, f"{each}{strategy}", f"{place[0]:.1f}, {place[1]:.1f}")
         ends.append((place[1], each))
     if joined:
@@ -337,9 +327,9 @@ def _keys(made: Panel, names: Sequence[str], strategies: Sequence[str]) -> None:
                   va="center_baseline", transform=axes.transAxes)  # fmt: skip
 
 
-def bars(frame: pd.DataFrame, title: str, *, xlabel: str) -> Panel:
+def bars(frame: pd.DataFrame, title: str) -> Panel:
     """Bars from ``start`` to ``end`` below each other, and a mark where both are equal."""
-    made = panel(title, xlabel, height=104 + 24 * len(frame), left=120, right=50)
+    made = panel(title, "MRR* (points)", height=104 + 24 * len(frame), left=120, right=50)
     made.by, axes = "y", made.axes
     axes.grid(visible=False)
     for place, row in enumerate(frame.to_dict("records")):
@@ -351,7 +341,7 @@ def bars(frame: pd.DataFrame, title: str, *, xlabel: str) -> Panel:
             axes.barh(height, change, left=start, height=0.62, color=colour)
             text = f"{end:.1f}" if start == 0 else f"{change:+.1f}".replace("-", "−")
         else:
-            axes.plot(end, height, color=style["color"], marker=style["marker"], ms=8)
+            axes.plot(end, height, **style | _SOLID, ms=8)
             text = f"{end:.1f}"
         place_of = (max(start, end), height)
         axes.annotate(
@@ -378,17 +368,17 @@ def places(frame: pd.DataFrame, title: str, mean: float) -> Panel:
     axes.axvline(mean, color=SOFT, lw=1, ls=_DASHES[":"])
     for name, rows in frame[frame["what"] != "known entity"].groupby("initializer", sort=False):
         style = style_of(str(name))
+        colour, mark = style["color"], dict[str, Any](ls="", mec=INK)
         chosen, path = rows[rows["what"] == "indicator"], rows[rows["what"] == "path"]
-        axes.plot(chosen["distance"], chosen["axis"], color=style["color"], marker="o", ms=5, ls="")
-        axes.plot(path["distance"], path["axis"], color=style["color"], lw=1.4)
-        first, last = path.iloc[0], path.iloc[-1]
-        mark = {"color": style["color"], "ms": 9, "ls": "", "mec": INK}
-        axes.plot(first["distance"], first["axis"], marker=style["marker"], **mark)
-        axes.plot(last["distance"], last["axis"], marker="o", ms=8, ls="", mfc="none", mec=INK)
-        axes.annotate(str(name), (first["distance"], first["axis"]), (8, 6), fontsize=FONT - 1,
-                      textcoords="offset points", color=INK)  # fmt: skip
-        made.add(first["distance"], first["axis"], f"{name}, start", f"{first['distance']:.1f}")
-        made.add(last["distance"], last["axis"], f"{name}, end", f"{last['distance']:.1f}")
+        axes.plot(chosen["distance"], chosen["axis"], color=colour, marker="o", ms=5, ls="")
+        axes.plot(path["distance"], path["axis"], color=colour, lw=1.4)
+        first, last = path[["distance", "axis"]].to_numpy()[[0, -1]]
+        axes.plot(*first, **style | mark, ms=9)
+        axes.plot(*last, marker="o", ms=8, mfc="none", **mark)
+        axes.annotate(str(name), first, (8, 6), fontsize=FONT - 1, textcoords="offset points",
+                      color=INK)  # fmt: skip
+        made.add(first[0], first[1], f"{name}, start", f"{first[0]:.1f}")
+        made.add(last[0], last[1], f"{name}, end", f"{last[0]:.1f}")
     axes.set_xlim(left=0)
     return made
 
@@ -452,46 +442,46 @@ def _styled_once(group: re.Match[str]) -> str:
     return f'{group[1]} style="{styles.pop()}">\n{uses}</g>'
 
 
+def _layout(sizes: Sequence[tuple[Any, Any]]) -> tuple[list[tuple[Any, Any]], Any, Any]:
+    """Places (x, y) of panels of some sizes (width, height), two in a row; width and height of
+    all.
+    """
+    places, y = list[tuple[Any, Any]](), 0
+    for start in range(0, len(sizes), 2):
+        row = sizes[start : start + 2]
+        places += [(place * row[0][0], y) for place in range(len(row))]
+        y += max(height for _, height in row)
+    return places, sum(width for width, _ in sizes[:2]), y
+
+
 def joined(svgs: Sequence[str], made: Sequence[Panel]) -> str:
-    """The panels of a figure in one SVG file, two in a row."""
-    sizes = [72 * panel.canvas.get_size_inches() for panel in made]
-    rows = [sizes[place : place + 2] for place in range(0, len(sizes), 2)]
-    heights = [max(height for _, height in row) for row in rows]
-    parts = list[str]()
-    for place, text in enumerate(svgs):
-        y = sum(heights[: place // 2])
-        parts.append(text.replace("<svg ", f'<svg x="{WIDTH * (place % 2)}" y="{y:.0f}" ', 1))
-    width, height = WIDTH * min(len(made), 2), sum(heights)
+    """The panels of a figure in one SVG file."""
+    sizes = [(WIDTH, 72 * panel.canvas.get_figheight()) for panel in made]
+    places, width, height = _layout(sizes)
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width} {height:.0f}" font-family="DejaVu Sans, sans-serif">'
         f'<rect width="100%" height="100%" fill="{PAPER}"/>'
     )
+    parts = [
+        text.replace("<svg ", f'<svg x="{x}" y="{y:.0f}" ', 1)
+        for text, (x, y) in zip(svgs, places, strict=True)
+    ]
     return "\n".join([head, *parts, "</svg>\n"])
 
 
 def png(made: Sequence[Panel]) -> bytes:
-    """The panels of a figure in one PNG file, two in a row."""
+    """The panels of a figure in one PNG file."""
     images = list[np.ndarray]()
     with mpl.rc_context(_SETTINGS):
         for each in made:
             agg = FigureCanvasAgg(each.canvas)
             agg.draw()  # type: ignore[no-untyped-call]
-            drawing = agg.buffer_rgba()  # type: ignore[no-untyped-call]
-            images.append(np.asarray(drawing))
-    rows = list[np.ndarray]()
-    for place in range(0, len(images), 2):
-        of_row = images[place : place + 2]
-        height = max(image.shape[0] for image in of_row)
-        rows.append(np.hstack([_padded(image, height, image.shape[1]) for image in of_row]))
-    width = max(row.shape[1] for row in rows)
-    whole = np.vstack([_padded(row, row.shape[0], width) for row in rows])
+            images.append(np.asarray(agg.buffer_rgba()))  # type: ignore[no-untyped-call]
+    places, width, height = _layout([(image.shape[1], image.shape[0]) for image in images])
+    whole = np.full((height, width, 4), 255, np.uint8)
+    for image, (x, y) in zip(images, places, strict=True):
+        whole[y : y + image.shape[0], x : x + image.shape[1]] = image
     buffer = io.BytesIO()
     imsave(buffer, whole, format="png", dpi=110, metadata={"Software": ""})
     return buffer.getvalue()
-
-
-def _padded(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    short = ((0, height - image.shape[0]), (0, width - image.shape[1]), (0, 0))
-    padded: np.ndarray = np.pad(image, short, constant_values=255)
-    return padded

@@ -17,16 +17,11 @@ SCOPES = {
 }
 #: Initializers that lines and points name; others are in the tables.
 MAIN = ["Xavier", "IU", "ES", "RS", "ERS", "Mean", "MAP", "Joint"]
-#: Initializers whose lines have a band: the paper's.
-PAPERS = ["Xavier", "IU", "ES", "RS", "ERS"]
 
 
 def answer(frame: pd.DataFrame) -> list[Panel]:
     """The parts of the gain, over all queries and about novel entities."""
-    return [
-        bars(rows, SCOPES[str(scope)], xlabel="MRR* (points)")
-        for scope, rows in frame.groupby("scope", sort=False)
-    ]
+    return [bars(rows, SCOPES[str(scope)]) for scope, rows in frame.groupby("scope", sort=False)]
 
 
 def figure3a(frame: pd.DataFrame) -> list[Panel]:
@@ -34,15 +29,7 @@ def figure3a(frame: pd.DataFrame) -> list[Panel]:
     shown = frame[frame["model"].isin(MAIN)]
     titles = {"MRR*": "MRR*", "entity half": "entity prediction"}
     return [
-        lines(
-            shown[shown["scope"] == scope],
-            "size",
-            measure,
-            "model",
-            f"{SCOPES[scope]}: {title}",
-            xlabel="novel entities |ξ|",
-            banded=PAPERS,
-        )
+        lines(shown[shown["scope"] == scope], "size", measure, f"{SCOPES[scope]}: {title}")
         for measure, title in titles.items()
         for scope in ("all", "novel")
     ]
@@ -51,18 +38,14 @@ def figure3a(frame: pd.DataFrame) -> list[Panel]:
 def directions(frame: pd.DataFrame) -> list[Panel]:
     """Entity MRR* with the novel entity as the question, and as the answer."""
     ordered = frame.sort_values("novel entity given", ascending=False)
+    titles = {
+        "novel entity given": "The novel entity is given",
+        "novel entity is the answer": "The novel entity is the answer",
+    }
+    xlabel = "entity MRR* (points), 95 % interval"
     return [
-        dots(
-            ordered,
-            "model",
-            {title: column},
-            title,
-            xlabel="entity MRR* (points), 95 % interval",
-        )
-        for title, column in (
-            ("The novel entity is given", "novel entity given"),
-            ("The novel entity is the answer", "novel entity is the answer"),
-        )
+        dots(ordered, "model", {title: column}, title, xlabel=xlabel)
+        for column, title in titles.items()
     ]
 
 
@@ -92,18 +75,8 @@ def _curves(
         joint = rows[rows["model"] == "Joint"]
         level = ("margin", (joint[y] - joint["margin"]).mean()) if with_margin else None
         drawn = rows[rows["model"] != "Joint"]
-        panel = lines(
-            drawn,
-            "epoch",
-            y,
-            "model",
-            title,
-            xlabel="epoch of fine-tuning",
-            ylabel="MRR* (points)" if y == "MRR*" else "change of MRR* (points)",
-            banded=PAPERS,
-            level=level,
-        )
-        made.append(panel)
+        ylabel = "MRR* (points)" if y == "MRR*" else "change of MRR* (points)"
+        made.append(lines(drawn, "epoch", y, title, ylabel=ylabel, level=level))
     return made
 
 
@@ -139,16 +112,7 @@ def _by_indicators(
     frame: pd.DataFrame, measure: str, scopes: tuple[str, ...], ylabel: str
 ) -> list[Panel]:
     return [
-        lines(
-            frame,
-            "indicators",
-            f"{scope}: {measure}",
-            "initializer",
-            SCOPES[scope],
-            xlabel="indicators k",
-            ylabel=ylabel,
-            banded=PAPERS,
-        )
+        lines(frame, "indicators", f"{scope}: {measure}", SCOPES[scope], ylabel=ylabel)
         for scope in scopes
     ]
 
@@ -181,63 +145,38 @@ def paper_results(frame: pd.DataFrame) -> list[Panel]:
 
 def figure2_readings(frame: pd.DataFrame) -> list[Panel]:
     """Figure 2 under one reading: MRR* and epochs by number of indicators."""
-    return [
-        lines(
-            frame,
-            "indicators",
-            measure,
-            "model",
-            title,
-            xlabel="indicators k",
-            ylabel=ylabel,
-            banded=PAPERS,
-        )
-        for measure, title, ylabel in (
-            ("MRR*", "2a. Right after insertion", "MRR* (points)"),
-            ("epochs", "2b. Convergence", "epochs to convergence"),
-        )
-    ]
+    right_after = lines(frame, "indicators", "MRR*", "2a. Right after insertion")
+    ylabel = "epochs to convergence"
+    return [right_after, lines(frame, "indicators", "epochs", "2b. Convergence", ylabel=ylabel)]
 
 
 def figure3a_readings(frame: pd.DataFrame) -> list[Panel]:
     """Figure 3a under one reading: MRR* by number of novel entities."""
-    title = "Right after insertion"
-    xlabel = "novel entities |ξ|"
-    return [lines(frame, "size", "MRR*", "model", title, xlabel=xlabel, banded=PAPERS)]
+    return [lines(frame, "size", "MRR*", "Right after insertion")]
 
 
 def curves_readings(frame: pd.DataFrame) -> list[Panel]:
     """Figures 3b and 4 under one reading: MRR* by epoch."""
     joint = ("Joint", float(frame["joint"].mean()))
-    return [
-        lines(
-            frame,
-            "epoch",
-            "MRR*",
-            "model",
-            "By epoch",
-            xlabel="epoch of fine-tuning",
-            ylabel="MRR* (points)",
-            banded=PAPERS,
-            level=joint,
-        )
-    ]
+    return [lines(frame, "epoch", "MRR*", "By epoch", level=joint)]
 
 
-def by_row(frame: pd.DataFrame, row: str, names: list[str], title: str) -> Panel:
+def by_row(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:
     """Entity MRR* with the novel entity given: a row for each model or graph, a mark for each of
-    some initializers.
+    some columns.
     """
-    columns = {name: name for name in names if name in frame}
-    return dots(frame, row, columns, title, xlabel="entity MRR*, novel entity given (points)")
+    shown = {name: column for name, column in columns.items() if column in frame}
+    return dots(frame, row, shown, title, xlabel="entity MRR*, novel entity given (points)")
 
 
-_FEW = ["Xavier", "Mean", "ERS", "MAP", "Joint"]
+#: Initializers of figures with a row for each graph.
+_FEW = {name: name for name in ("Xavier", "Mean", "ERS", "MAP", "Joint")}
 
 
 def insert_triples(frame: pd.DataFrame) -> list[Panel]:
     """Entity MRR* by the number of insert triples."""
-    return [by_row(frame, "insert triples", ["ES", "ERS", "MAP"], "Number of insert triples")]
+    columns = {name: name for name in ("ES", "ERS", "MAP")}
+    return [by_row(frame, "insert triples", columns, "Number of insert triples")]
 
 
 def embeddings(frame: pd.DataFrame) -> list[Panel]:
@@ -257,15 +196,7 @@ def strong(frame: pd.DataFrame) -> list[Panel]:
     """All initializers, sorted by entity MRR* with the novel entity given."""
     column = "novel entity given"
     ordered = frame.sort_values(column, ascending=False)
-    return [
-        dots(
-            ordered,
-            "model",
-            {"": column},
-            "Initializers",
-            xlabel="entity MRR*, novel entity given (points)",
-        )
-    ]
+    return [by_row(ordered, "model", {"": column}, "Initializers")]
 
 
 def gain_and_harm(frame: pd.DataFrame) -> list[Panel]:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,13 @@ from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 
-from isi.errors import InputError
 from isi.pipeline import missing
 from isi.report import charts, figures
 from isi.report.explorer import TEMPLATES, script
 from isi.report.items import BAR, PAGES, Page, ReportItem
 from isi.report.tables import forms
-from isi.tables.io import atomically, keep_only
+from isi.report.tables.registry import write_files
+from isi.tables.io import atomically, opening
 
 #: Questions about an entity, by relation of which it is the head.
 QUESTIONS = {
@@ -67,12 +68,8 @@ class ShownTable:
     @property
     def groups(self) -> list[tuple[str, int]]:
         """Title and number of columns of each group of neighbours; empty without groups."""
-        groups = list[tuple[str, int]]()
-        for column in self.columns:
-            if groups and groups[-1][0] == column.group:
-                groups[-1] = (column.group, groups[-1][1] + 1)
-            else:
-                groups.append((column.group, 1))
+        neighbours = groupby(column.group for column in self.columns)
+        groups = [(group, len(list(columns))) for group, columns in neighbours]
         return groups if any(name for name, _ in groups) else []
 
     @property
@@ -93,24 +90,21 @@ class PageTables:
         path = self.folder / f"{name}.csv"
         if not path.exists():
             return None
-        try:
+        with opening(path, "a table of the report", ValueError):
             return pd.read_csv(path)
-        except ValueError as error:
-            raise InputError(path, "", f"expected a table of the report ({error})") from error
 
     def number(self, name: str, column: str, /, **where: Any) -> Markup:
         """A value with one decimal from the row with these values, as text; "–" without one."""
         frame = self.get(name)
-        if frame is None or column not in frame:
+        if frame is not None:
+            for key, value in where.items():
+                frame = frame[frame[key.replace("_", " ")].astype(str) == str(value)]
+        value = None if frame is None or column not in frame else next(iter(frame[column]), None)
+        if value is None or pd.isna(value):
             return Markup("–")
-        for key, value in where.items():
-            frame = frame[frame[key.replace("_", " ")].astype(str) == str(value)]
-        if not len(frame) or pd.isna(frame[column].iloc[0]):
-            return Markup("–")
-        value = frame[column].iloc[0]
-        if isinstance(value, str):
-            return Markup("{}").format(value)
-        return Markup("{}").format(f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}")
+        if not isinstance(value, str):
+            value = f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}"
+        return Markup("{}").format(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +151,12 @@ def write(name: str, reports: Path, demonstration: Path | None = None) -> Path:
         raise missing(folder / "tables")
     tables = PageTables(folder / "tables")
     items = [made for item in page.items if (made := rendered(item, tables))]
-    files = dict[str, bytes]()
+    drawings = dict[str, bytes]()
     for made in items:
-        if made.panels:
-            files |= made.files()
-    drawings = folder / "figures"
-    drawings.mkdir(parents=True, exist_ok=True)  # DVC wants it where no table has a figure, too
-    for file, data in files.items():
-        atomically(drawings / file, partial(Path.write_bytes, data=data))
-    keep_only(drawings, [drawings / file for file in files])
+        drawings |= made.files() if made.panels else {}
+    # DVC wants the folder where no table has a figure, too
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    write_files(folder / "figures", drawings)
     shown = json.loads(demonstration.read_text("utf-8")) if demonstration else {}
     text = html(name, page, items, tables, shown)
     place = folder / "index.html"
@@ -185,20 +176,14 @@ def rendered(item: ReportItem, tables: PageTables) -> Rendered | None:
 
 def shown_table(frame: pd.DataFrame, only: Any = ()) -> ShownTable:
     """A table as the page shows it: of ``only`` these columns, if there are any."""
-    columns = list[Column]()
-    texts = forms.shown(frame)
-    for name in texts:
+    columns, texts = list[Column](), forms.with_intervals(frame)
+    for name, cells in texts.items():
         if only and name not in only:
             continue
-        given = "" if str(name).startswith("Unnamed: ") else str(name)  # pandas' for an empty one
+        given = "" if name.startswith("Unnamed: ") else name  # pandas' for an empty one
         group, _, title = given.rpartition(": ")
-        if any(str(other).startswith(f"{name}: ") for other in texts):
-            group, title = str(name), "here"
-        cells = list[tuple[str, str]]()
-        for text in texts[name]:
-            value, bracket, interval = text.partition(" [")
-            is_interval = bool(bracket) and interval.endswith("]")
-            cells.append((value, f"[{interval}") if is_interval else (text, ""))
+        if any(other.startswith(f"{name}: ") for other in texts):
+            group, title = name, "here"
         is_text = not forms.is_number(frame[name]) and not frame[name].isna().all()
         headers = (HEADERS.get(group, group), HEADERS.get(title, title))
         columns.append(Column(*headers, is_text, cells))

@@ -47,23 +47,17 @@ def read(path: str | Path) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Models:
-    """Labels, roles and descriptions of initializers and of the other models, by name."""
+    """Labels and roles of initializers and of the other models, by name."""
 
     labels: Mapping[str, str]
     roles: Mapping[str, str]
-    descriptions: Mapping[str, str]
 
     @classmethod
     def of(cls, registered: pd.DataFrame) -> Self:
-        """From a table with columns name, label, role and description."""
-        rows = registered.fillna("").set_index("name")
-        names = list(map(str, rows.index))
-        labels, roles, descriptions = (
-            dict(zip(names, map(str, rows[column]), strict=True))
-            for column in ("label", "role", "description")
-        )
+        """From a table with columns name, label and role."""
+        rows = registered.set_index("name").astype(str)
         others = {JOINT: "Joint", FINETUNE_ONLY: "Nothing inserted"}
-        return cls(others | labels, roles, descriptions)
+        return cls(others | dict(rows["label"]), dict(rows["role"]))
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -74,14 +68,6 @@ class Models:
     def of_role(self, models: Iterable[str], *roles: str) -> list[str]:
         """The models among some with one of the roles, in order."""
         return [name for name in models if self.roles.get(name) in roles]
-
-    def isi(self, models: Iterable[str]) -> list[str]:
-        """The initializers that the paper proposes."""
-        return self.of_role(models, "isi")
-
-    def contenders(self, models: Iterable[str]) -> list[str]:
-        """The initializers under test: all but controls."""
-        return self.of_role(models, "paper", "isi", "baseline", "own")
 
     def labelled(self, frame: pd.DataFrame, *columns: str) -> pd.DataFrame:
         """The frame with labels in place of names in some columns."""
@@ -116,7 +102,7 @@ class Runs:
     @property
     def methods(self) -> list[str]:
         """The initializers that the paper proposes."""
-        return self.models.isi(self.initializers)
+        return self.models.of_role(self.initializers, "isi")
 
     @cached_property
     def immediate(self) -> pd.DataFrame:
@@ -141,10 +127,10 @@ class Runs:
         listed = self.finetuned or self.initializers
         return self.converged(self.runs[self.runs["model"].isin(listed)], ["model"])
 
-    def epochs(self, scope: str) -> pd.Series:
-        """Mean epochs to convergence by model."""
-        means: pd.Series = where(self.convergence, scope=scope).groupby("model")["epochs"].mean()
-        return means
+    def epochs(self, scope: str) -> pd.DataFrame:
+        """Mean epochs to convergence, with intervals: rows by model, column ``mean``."""
+        rows = where(self.convergence, scope=scope)
+        return over_seeds(rows, ["model"], {"epochs": "mean"}, scale=1)
 
     @cached_property
     def directed(self) -> pd.DataFrame:
@@ -166,9 +152,7 @@ class Runs:
         """
         rows, measure = self._measured(scope, measure)
         means = over_seeds(where(rows, scope=scope), ["model"], {measure: "mean"})
-        return means.loc[[model for model in self.rows if model in means.index]].dropna(
-            subset="mean"
-        )
+        return means.reindex(self.rows).dropna(subset="mean")
 
     def by_run(self, scope: str, measure: str = "mrr_star") -> pd.DataFrame:
         """The same by session, size and seed (rows) and model (columns)."""
@@ -198,7 +182,7 @@ class Experiment(Runs):
         """The tables of an experiment; ``InputError`` where one is missing or broken."""
         initializers = params.initializers_of(name)
         settings = params.experiments[name]
-        runs = _of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
+        runs = of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
         breakdown = Path(f"data/analyses/query_breakdown/{name}.parquet")
         ran = name in params.query_breakdown.experiments
         return cls(
@@ -236,7 +220,7 @@ class Experiment(Runs):
         """The same for an analysis with a file for each initializer."""
         if self.name not in self.params.studies[section].experiments[:1]:
             return None
-        return _of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
+        return of_models(f"data/analyses/{folder}/{self.name}/{{}}.parquet", names)
 
     @cached_property
     def entities(self) -> pd.DataFrame:
@@ -251,7 +235,7 @@ class Experiment(Runs):
     @cached_property
     def inserted(self) -> pd.DataFrame:
         """The inserted entities of each initializer, with what was measured about each."""
-        return _of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
+        return of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
 
     @property
     def curve_size(self) -> int | None:
@@ -276,7 +260,7 @@ class Experiment(Runs):
         return pd.concat([rows, alone.assign(model=FINETUNE_ONLY)], ignore_index=True)
 
 
-def _of_models(place: str, names: Names) -> pd.DataFrame:
+def of_models(place: str, names: Names) -> pd.DataFrame:
     """The files of some models below each other; the column ``model`` has the name."""
     return pd.concat([read(place.format(name)).assign(model=name) for name in names])
 

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy.special import stdtr, stdtrit
 
 Names = Sequence[str]  #: Of models, scopes or columns, in order.
+Line = dict[str, Any]  #: A row of a table, by column.
 #: Columns that identify a run of an initializer.
 CELL = ["session", "size", "seed"]
 #: MRR* and its halves, with their headers.
@@ -23,8 +24,6 @@ HALVES = {
 }
 #: Ends of the names of an estimate's columns.
 ENDS = ("", " low", " high")
-#: A difference is significant where its corrected p is below this.
-LEVEL = 0.05
 
 
 def where(rows: pd.DataFrame, **values: Any) -> pd.DataFrame:
@@ -57,9 +56,8 @@ def over_seeds(
     around = error * _quantile(seeds.to_numpy())
     parts = dict[str, pd.Series]()
     for column, name in columns.items():
-        parts[name] = scale * means[column]
-        parts[f"{name} low"] = scale * (means[column] - around[column])
-        parts[f"{name} high"] = scale * (means[column] + around[column])
+        mean, half = scale * means[column], scale * around[column]
+        parts |= {name: mean, f"{name} low": mean - half, f"{name} high": mean + half}
     return pd.DataFrame(parts)
 
 
@@ -88,36 +86,30 @@ def relative(cells: pd.DataFrame, base: pd.DataFrame, sign: int = 1) -> tuple[fl
     return 100 * mean, 100 * (mean - around), 100 * (mean + around)
 
 
-def improvements(immediate: pd.DataFrame, scope: str, base: str = "xavier") -> pd.DataFrame:
+def improvements(immediate: pd.DataFrame, scope: str) -> pd.DataFrame:
     """Gain of each model over Xavier: 100 × (ratio of means over seeds − 1), averaged over sizes
     (section 6.1); columns ``gain`` and its bounds, rows by model.
     """
-    cells = where(immediate, scope=scope).pivot_table(
-        "mrr_star", "seed", ["model", "size"], dropna=False
-    )
-    if base not in cells:
-        return pd.DataFrame(columns=["gain", "gain low", "gain high"], dtype=float)
-    rows = {
-        str(model): relative(pd.DataFrame(cells[model]), pd.DataFrame(cells[base]))
-        for model in cells.columns.unique("model")
-    }
-    return pd.DataFrame.from_dict(
-        rows, orient="index", columns=["gain", "gain low", "gain high"]
-    ).dropna(subset="gain")
+    return _ratios(where(immediate, scope=scope), "xavier", "gain")
 
 
 def drops(immediate: pd.DataFrame) -> pd.DataFrame:
     """Per cent by which MRR* about known entities is below the joint model's (section 6.3), by
     initializer; columns ``drop`` and its bounds.
     """
-    known = where(immediate, scope="known").pivot_table("mrr_star", "seed", ["model", "size"])
-    if "joint" not in known:
-        return pd.DataFrame(columns=["drop", "drop low", "drop high"], dtype=float)
-    rows = {
-        str(model): relative(pd.DataFrame(known[model]), pd.DataFrame(known["joint"]), sign=-1)
-        for model in known.columns.unique("model").drop("joint")
-    }
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["drop", "drop low", "drop high"])
+    known = _ratios(where(immediate, scope="known"), "joint", "drop", sign=-1)
+    return known.drop(index="joint", errors="ignore")
+
+
+def _ratios(runs: pd.DataFrame, base: str, name: str, sign: int = 1) -> pd.DataFrame:
+    """``relative`` of each model to the model ``base``; none without it."""
+    cells = runs.pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
+    rows = dict[str, tuple[float, float, float]]()
+    for model in cells.columns.unique("model") if base in cells else ():
+        rows[str(model)] = relative(pd.DataFrame(cells[model]), pd.DataFrame(cells[base]), sign)
+    columns = [f"{name}{end}" for end in ENDS]
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=columns, dtype=float)
+    return frame.dropna(subset=name)
 
 
 def combined(rows: pd.DataFrame, by: Names) -> pd.DataFrame:
@@ -147,33 +139,26 @@ def difference(first: pd.Series, second: pd.Series) -> dict[str, float]:
     Both are indexed by ``CELL`` and averaged by seed; rounded to 1e-9, so that ties do not depend
     on the order of sums.
     """
-    values = (first - second).dropna().groupby(level="seed").mean().to_numpy(float).round(9)
-    seeds = len(values)
-    result = {
-        "difference": np.nan,
-        "difference low": np.nan,
-        "difference high": np.nan,
-        "p": np.nan,
+    values = (first - second).dropna().groupby(level="seed").mean().astype(float).round(9)
+    seeds, (mean, error) = len(values), map(float, values.agg(["mean", "sem"]))
+    around = error * float(_quantile(seeds))
+    return {
+        "difference": mean + 0.0,  # no -0
+        "difference low": mean - around,
+        "difference high": mean + around,
+        "p": float(2 * stdtr(seeds - 1, -abs(mean) / error)) if error > 0 else np.nan,
+        "seeds": seeds,
+        "of these differ": int(np.count_nonzero(values)),
     }
-    if seeds:
-        result["difference"] = float(values.mean()) + 0.0  # no -0
-    if seeds > 1:
-        error = float(values.std(ddof=1) / np.sqrt(seeds))
-        around = error * float(_quantile(seeds))
-        result["difference low"] = result["difference"] - around
-        result["difference high"] = result["difference"] + around
-        if error > 0:
-            result["p"] = float(2 * stdtr(seeds - 1, -abs(values.mean()) / error))
-    return result | {"seeds": seeds, "of these differ": int(np.count_nonzero(values))}
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Names, first: Names) -> pd.DataFrame:
     """All pairs of models in each measure (a frame with a row for each run and a column for each
     model), with Holm's correction within a measure; models in ``first`` come first in a pair.
     """
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for measure, cells in measures.items():
-        of_measure = list[dict[str, Any]]()
+        of_measure = list[Line]()
         for pair in combinations(models, 2):
             left, right = sorted(pair, key=lambda name: name not in first)
             names = {"measure": measure, "first": left, "second": right}
@@ -202,12 +187,12 @@ def epochs_summary(convergence: pd.DataFrame, by: Names) -> pd.DataFrame:
     """Epochs to convergence by group: mean with interval, standard deviation, median, and per cent
     of runs without convergence with interval.
     """
-    means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
-    lost = convergence.assign(lost=~convergence["converged"])
-    never = over_seeds(lost, by, {"lost": "unconverged %"})
-    groups = convergence.groupby(list(by))["epochs"]
-    middle = pd.DataFrame({"std": groups.std(ddof=1), "median": groups.median()})
-    return pd.concat([means, middle, never], axis=1)
+    runs = convergence.assign(lost=100.0 * ~convergence["converged"])
+    summary = over_seeds(runs, by, {"epochs": "mean", "lost": "unconverged %"}, scale=1)
+    groups = runs.groupby(list(by))["epochs"]
+    summary.insert(3, "std", groups.std())
+    summary.insert(4, "median", groups.median())
+    return summary
 
 
 def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.DataFrame:
@@ -221,10 +206,8 @@ def cells_of(rows: pd.DataFrame, models: Names, scope: str, column: str) -> pd.D
 def wide(estimates: pd.DataFrame, column: str, names: Mapping[str, str]) -> dict[str, float]:
     """One row with the estimate ``column`` of each model (the index), under the model's label."""
     row = dict[str, float]()
-    for model in estimates.index:
-        for end in ("", " low", " high"):
-            if f"{column}{end}" in estimates:
-                row[f"{names[model]}{end}"] = estimates.loc[model, f"{column}{end}"]
+    for model, values in estimates.iterrows():
+        row |= named(values, column, names[str(model)])
     return row
 
 

@@ -66,23 +66,30 @@ def csv(frame: pd.DataFrame) -> str:
 def shown(frame: pd.DataFrame) -> pd.DataFrame:
     """A table as text: each value with its interval, "–" where there is none."""
     texts = dict[str, list[str]]()
-    for name in estimates(frame):
-        parts = [frame[name]]
-        parts += [frame[f"{name}{end}"] for end in (" low", " high") if f"{name}{end}" in frame]
-        texts[name] = _texts(name, parts)
+    for name, pairs in with_intervals(frame).items():
+        texts[name] = [f"{value} {interval}".rstrip() for value, interval in pairs]
     return pd.DataFrame(texts)
 
 
-def _texts(name: str, parts: Sequence[pd.Series]) -> list[str]:
+def with_intervals(frame: pd.DataFrame) -> dict[str, list[tuple[str, str]]]:
+    """By column: each value as text, and its interval, empty where there is none."""
+    texts = dict[str, list[tuple[str, str]]]()
+    for name in estimates(frame):
+        parts = [name, f"{name} low", f"{name} high"]
+        texts[name] = _texts(name, [frame[part] for part in parts if part in frame])
+    return texts
+
+
+def _texts(name: str, parts: Sequence[pd.Series]) -> list[tuple[str, str]]:
     values = parts[0]
     if not is_number(values):
-        return ["–" if value is None or value != value else str(value) for value in values]
+        return [("–" if pd.isna(value) else str(value), "") for value in values]
     spec = spec_of(name, parts)
-    lines = list[str]()
+    lines = list[tuple[str, str]]()
     for row in zip(*(part.astype(float) for part in parts), strict=True):
-        mean, *bounds = (_written(value, spec) for value in row)
-        interval = f" [{bounds[0]}, {bounds[1]}]" if bounds and "–" not in bounds else ""
-        lines.append(f"{mean}{interval}")
+        value, *bounds = (_written(number, spec) for number in row)
+        has_interval = bool(bounds) and "–" not in bounds
+        lines.append((value, f"[{', '.join(bounds)}]" if has_interval else ""))
     return lines
 
 

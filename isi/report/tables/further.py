@@ -2,7 +2,7 @@
 triples, other words, embedding models and graphs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -13,9 +13,9 @@ import pandas as pd
 from isi import config
 from isi.evaluation.query_sets import CONVERGING
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Models, Runs, read
-from isi.report.tables.estimates import combined, difference, named, over_seeds, where, wide
+from isi.report.tables.estimates import Line, combined, difference, named, over_seeds, where, wide
 from isi.report.tables.registry import Frames, table
-from isi.report.tables.results import by_label, table2
+from isi.report.tables.results import by_label, in_rows, table2
 from isi.tables import paths
 
 if TYPE_CHECKING:
@@ -140,65 +140,57 @@ def _runs_of(
 def causes(results: Further) -> pd.DataFrame | None:
     """Causes of the gap to the paper: a row for each changed setting, then the paper."""
     variants, first = results.variants_of("causes"), results.experiments[0]
-    methods = first.models.isi(first.finetuned)
+    methods = first.models.of_role(first.finetuned, "isi")
     if not variants or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return None
-    rows = [
-        _cause(first, methods, title, now, later)
-        for title, now, later in _conditions(results, variants)
-    ]
-    paper = results.paper["convergence"]["epochs"]
-    epochs = pd.Series({name: numbers["mean"] for name, numbers in paper.items()})
-    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
-    theirs = _cause(first, methods, "the paper", pd.Series(dtype=float), epochs)
-    return pd.DataFrame([*rows, theirs | {"gain %": gains.reindex(methods).mean()}])
-
-
-def _cause(
-    runs: Runs, methods: list[str], title: str, now: pd.Series, later: pd.Series
-) -> dict[str, Any]:
-    """A row of causes: Xavier, and the mean of ISI; ``now``: MRR*, ``later``: epochs, by model."""
-    base, xavier = now.get(BASELINE, np.nan), runs.models.labels[BASELINE]
-    of_isi = now.reindex(methods).mean(skipna=False)
-    return {
-        "row": title,
-        "joint": now.get(JOINT, np.nan),
-        xavier: base,
+    titles, *measures = zip(*_conditions(results, variants), strict=True)
+    models, xavier = [JOINT, BASELINE, *methods], first.models.labels[BASELINE]
+    now, later = (pd.DataFrame(map(dict, rows)).reindex(columns=models) for rows in measures)
+    of_isi = now[methods].mean(axis=1, skipna=False)
+    columns = {
+        "row": titles,
+        "joint": now[JOINT],
+        xavier: now[BASELINE],
         "ISI": of_isi,
-        "gain %": 100 * (of_isi / base - 1),
-        f"epochs: {xavier}": later.get(BASELINE, np.nan),
-        "epochs: ISI": later.reindex(methods).mean(skipna=False),
+        "gain %": 100 * (of_isi / now[BASELINE] - 1),
+        f"epochs: {xavier}": later[BASELINE],
+        "epochs: ISI": later[methods].mean(axis=1, skipna=False),
     }
+    frame = pd.DataFrame(columns)
+    gains = pd.Series(results.paper["immediate"]["improvement_over_xavier"])
+    frame.loc[frame.index[-1], "gain %"] = gains.reindex(methods).mean()
+    return frame
 
 
 def _conditions(
     results: Further, variants: Iterable[VariantRuns]
 ) -> Iterator[tuple[str, pd.Series, pd.Series]]:
     """Titles with MRR* and epochs by model: of the first graph two sizes, entity MRR* and a filter
-    of all true triples; then of variants and of other graphs.
+    of all true triples; then of variants and of other graphs; last, the paper's epochs.
     """
     first, none = results.experiments[0], pd.Series(dtype=float)
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
     main = first.of_size(size)
-    yield f"this run, {size} novel entities", _mrr_star(main), main.epochs("all")
+    yield f"this run, {size} novel entities", _mrr_star(main), main.epochs("all")["mean"]
     if largest != size:
         share = 100 * largest / len(first.entities)
         other = first.of_size(largest)
         title = f"{largest} novel entities, {share:.0f} % of all"
-        yield title, _mrr_star(other), other.epochs("all")
+        yield title, _mrr_star(other), other.epochs("all")["mean"]
     yield "entity prediction alone", _mrr_star(main, "mrr_star_entity"), none
     if main.queries is not None:
         true = where(main.queries, scope="all", filter="true")
         means = combined(true, ["model", "size", "seed"]).groupby("model")["mrr_star"].mean()
         yield "all true triples left out of the candidates", 100 * means, none
     for runs in variants:
-        epochs = runs.epochs("all") if runs.variant.finetuned else none
+        epochs = runs.epochs("all")["mean"] if runs.variant.finetuned else none
         yield f"{runs.variant.title} ({runs.title})", _mrr_star(runs), epochs
     for experiment in results.experiments[1:]:
         if size in experiment.settings.sessions.sizes:
             of_size = experiment.of_size(size)
             title = f"{experiment.title}, {size} novel entities"
-            yield title, _mrr_star(of_size), of_size.epochs("all")
+            yield title, _mrr_star(of_size), of_size.epochs("all")["mean"]
+    yield "the paper", none, pd.DataFrame(results.paper["convergence"]["epochs"]).T["mean"]
 
 
 def _mrr_star(runs: Runs, measure: str = "mrr_star") -> pd.Series:
@@ -228,8 +220,7 @@ def curves(results: Further) -> Frames:
     for runs in _with_curves(results):
         shown = where(runs.runs, scope=CONVERGING)
         means = over_seeds(shown, ["model", "scope", "epoch"], {"mrr_star": "MRR*"})
-        listed = means.reindex(runs.rows, level="model").reset_index()
-        frames[f"curves_{runs.key}_{runs.name}"] = runs.models.labelled(listed, "model")
+        frames[f"curves_{runs.key}_{runs.name}"] = in_rows(means, runs.models, runs.rows)
     return frames
 
 
@@ -252,7 +243,7 @@ def strong(results: Further) -> Frames:
         columns |= named(given, "mean", "novel entity given")
         title = f"novel entity given, minus {runs.models.labels[REFERENCE]}"
         columns |= named(pd.DataFrame(minus).T, "difference", title)
-        frames[f"strong_{runs.name}"] = by_label(runs, order, columns)
+        frames[f"strong_{runs.name}"] = by_label(runs.models, order, columns)
     return frames
 
 
@@ -261,7 +252,7 @@ def n_insert_triples(results: Further) -> pd.DataFrame:
     """Entity MRR* with the novel entity given by number of insert triples, on the first graph with
     such runs.
     """
-    variants, rows = results.variants_of("insert_triples"), list[dict[str, Any]]()
+    variants, rows = results.variants_of("insert_triples"), list[Line]()
     for runs in variants:
         if runs.name == variants[0].name:
             most = runs.variant.max_insert_triples
@@ -289,23 +280,20 @@ def _means(runs: Runs, measure: str) -> pd.DataFrame:
     """
     if measure != "epochs":
         return runs.means(measure)
-    heldout = where(runs.convergence, scope="novel_heldout")
-    means = over_seeds(heldout, ["model"], {"epochs": "mean"}, scale=1)
-    return means.loc[[name for name in runs.initializers if name in means.index]]
+    return runs.epochs("novel_heldout").reindex(runs.initializers).dropna(subset="mean")
 
 
-def _by_graph(listed: Iterable[Runs], measure: str, variant: str = "") -> pd.DataFrame:
+def _by_graph(listed: Sequence[Runs], measure: str, variant: str = "") -> pd.DataFrame:
     """A row of means by model for each of the runs, those of a graph below each other; the column
     ``variant`` has the title of the variant.
     """
-    rows = dict[str, list[dict[str, Any]]]()
-    for runs in listed:
-        row: dict[str, Any] = {"graph": runs.title}
+    names, rows = list(dict.fromkeys(runs.name for runs in listed)), list[Line]()
+    for runs in sorted(listed, key=lambda runs: names.index(runs.name)):
+        row: Line = {"graph": runs.title}
         if isinstance(runs, VariantRuns) and variant:
             row[variant] = runs.variant.title
-        row |= wide(_means(runs, measure), "mean", runs.models.labels)
-        rows.setdefault(runs.name, []).append(row)
-    return pd.DataFrame([row for of_graph in rows.values() for row in of_graph])
+        rows.append(row | wide(_means(runs, measure), "mean", runs.models.labels))
+    return pd.DataFrame(rows)
 
 
 @table("beyond")
@@ -328,16 +316,14 @@ def graphs_by(results: Further) -> Frames:
 @table("beyond")
 def graphs_gains(results: Further) -> pd.DataFrame:
     """Differences of ``PAIRS`` in entity MRR* with the novel entity given, on all graphs."""
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for runs in results.compared:
-        row: dict[str, Any] = {"graph": runs.title}
+        row: Line = {"graph": runs.title}
         for first, second in PAIRS:
             if {first, second} <= set(runs.rows):
                 points = runs.minus("given", first, second)
                 title = f"{runs.models.labels[first]} minus {runs.models.labels[second]}"
-                row |= {
-                    f"{title}{end}": points[f"difference{end}"] for end in ("", " low", " high")
-                }
+                row |= named(points, "difference", title)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -347,7 +333,7 @@ def graphs(results: Further) -> pd.DataFrame:
     """The size of each graph, and the per cent of triples whose relation is that which the tail's
     kind predicts.
     """
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for graph in results.all_graphs:
         entities, triples = graph.entities, graph.triples
         kinds = entities["kind"].value_counts()
@@ -375,7 +361,7 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
 def graphs_shared(results: Further) -> pd.DataFrame:
     """The number of entity phrases that two graphs share."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in results.all_graphs}
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for title, here in phrases.items():
         shared = {other: len(here & there) for other, there in phrases.items()}
         rows.append({"graph": title} | shared)

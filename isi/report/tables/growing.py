@@ -2,7 +2,7 @@
 and what the faults of published protocols touch.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import pandas as pd
 
 from isi import config
 from isi.report.tables.data import BASELINE, Models, read
-from isi.report.tables.estimates import ENDS, Names, named, over_seeds, where
+from isi.report.tables.estimates import ENDS, Line, Names, named, over_seeds, where
 from isi.report.tables.registry import Frames, table
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ PUBLISHED = config.read(Path(__file__).with_name("published.yaml"))
 #: In place of an initializer's name: the best by the hold-out test.
 DEFAULT = "default"
 CHAIN = ["initializer", "strategy"]  #: Columns that name chains of several seeds.
+Chain = tuple[str, str]  #: Keys of an initializer and a strategy in params.
 RUN = [*CHAIN, "seed"]  #: Columns that name one chain.
 #: Measures of ``GrownRuns.measures`` with their headers.
 MEASURES = {
@@ -65,6 +66,12 @@ def sample_variance(rows: pd.DataFrame) -> pd.Series:
     return sums
 
 
+def _title(name: str, is_plain: bool, options: Mapping[str, Any]) -> str:
+    """A name with its options, where it stands for more than itself."""
+    changed = [] if is_plain else [f"{option} {value}" for option, value in options.items()]
+    return ", ".join([name, *changed])
+
+
 @dataclass(frozen=True, eq=False)
 class GrownRuns:
     """The chains of one experiment: R[i, j], the test set of snapshot j after snapshot i."""
@@ -96,25 +103,20 @@ class GrownRuns:
             parts += [first.assign(**names), where(self.matrix, **names)]
         return pd.concat(parts)
 
-    def names(self, chain: tuple[str, str]) -> dict[str, str]:
-        """The display names of an initializer of params, or of the choice among them, and of a
-        strategy.
-        """
-        key, strategy = chain
-        initializer, options = self.settings.initializer_of(key)
-        shown = DEFAULT
-        if key != DEFAULT:
-            changed = [] if key == initializer else [f"{name} {options[name]}" for name in options]
-            shown = ", ".join([self.label(initializer), *changed])
-        trained, chosen = self.settings.strategy_of(strategy)
-        changed = [] if strategy == trained else [f"{name} {chosen[name]}" for name in chosen]
-        title = PUBLISHED["strategies"].get(trained, trained)
-        return {"initializer": shown, "strategy": ", ".join([title, *changed])}
+    def names(self, chain: Chain) -> dict[str, str]:
+        """The display names of the initializer and of the strategy of a chain."""
+        (initializer, options), (strategy, chosen) = self.parts(chain)
+        labels = {**self.models.labels, **PUBLISHED["initializers"], DEFAULT: DEFAULT}
+        return {
+            "initializer": _title(labels[initializer], chain[0] == initializer, options),
+            "strategy": _title(
+                PUBLISHED["strategies"].get(strategy, strategy), chain[1] == strategy, chosen
+            ),
+        }
 
-    def label(self, initializer: str) -> str:
-        """The display name of an initializer."""
-        labels: Mapping[str, str] = {**self.models.labels, **PUBLISHED["initializers"]}
-        return labels[initializer]
+    def parts(self, chain: Chain) -> tuple[tuple[str, Line], tuple[str, Line]]:
+        """The initializer of a chain, or the choice among them, and its strategy; with options."""
+        return self.settings.initializer_of(chain[0]), self.settings.strategy_of(chain[1])
 
     def over_seeds(self, values: Mapping[str, pd.Series], scale: float = 100) -> pd.DataFrame:
         """Means of values by chain and seed, with intervals over seeds; rows are ``chains``."""
@@ -132,9 +134,9 @@ class GrownRuns:
         means = self.over_seeds({name: pooled(rows, RUN) for name, rows in tests.items()})
         for name, rows in tests.items():
             variance = sample_variance(rows).groupby(level=CHAIN).mean().reindex(self.chains)
-            seeds = means[f"{name} high"] - means[name]
+            mean, seeds = means[name], means[f"{name} high"] - means[name]
             around = (seeds**2 + (100 * NORMAL) ** 2 * variance) ** 0.5
-            means[f"{name} low"], means[f"{name} high"] = means[name] - around, means[name] + around
+            means[f"{name} low"], means[f"{name} high"] = mean - around, mean + around
         return means
 
     @cached_property
@@ -184,10 +186,9 @@ class GrownRuns:
     def after_last(self, protocol: str, measures: Names) -> pd.DataFrame:
         """Means of measures over all test sets after the last snapshot, points."""
         rows = where(self.rows, protocol=protocol, phase="trained", i=self.rows["i"].max())
-        values = dict[str, pd.Series]()
-        for name in measures:
-            values[name] = pooled(rows, [*RUN, "j"], name).groupby(level=RUN).mean()
-        return self.over_seeds(values)
+        sets = {name: pooled(rows, [*RUN, "j"], name) for name in measures}
+        means = {name: values.groupby(level=RUN).mean() for name, values in sets.items()}
+        return self.over_seeds(means)
 
     def interference(self, _protocol: str, measures: Names) -> pd.DataFrame:
         """MEOR's H_cur, H_old, D and A_TN after training, points."""
@@ -234,20 +235,18 @@ def carried(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """For each experiment with the default: what it gains right after insertion and what it costs,
     beside simple initializers, and training of new rows and of all rows on new facts alone.
     """
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for runs in results:
-        records = runs.measures.to_dict("records")
-        by_chain: dict[tuple[str, str], Any] = dict(zip(runs.chains, records, strict=True))
-        if (DEFAULT, "insert") not in by_chain:
+        if (DEFAULT, "insert") not in runs.chains:
             continue
-        row: dict[str, Any] = {"benchmark": runs.settings.title}
+        row: Line = {"benchmark": runs.settings.title}
         for title, chain, measure in CARRIED:
-            if chain in by_chain:
-                row |= named(by_chain[chain], measure, title)
+            if chain in runs.chains:
+                row |= named(runs.measures.loc[chain], measure, title)
         rows.append(row)
     frame = pd.DataFrame(rows)
-    columns = [f"{title}{end}" for title, _, _ in CARRIED for end in ENDS]
-    return frame[["benchmark", *[name for name in columns if name in frame]]] if rows else frame
+    columns = ["benchmark", *(f"{title}{end}" for title, _, _ in CARRIED for end in ENDS)]
+    return frame[[name for name in columns if name in frame]]
 
 
 #: Lines of ``frontier``: by initializer and strategy, the title and the option that varies.
@@ -256,6 +255,8 @@ DIALS = {
     ("soft_rs", "replay"): ("Soft RS, replay", "number"),
     ("soft_rs", "l2"): ("Soft RS, drawn back", "weight"),
 }
+#: The line of a point, and the value of the option that varies, if it has one.
+Place = tuple[str, Any]
 #: Points of ``frontier``: initializers without training.
 POINTS = (DEFAULT, "class_mean", "er_avg", "soft_rs")
 #: Strategies of ``equal_time``, after soft RS.
@@ -265,49 +266,53 @@ TIMED = ("new_rows", "new_rows_and_earlier", "replay")
 @table("continual")
 def frontier(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """Use against harm: the test sets of later snapshots in the end, and that of the first one."""
-    rows = list[dict[str, Any]]()
-    for runs in results:
-        of_runs = list[dict[str, Any]]()
-        for chain in runs.chains:
-            initializer, options = runs.settings.initializer_of(chain[0])
-            strategy, chosen = runs.settings.strategy_of(chain[1])
-            line, option = DIALS.get((initializer, strategy), ("", ""))
-            values = {**options, **chosen}
-            if line and option in values and "epochs" not in values:
-                of_runs.append(_point(runs, chain, line, values[option]))
-            elif strategy == "insert" and initializer in POINTS:
-                of_runs.append(_point(runs, chain, runs.names(chain)["initializer"], None))
-        if any(row["value"] is not None for row in of_runs):
-            rows += of_runs
-    return pd.DataFrame(rows)
+    return _points(results, _dial)
+
+
+def _dial(runs: GrownRuns, chain: Chain) -> Place | None:
+    (initializer, options), (strategy, chosen) = runs.parts(chain)
+    line, option = DIALS.get((initializer, strategy), ("", ""))
+    values = {**options, **chosen}
+    if option in values and "epochs" not in values:
+        return line, values[option]
+    if strategy == "insert" and initializer in POINTS:
+        return runs.names(chain)["initializer"], None
+    return None
 
 
 @table("continual")
 def equal_time(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """What training of new rows and of all rows gives for the seconds that it takes."""
-    rows = list[dict[str, Any]]()
+    return _points(results, _epochs)
+
+
+def _epochs(runs: GrownRuns, chain: Chain) -> Place | None:
+    _, (strategy, chosen) = runs.parts(chain)
+    varies = chain[1] == strategy or "epochs" in chosen
+    if chain[0] != "soft_rs" or strategy not in TIMED or not varies:
+        return None
+    epochs = chosen.get("epochs", runs.settings.training.epochs)
+    return runs.names((chain[0], strategy))["strategy"], epochs
+
+
+def _points(
+    results: Sequence[GrownRuns], place_of: Callable[[GrownRuns, Chain], Place | None]
+) -> pd.DataFrame:
+    """A row for each chain that has a place; none of runs in which no value varies."""
+    rows = list[Line]()
     for runs in results:
-        of_runs = list[dict[str, Any]]()
+        of_runs = list[Line]()
         for chain in runs.chains:
-            strategy, chosen = runs.settings.strategy_of(chain[1])
-            varies = chain[1] == strategy or "epochs" in chosen
-            if chain[0] == "soft_rs" and strategy in TIMED and varies:
-                line = runs.names((chain[0], strategy))["strategy"]
-                epochs = chosen.get("epochs", runs.settings.training.epochs)
-                of_runs.append(_point(runs, chain, line, epochs))
+            if place := place_of(runs, chain):
+                strategy = PUBLISHED["strategies"][runs.parts(chain)[1][0]]
+                row: Line = {"benchmark": runs.settings.title, "line": place[0]}
+                row |= {"value": place[1], "strategy": strategy}
+                for name in (AFTER_ALL, MEASURES["base"], SECONDS):
+                    row |= named(runs.all_measures.loc[chain], name, name)
+                of_runs.append(row)
         if len({row["value"] for row in of_runs}) > 1:
             rows += of_runs
     return pd.DataFrame(rows)
-
-
-def _point(runs: GrownRuns, chain: tuple[str, str], line: str, value: Any) -> dict[str, Any]:
-    """A row of ``frontier`` or ``equal_time``: a chain on a line, at the value of an option."""
-    measured = runs.all_measures.loc[chain]
-    row: dict[str, Any] = {"benchmark": runs.settings.title, "line": line, "value": value}
-    row["strategy"] = PUBLISHED["strategies"][runs.settings.strategy_of(chain[1])[0]]
-    for name in (AFTER_ALL, MEASURES["base"], SECONDS):
-        row |= named(measured, name, name)
-    return row
 
 
 @table("continual")
@@ -328,12 +333,12 @@ def matrices(results: Sequence[GrownRuns]) -> pd.DataFrame:
     for runs in results:
         by_seed = pooled(runs.trained, [*RUN, "i", "j"])
         means = 100 * by_seed.groupby(level=[*CHAIN, "i", "j"]).mean()
+        about = {"experiment": runs.name, "benchmark": runs.settings.title}
         for chain in runs.chains:
             of_chain = means.loc[chain].rename("MRR").reset_index()
-            about = {"experiment": runs.name, "benchmark": runs.settings.title}
-            columns = pd.DataFrame([about | runs.names(chain)] * len(of_chain))
-            parts.append(pd.concat([columns, of_chain], axis=1))
-    return pd.concat(parts) if parts else pd.DataFrame()
+            parts.append(of_chain.assign(**about, **runs.names(chain)))
+    columns = ["experiment", "benchmark", *CHAIN, "i", "j", "MRR"]
+    return pd.concat(parts)[columns]
 
 
 @table("continual")
@@ -350,27 +355,24 @@ def interference(results: Sequence[GrownRuns]) -> pd.DataFrame:
 
 def _beside_published(results: Sequence[GrownRuns], kind: str) -> pd.DataFrame:
     """A row for each published method, then for each chain of this run."""
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for runs in results:
         for entry in PUBLISHED[kind]:
-            first = {"benchmark": runs.settings.title}
-            protocol = {"protocol": entry["protocol"]}
+            about = {"benchmark": runs.settings.title, "protocol": entry["protocol"]}
             theirs = entry["rows"].get(runs.settings.timeline, {})
             for method, values in theirs.items():
-                about = {"method": method, "model": entry["model"], "source": entry["source"]}
-                numbers = dict(
-                    zip(entry["measures"], [100 * value for value in values], strict=True)
-                )
-                rows.append(first | about | numbers | protocol)
+                row: Line = {"method": method, "model": entry["model"], "source": entry["source"]}
+                for name, value in zip(entry["measures"], values, strict=True):
+                    row[name] = 100 * value
+                rows.append(about | row)
             if theirs:
                 model = f"{runs.settings.model}, d = {runs.settings.dimension}"
                 measured = getattr(runs, kind)(entry["protocol"], entry["measures"])
                 for chain, numbers in zip(runs.chains, measured.to_dict("records"), strict=True):
                     method = ", ".join(runs.names(chain).values())
-                    about = {"method": method, "model": model, "source": "this run"}
-                    rows.append(first | about | numbers | protocol)
-    measures = PUBLISHED[kind][0]["measures"]
-    estimates = [f"{name}{end}" for name in measures for end in ENDS]
+                    row = {"method": method, "model": model, "source": "this run"}
+                    rows.append(about | row | numbers)
+    estimates = [f"{name}{end}" for name in PUBLISHED[kind][0]["measures"] for end in ENDS]
     columns = ["benchmark", "method", "model", "source", *estimates, "protocol"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -378,11 +380,12 @@ def _beside_published(results: Sequence[GrownRuns], kind: str) -> pd.DataFrame:
 @table("continual")
 def faults(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """The share of the queries of each test set that each fault touches, per cent."""
-    rows = list[dict[str, Any]]()
+    parts = list[pd.DataFrame]()
     by_timeline = {runs.settings.timeline: runs for runs in results}
     for name, runs in by_timeline.items():
         shares = 100 * runs.faults.pivot(index="fault", columns="test", values="share")
-        for fault, words in PUBLISHED["faults"].items():
-            of_tests = shares.loc[fault].add_prefix("test ").to_dict()
-            rows.append({"benchmark": name, "fault": words} | of_tests)
-    return pd.DataFrame(rows)
+        shares = shares.add_prefix("test ").reindex(list(PUBLISHED["faults"]))
+        frame = shares.rename(index=PUBLISHED["faults"]).reset_index()
+        frame.insert(0, "benchmark", name)
+        parts.append(frame)
+    return pd.concat(parts)

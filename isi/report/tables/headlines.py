@@ -7,13 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.query_sets import CONVERGING
+from isi.report.tables import registry
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Results
-from isi.report.tables.estimates import drops, improvements, where
+from isi.report.tables.estimates import Names, drops, improvements, where
 from isi.report.tables.forms import csv, number
-from isi.report.tables.registry import write as write_tables
-from isi.report.tables.results import TOP, answers_of
-from isi.tables.io import atomically, keep_only
+from isi.report.tables.results import answers_of
+from isi.tables.io import atomically
 
 #: The headline numbers, beside the page.
 METRICS = "metrics.json"
@@ -21,13 +20,9 @@ METRICS = "metrics.json"
 
 def write(results: Results, folder: Path) -> None:
     """Write all tables of the first pipeline, its plots and its headline numbers."""
-    write_tables("report", results, folder / "tables")
-    written = list[Path]()
-    for name, frame in plots(results).items():
-        path = folder / "plots" / f"{name}.csv"
-        atomically(path, partial(Path.write_bytes, data=csv(frame).encode()))
-        written.append(path)
-    keep_only(folder / "plots", written)
+    registry.write("report", results, folder / "tables")
+    texts = {f"{name}.csv": csv(frame) for name, frame in plots(results).items()}
+    registry.write_files(folder / "plots", texts)
     text = json.dumps(metrics(results), indent=2)
     atomically(folder / METRICS, partial(Path.write_bytes, data=f"{text}\n".encode()))
 
@@ -41,21 +36,12 @@ def metrics(results: Results) -> dict[str, Any]:
 
 
 def _of_experiment(results: Results, experiment: Experiment) -> dict[str, Any]:
-    epochs = {scope: _by_model(experiment, experiment.epochs(scope)) for scope in CONVERGING}
-    never = 1 - experiment.convergence.groupby(["scope", "model"])["converged"].mean()
-    means = experiment.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna()
+    immediate = experiment.immediate.groupby(["scope", "model"])["mrr_star"].mean()
+    converged = experiment.convergence.groupby(["scope", "model"])
     numbers: dict[str, Any] = {
-        "immediate_mrr_star": {
-            scope: _by_model(experiment, 100 * means[scope])
-            for scope in means.index.unique("scope")
-        },
-        "epochs_to_convergence": {
-            scope: of_scope for scope, of_scope in epochs.items() if of_scope
-        },
-        "unconverged_percent": {
-            scope: _by_model(experiment, 100 * never[scope])
-            for scope in never.index.unique("scope")
-        },
+        "immediate_mrr_star": _by_scope(experiment, 100 * immediate.dropna()),
+        "epochs_to_convergence": _by_scope(experiment, converged["epochs"].mean()),
+        "unconverged_percent": _by_scope(experiment, 100 * (1 - converged["converged"].mean())),
     }
     if experiment.settings.graph.extend is None:
         graph = {
@@ -63,14 +49,11 @@ def _of_experiment(results: Results, experiment: Experiment) -> dict[str, Any]:
             "unique_triples": len(experiment.triples),
             "entities": len(experiment.entities),
         }
-        gains = {
-            scope: improvements(experiment.immediate, scope)["gain"].drop(
-                [BASELINE, JOINT], errors="ignore"
-            )
-            for scope in ("all", "novel")
-        }
-        shown = {scope: _by_model(experiment, gain) for scope, gain in gains.items()}
-        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
+        gains = dict[str, Any]()
+        for scope in ("all", "novel"):
+            gain = improvements(experiment.immediate, scope)["gain"]
+            gains[scope] = _by_model(experiment, gain.drop([BASELINE, JOINT], errors="ignore"))
+        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
     else:
         last = where(experiment.curves, scope="known_closed", epoch=experiment.max_epochs)
         last = where(last, model=experiment.rows)
@@ -80,16 +63,21 @@ def _of_experiment(results: Results, experiment: Experiment) -> dict[str, Any]:
     if experiment.queries is not None:
         numbers["novel_entity_given"] = experiment.means("given")["mean"].to_dict()
     answers = answers_of(results)
-    if answers.experiment is experiment:
-        ranks = answers.ranks[answers.ranks["rank"] <= TOP]
-        hits = ranks["answer"].map(answers.entities["kind"]).isin(answers.kinds)
-        numbers["affordances_percent"] = (100 * hits.groupby(ranks["model"]).mean()).to_dict()
+    if answers and answers.experiment is experiment:
+        hits = 100 * answers.hits().groupby("model")["hit"].mean()
+        numbers["affordances_percent"] = hits.to_dict()
     return numbers
 
 
+def _by_scope(experiment: Experiment, values: pd.Series) -> dict[str, dict[str, float]]:
+    """Values by scope and model; only scopes that have some."""
+    return {
+        str(scope): _by_model(experiment, values[scope]) for scope in values.index.unique("scope")
+    }
+
+
 def _by_model(experiment: Experiment, values: pd.Series) -> dict[str, float]:
-    present = [name for name in experiment.rows if name in values.index]
-    return {name: float(values[name]) for name in present}
+    return dict(values.reindex(experiment.rows).dropna())
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
@@ -114,16 +102,19 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
     for experiment in results.experiments:
         name = f"{experiment.name}_{{}}"
         if experiment in results.standalone:
-            groups = experiment.immediate.groupby(["scope", "size", "model"])
-            means = 100 * groups["mrr_star"].mean().unstack("model")
-            means = means.reindex(columns=list(dict.fromkeys([*means.columns, *initializers])))
+            models = list(dict.fromkeys([*sorted(experiment.rows), *initializers]))
             for scope in ("all", "novel"):
-                rows = means[means.index.get_level_values("scope") == scope]
-                frames[f"immediate_{scope}{experiment.suffix}"] = rows.droplevel(0).reset_index()
+                runs = where(experiment.immediate, scope=scope)
+                frames[f"immediate_{scope}{experiment.suffix}"] = _means(runs, "size", models)
             name = f"curves_{{}}{experiment.suffix}"
-        runs = where(experiment.curves, model=experiment.initializers)
+        curves = where(experiment.curves, model=experiment.initializers)
         for scope in ("all", "novel_heldout", "known", "known_closed"):
-            groups = where(runs, scope=scope).groupby(["epoch", "model"])
-            rows = 100 * groups["mrr_star"].mean().unstack("model").reindex(columns=initializers)
-            frames[name.format(scope)] = rows.reset_index()
+            runs = where(curves, scope=scope)
+            frames[name.format(scope)] = _means(runs, "epoch", initializers)
     return frames
+
+
+def _means(runs: pd.DataFrame, by: str, models: Names) -> pd.DataFrame:
+    """Means of MRR* (points): a row for each size or epoch, a column for each model."""
+    means = 100 * runs.groupby([by, "model"])["mrr_star"].mean().unstack("model")
+    return means.reindex(columns=list(models)).reset_index()

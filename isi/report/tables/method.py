@@ -15,10 +15,10 @@ from safetensors.numpy import load_file
 
 from isi.analyses.projection import Projection
 from isi.evaluation.query_sets import CONVERGING
-from isi.report.tables.data import JOINT, Experiment, Results, read
-from isi.report.tables.estimates import HALVES, over_seeds, where
+from isi.report.tables.data import JOINT, Experiment, Results, of_models, read
+from isi.report.tables.estimates import HALVES, Line, over_seeds, where
 from isi.report.tables.forms import ANY_SIZE
-from isi.report.tables.registry import Frames, of_each_graph, table
+from isi.report.tables.registry import Frames, of_each, table
 from isi.report.tables.results import TITLES, by_label, in_order
 from isi.tables import paths
 from isi.tables.io import opening
@@ -47,7 +47,7 @@ Setting = Mapping[str, float]
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def graph_totals(results: Results, experiment: Experiment) -> pd.DataFrame:
     """Counts of the graph beside the paper's."""
     paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
@@ -82,17 +82,16 @@ def table1(
     counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
     counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
     counts["object types"] = rows.groupby("scene")["head"].nunique()
-    rooms = rows.groupby("scene")["room"].first()
-    lines = list[dict[str, Any]]()
-    for room in [*in_order(sorted(rooms.dropna().unique()), list(paper)), "all"]:
-        of_room = counts if room == "all" else counts[rooms == room]
-        line: dict[str, Any] = {"room": room}
-        for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
-            theirs = "entities" if name == "object types" else str(name)
-            line[str(name)] = float(value)
-            line[f"{theirs} (paper)"] = paper.get(room, {}).get(theirs, np.nan)
-        lines.append(line)
-    return pd.DataFrame(lines).dropna(axis=1, how="all")
+    counts["room"] = rows.groupby("scene")["room"].first()
+    rooms = pd.concat([counts, counts.assign(room="all")]).groupby("room")
+    ours = rooms.median().assign(rooms=rooms.size())
+    ours = ours.loc[[*in_order(ours.index.drop("all"), list(paper)), "all"]]
+    theirs, frame = pd.DataFrame(paper).T.reindex(ours.index), pd.DataFrame(index=ours.index)
+    for name in ours:
+        title = "entities" if name == "object types" else str(name)
+        frame[name] = ours[name].astype(float)
+        frame[f"{title} (paper)"] = theirs.get(title, np.nan)
+    return frame.dropna(axis=1, how="all").reset_index()
 
 
 @table("report")
@@ -107,11 +106,9 @@ def definition_leaks(results: Results) -> pd.DataFrame:
         triples = experiment.triples
         phrase = experiment.entities.set_index("entity")["phrase"]
         for end, other in (("head", "tail"), ("tail", "head")):
-            definition = triples[end].map(phrase).map(meaning)
-            named = triples[other].map(phrase)
-            rows = triples[triple].copy()
-            rows["defined end"] = end
-            rows["its definition"], rows["named"] = definition, named
+            rows = triples[triple].assign(**{"defined end": end})
+            rows["its definition"] = triples[end].map(phrase).map(meaning)
+            rows["named"] = triples[other].map(phrase)
             parts.append(rows)
     rows = pd.concat(parts).drop_duplicates([*triple[:-1], "defined end"])
     rows = rows.dropna(subset=["its definition"])
@@ -137,14 +134,14 @@ def names(text: str, phrase: str) -> bool:
 @table("report")
 def training(results: Results) -> pd.DataFrame:
     """Θ⁰ and the joint model: epochs, validation MRR* (points), coordinates in use (per cent)."""
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for experiment in results.experiments:
         for name in ("theta0", JOINT):
             log = experiment.table(f"data/embeddings/{{}}/{name}.log.parquet")
-            groups = log.groupby(["size", "seed"])
+            epochs = log.groupby(["size", "seed"])["epoch"].max()
             best = log[log["kept"]].groupby(["size", "seed"]).last()
-            row: dict[str, Any] = {"experiment": experiment.name, "model": name}
-            row |= {"trained": groups.ngroups, "epochs": groups["epoch"].max().mean()}
+            row: Line = {"experiment": experiment.name, "model": name}
+            row |= {"trained": len(epochs), "epochs": epochs.mean()}
             row["best epoch"] = best["epoch"].mean()
             for column, title in HALVES.items():
                 row[f"validation {title}"] = 100 * best[column].mean()
@@ -152,8 +149,8 @@ def training(results: Results) -> pd.DataFrame:
             if name == JOINT and experiment.queries is not None:
                 used = experiment.table("data/analyses/query_breakdown/{}.used.parquet")
                 sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
-                for part, counts in sums.iterrows():
-                    row[f"{part} in use %"] = 100 * float(counts["used"] / counts["of"])
+                shares = 100 * sums["used"] / sums["of"]
+                row |= {f"{part} in use %": share for part, share in shares.items()}
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -200,7 +197,7 @@ def indicator_sizes(results: Results) -> pd.DataFrame | None:
     means = indicator_means(results)
     if means is None:
         return None
-    rows, options = list[dict[str, Any]](), results.params.initializers
+    rows, options = list[Line](), results.params.initializers
     for model, size in picked_sizes(means).items():
         of_model = means.loc[model]
         mrr_star = of_model["novel: MRR*"]
@@ -263,54 +260,53 @@ def cross_validation(results: Results) -> pd.DataFrame | None:
     """
     rows = results.standalone[0].analysis("cross_validation")
     settings = [setting.model_dump() for setting in results.params.settings]
-    if rows is None or _of_setting(rows, settings[0]).empty:
+    choice = settings[0]
+    means = None if rows is None else by_setting(rows, choice)
+    if means is None:
         return None
-    lines, choice = list[dict[str, Any]](), settings[0]
+    frame = pd.DataFrame(settings).join(means, on=list(choice))
+    frame["beyond the folds' deviation"] = np.where(frame.pop("within"), "no", "yes")
+    frame.loc[0, "beyond the folds' deviation"] = ""
     chosen = {"this run": choice, "paper": results.paper["training"]}
-    for setting in settings:
-        folds, (lead, within) = _of_setting(rows, setting), _beside(rows, choice, setting)
-        measures = 100 * folds[list(HALVES)].mean()
-        line: dict[str, Any] = {name.replace("_", " "): value for name, value in setting.items()}
-        line |= {"MRR*": measures["mrr_star"], "std": 100 * folds["mrr_star"].std()}
-        line["entity half"] = measures["mrr_star_entity"]
-        line["relation half"] = measures["mrr_star_relation"]
-        line |= {"best epoch": folds["epoch"].mean(), "from the choice": lead}
-        line["beyond the folds' deviation"] = "no" if within else "yes"
-        line["choice of"] = ", ".join(who for who, best in chosen.items() if setting == best)
-        lines.append(line)
-    lines[0]["beyond the folds' deviation"] = ""
-    frame = pd.DataFrame(lines)
-    frame.attrs[ANY_SIZE] = [name.replace("_", " ") for name in choice]
+    frame["choice of"] = [
+        ", ".join(who for who, best in chosen.items() if setting == best) for setting in settings
+    ]
+    frame = frame.rename(columns={name: name.replace("_", " ") for name in choice})
+    frame.attrs[ANY_SIZE] = list(frame)[: len(choice)]
     return frame
 
 
-def _beside(rows: pd.DataFrame, choice: Setting, other: Setting) -> tuple[float, bool]:
-    """Mean MRR* of setting ``other`` minus that of ``choice``, in points; whether this is less
-    than the larger of their standard deviations over folds.
+def by_setting(rows: pd.DataFrame, choice: Setting) -> pd.DataFrame | None:
+    """Means over folds, and the deviation of MRR* (points), by setting; MRR* ``from the choice``,
+    and whether this is ``within`` the larger of the two deviations; None without the choice.
     """
-    first, second = (_of_setting(rows, setting)["mrr_star"] for setting in (choice, other))
-    lead = float(100 * (second.mean() - first.mean()))
-    return lead, bool(abs(lead) < 100 * max(first.std(), second.std()))
-
-
-def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
-    return rows[(rows[list(setting)] == pd.Series(setting)).all(axis=1)]
+    groups = rows.groupby(list(choice))
+    measures = 100 * groups[list(HALVES)].mean().rename(columns=HALVES)
+    measures.insert(1, "std", 100 * groups["mrr_star"].std())
+    measures["best epoch"] = groups["epoch"].mean()
+    place = tuple(choice.values())
+    if place not in measures.index:
+        return None
+    lead = measures["MRR*"] - measures["MRR*"][place]
+    spread = measures["std"].clip(lower=measures["std"][place])
+    return measures.assign(**{"from the choice": lead, "within": lead.abs() < spread})
 
 
 def best_setting(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
     """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs;
     NaN without folds.
     """
-    others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
-    means = others.groupby(factor)["mrr_star"].mean().dropna()
-    top = list(means[means == means.max()].index)
-    if not top:
+    means = by_setting(rows, choice)
+    if means is None:
         return nan, ""
-    if choice[factor] in top:
+    others = {name: value for name, value in choice.items() if name != factor}
+    means = where(means.reset_index(), **others)
+    best = means.sort_values("from the choice", ascending=False, kind="stable").iloc[0]
+    lead = best["from the choice"]
+    if lead == 0:
         return float(choice[factor]), ""
-    lead, within = _beside(rows, choice, {**choice, factor: top[0]})
-    less = ", less than the folds deviate" if within else ""
-    return float(top[0]), f"{lead:+.1f} points from the choice of this run{less}"
+    less = ", less than the folds deviate" if best["within"] else ""
+    return float(best[factor]), f"{lead:+.1f} points from the choice of this run{less}"
 
 
 @table("report")
@@ -323,19 +319,16 @@ def embedding_models(results: Results) -> pd.DataFrame | None:
     if rows is None:
         return None
     columns = {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
-    means, epochs = over_seeds(rows, ["model"], columns), rows.groupby("model")["epochs"].mean()
-    lines, shown = list[dict[str, Any]](), set[str]()
+    means = over_seeds(rows, ["model"], columns)
+    means["epochs"] = rows.groupby("model")["epochs"].mean()
+    lines = list[Line]()
     for name, model in study.models.items():
         if name in means.index:
             options = model.model_dump() | results.params.models[name]
-            line: dict[str, Any] = {"embedding": EMBEDDINGS.get(name, name)}
-            line |= {str(column): value for column, value in means.loc[name].items()}
-            line["epochs"] = epochs[name]
-            line |= {option.replace("_", " "): _plain(value) for option, value in options.items()}
-            shown |= {option.replace("_", " ") for option in options}
-            lines.append(line)
+            shown = {option.replace("_", " "): _plain(value) for option, value in options.items()}
+            lines.append({"embedding": EMBEDDINGS.get(name, name), **means.loc[name], **shown})
     frame = pd.DataFrame(lines)
-    frame.attrs[ANY_SIZE] = sorted(shown)
+    frame.attrs[ANY_SIZE] = [name for name in frame if name not in means]
     return frame
 
 
@@ -370,8 +363,7 @@ def trajectory(results: Results) -> Frames:
     known = traces["known"].astype(bool)
     vectors = traces["theta0"][known]  # [N, d]
     plane = Projection.of(vectors)
-    rows, places = list[dict[str, Any]](), list[pd.DataFrame]()
-    places.append(_places(plane.places(vectors), "", "known entity"))
+    rows, places = list[Line](), [_places(plane.places(vectors), "", "known entity")]
     for model in first.initializers:
         if f"{model}.path" not in traces:
             continue
@@ -394,10 +386,9 @@ def trajectory(results: Results) -> Frames:
 
 
 def _places(places: np.ndarray, label: str, kind: str) -> pd.DataFrame:
-    frame = pd.DataFrame(places, columns=["distance", "axis"])
-    frame.insert(0, "what", kind)
-    frame.insert(0, "initializer", label)
-    return frame
+    names = pd.DataFrame({"initializer": label, "what": kind}, range(len(places)))
+    names[["distance", "axis"]] = places
+    return names
 
 
 # What was run
@@ -464,44 +455,37 @@ def orphans(
     lost = 0
     for seed, of_seed in novel.groupby("seed"):
         split = where(splits, seed=seed)
-        listed = ends[split["triple"]]
-        training_rows = (split["split"] == "train").to_numpy()
-        for _, cell in of_seed.groupby("size"):
-            is_novel = np.zeros(len(entities), bool)
-            is_novel[cell["entity"]] = True
-            trained = ~is_novel[listed].any(1) & training_rows
-            seen = np.zeros(len(entities), bool)
-            seen[listed.ravel()] = True
-            seen[listed[trained].ravel()] = False
-            lost += int((seen & ~is_novel).sum())
+        listed, is_train = ends[split["triple"]], (split["split"] == "train").to_numpy()
+        for _, inserted in of_seed.groupby("size")["entity"]:
+            known = np.setdiff1d(listed, inserted)
+            trained = listed[is_train & ~np.isin(listed, inserted).any(1)]
+            lost += len(np.setdiff1d(known, trained))
     return lost
 
 
 @table("report")
 def ties(results: Results) -> pd.DataFrame:
     """Number of competitors tied with the answer right after insertion."""
-    rows = list[pd.DataFrame]()
+    parts = list[pd.DataFrame]()
     for experiment in results.experiments:
-        parts = [
-            read(f"data/runs/{experiment.name}/{name}.ties.parquet").assign(model=name)
-            for name in experiment.rows
-        ]
-        counts = pd.concat(parts).groupby(["model", "scope"])["ties"].sum().unstack("scope")
-        counts = counts.reindex(columns=["all", "novel"]).fillna(0).astype(int)
-        frame = by_label(experiment, experiment.rows, {str(name): counts[name] for name in counts})
+        ties = of_models(f"data/runs/{experiment.name}/{{}}.ties.parquet", experiment.rows)
+        counts = ties.pivot_table("ties", "model", "scope", aggfunc="sum", fill_value=0)
+        counts = counts.reindex(columns=["all", "novel"], fill_value=0)
+        frame = by_label(experiment.models, experiment.rows, {"": counts})
         frame.insert(0, "experiment", experiment.name)
-        rows.append(frame)
-    return pd.concat(rows, ignore_index=True)
+        parts.append(frame)
+    return pd.concat(parts, ignore_index=True)
 
 
 @table("report")
 def fallbacks(results: Results) -> pd.DataFrame:
     """Number of inserted entities by experiment, initializer and fallback that was used."""
-    rows = list[pd.DataFrame]()
+    parts = list[pd.DataFrame]()
     for experiment in results.experiments:
-        used = experiment.inserted.dropna(subset="fallback")
-        counts = used.groupby(["model", "fallback"]).size().reset_index(name="inserted entities")
-        named = experiment.models.labelled(counts, "model")
-        named.insert(0, "experiment", experiment.name)
-        rows.append(named.rename(columns={"model": "initializer", "fallback": "fell back to"}))
-    return pd.concat(rows, ignore_index=True)
+        used = experiment.models.labelled(experiment.inserted, "model")
+        used = used.rename(columns={"model": "initializer", "fallback": "fell back to"})
+        counts = used.groupby(["initializer", "fell back to"]).size()
+        frame = counts.reset_index(name="inserted entities")
+        frame.insert(0, "experiment", experiment.name)
+        parts.append(frame)
+    return pd.concat(parts, ignore_index=True)

@@ -5,14 +5,22 @@ from functools import cache
 from itertools import product
 from math import isnan, nan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 from isi import config
 from isi.config import value_of
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Results, read
-from isi.report.tables.estimates import ENDS, drops, improvements, over_seeds, where
+from isi.report.tables.estimates import (
+    ENDS,
+    Line,
+    drops,
+    epochs_summary,
+    improvements,
+    named,
+    where,
+)
 from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.method import best_setting, indicator_means, picked_sizes, table1
 from isi.report.tables.registry import table
@@ -23,16 +31,6 @@ from isi.tables.io import opening
 _ROWS = Path(__file__).with_name("paper_rows.yaml")
 #: A number of this run agrees with the paper's if it differs by at most this share.
 AGREES = 0.1
-
-
-class Row(NamedTuple):
-    """A number of the paper beside this run's; NaN: there is none."""
-
-    place: str  #: in the paper
-    what: str
-    paper: float
-    ours: float
-    note: str  #: on ours
 
 
 @table("report")
@@ -47,18 +45,18 @@ def answer(results: Results) -> pd.DataFrame | None:
         "given": "entity MRR* with the novel entity given",
         "novel": "MRR* about novel entities",
     }
-    rows: dict[str, Any] = {
+    rows: Line = {
         "MRR* over all queries, right after insertion": first.means("all")["mean"],
         "gain over Xavier, %": improvements(first.immediate, "all")["gain"].drop(
             [BASELINE, JOINT], errors="ignore"
         ),
         "gain over Xavier in the paper, %": paper["immediate"]["improvement_over_xavier"],
         f"{titles[scope]}, right after insertion": first.means(scope)["mean"],
-        "epochs of fine-tuning, over all queries": first.epochs("all"),
+        "epochs of fine-tuning, over all queries": first.epochs("all")["mean"],
         "epochs of fine-tuning in the paper, over all queries": {
             name: of["mean"] for name, of in paper["convergence"]["epochs"].items()
         },
-        "epochs of fine-tuning, about the novel entity": first.epochs("novel_heldout"),
+        "epochs of fine-tuning, about the novel entity": first.epochs("novel_heldout")["mean"],
         "earlier knowledge loses, points of MRR*": (cost["known_closed"] - cost["known"]).drop(
             JOINT, errors="ignore"
         ),
@@ -88,24 +86,20 @@ def paper_dots(results: Results) -> pd.DataFrame:
     """The printed results by kind: the paper's number, this run's, and that of one reading of the
     metric on the paper's own graph, with its interval.
     """
-    readings = _readings("paper_results")
+    titles = {
+        title.format(first=results.standalone[0].title): kind for kind, title in _KINDS.items()
+    }
     rows = rows_of(results, results.standalone[0], "printed")
-    lines = list[dict[str, Any]]()
-    for kind, here in _KINDS.items():
-        title = here.format(first=results.standalone[0].title)
-        for row in rows:
-            whose, _, of_row = row.what.partition(": ")
-            if of_row != title:
-                continue
-            line: dict[str, Any] = {"kind": kind, "whose": whose}
-            line |= {"paper": row.paper, "this run": row.ours}
-            line["this run is"] = comparison(row.paper, row.ours)
-            same = (readings["kind"] == kind) & (readings["whose"] == whose)
-            for result in readings[same].to_dict("records"):
-                line |= {f"one reading{end}": result[f"this reading{end}"] for end in ENDS}
-                line["the paper is"] = result["this reading: the paper is"]
-            lines.append(line)
-    return pd.DataFrame(lines)
+    rows[["whose", "title"]] = rows["what"].str.split(": ", n=1, expand=True)
+    rows["kind"] = pd.Categorical(rows["title"].map(titles), list(_KINDS))
+    rows["this run is"] = list(map(comparison, rows["paper"], rows["this run"]))
+    rows = rows.dropna(subset="kind").sort_values("kind", kind="stable")
+    columns = {f"this reading{end}": f"one reading{end}" for end in ENDS}
+    columns["this reading: the paper is"] = "the paper is"
+    readings = _readings("paper_results").rename(columns=columns)
+    shown = [name for name in ("kind", "whose", *columns.values()) if name in readings]
+    rows = rows[["kind", "whose", "paper", "this run", "this run is"]]
+    return rows.merge(readings[shown], "left", ["kind", "whose"])
 
 
 @table("report")
@@ -115,9 +109,9 @@ def repeated(results: Results) -> pd.DataFrame:
     of the best reading of the kind.
     """
     rows, kinds = paper_dots(results), _readings("results_by_kind").set_index("results")
-    lines = list[dict[str, Any]]()
+    lines = list[Line]()
     for kind, of_kind in [*rows.groupby("kind", sort=False), ("all", rows)]:
-        line: dict[str, Any] = {"results": kind, "number": len(of_kind)}
+        line: Line = {"results": kind, "number": len(of_kind)}
         line["this run: within 10 %"] = int((of_kind["this run is"] == "agrees").sum())
         if len(kinds):
             for column, title in (
@@ -156,19 +150,14 @@ def papers_other_numbers(results: Results) -> pd.DataFrame:
 
 def _beside(results: Results, kind: str) -> pd.DataFrame:
     first, *others = results.standalone
-    lines = list[dict[str, Any]]()
-    every = [rows_of(results, experiment, kind) for experiment in (first, *others)]
-    for row, *of_others in zip(*every, strict=True):
-        line: dict[str, Any] = {"where": row.place, "what": row.what, "paper": row.paper}
-        line["this run"] = row.ours
-        for other, of_other in zip(others, of_others, strict=True):
-            line[other.name] = of_other.ours
-        if kind == "printed":
-            line["this run is"] = comparison(row.paper, row.ours)
-        else:
-            line["note"] = row.note
-        lines.append(line)
-    frame = pd.DataFrame(lines)
+    frame = rows_of(results, first, kind)
+    notes = frame.pop("note")
+    for other in others:
+        frame[other.name] = rows_of(results, other, kind)["this run"]
+    if kind == "printed":
+        frame["this run is"] = list(map(comparison, frame["paper"], frame["this run"]))
+    else:
+        frame["note"] = notes
     frame.attrs[ANY_SIZE] = ["paper", "this run", *(other.name for other in others)]
     return frame
 
@@ -192,25 +181,15 @@ def standalone_graphs(results: Results) -> pd.DataFrame | None:
         return None
     columns = dict[str, Any]()
     for graph in graphs:
-        measures = {
-            "all": graph.means("all"),
-            "novel entity given": graph.means("given"),
-            "mean": _heldout(graph),
-        }
-        for name, means in measures.items():
-            for end in ("", " low", " high"):
-                columns[f"{graph.title}: {name}{end}"] = means[f"mean{end}"]
+        columns |= named(graph.means("all"), "mean", f"{graph.title}: all")
+        given = graph.means("given")
+        columns |= named(given, "mean", f"{graph.title}: novel entity given")
+        columns |= named(graph.epochs("novel_heldout"), "mean", f"{graph.title}: mean")
     models = list(dict.fromkeys(name for graph in graphs for name in graph.rows))
-    return by_label(graphs[0], models, columns)
+    return by_label(results.models, models, columns)
 
 
-def _heldout(graph: Experiment) -> pd.DataFrame:
-    """Mean epochs to convergence on held-out triples, with intervals, by initializer."""
-    heldout = where(graph.convergence, scope="novel_heldout")
-    return over_seeds(heldout, ["model"], {"epochs": "mean"}, scale=1)
-
-
-def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
+def rows_of(results: Results, experiment: Experiment, kind: str) -> pd.DataFrame:
     """Numbers of the paper (``printed`` or ``others`` of the file of rows) beside those of one
     experiment; the rows do not depend on what was run.
     """
@@ -220,7 +199,7 @@ def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
         "answers": TOP * len(results.params.affordances.entities),
         "first": results.standalone[0].title,
     }
-    rows = list[Row]()
+    rows = list[tuple[str, str, float, float, str]]()
     for section, titles, key, *ours_key in config.read(_ROWS)[kind]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
@@ -233,14 +212,13 @@ def rows_of(results: Results, experiment: Experiment, kind: str) -> list[Row]:
                 value, note = value
             text = (f"{labels.get(name, name)}: {title}" if name else title).format(**filled)
             of_paper, of_run = (nan if each is None else float(each) for each in (number, value))
-            rows.append(Row(section, text, of_paper, of_run, note))
-    return rows
+            rows.append((section, text, of_paper, of_run, note))
+    return pd.DataFrame(rows, columns=["where", "what", "paper", "this run", "note"])
 
 
-def _mean_of(numbers: Mapping[str, float], models: list[str]) -> float:
+def _mean_of(numbers: Mapping[Any, float], models: list[str]) -> float:
     """The mean over the models that have a number; NaN if none has one."""
-    present = [numbers[model] for model in models if model in numbers]
-    return sum(present) / len(present) if present else nan
+    return float(pd.Series(numbers, dtype=float).reindex(models).mean())
 
 
 def _papers(paper: Mapping[str, Any]) -> dict[str, Any]:
@@ -270,16 +248,16 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
     methods, source = list(results.paper["indicators"]), experiment.settings.graph.source
     of_source = (other for other in results.extended if other.settings.graph.source == source)
     moved = next(of_source, None)
-    gains = improvements(experiment.immediate, "all")["gain"]
-    gain = {str(name): float(value) for name, value in gains.items()}
-    fewer = _fewer_epochs(experiment)
+    gain = improvements(experiment.immediate, "all")["gain"].to_dict()
+    epochs = experiment.epochs("all")["mean"]  # per cent below Xavier's: section 6.2
+    fewer = (100 * (1 - epochs / (epochs.get(BASELINE) or nan))).to_dict()
     transfer = dict[str, Any]()
     if moved:
         transfer = {
             "all_queries": moved.means("all")["mean"].to_dict(),
             "novel_queries": moved.means("novel")["mean"].to_dict(),
             "drop": drops(moved.immediate)["drop"].to_dict(),
-            "epochs": moved.epochs("all").to_dict(),
+            "epochs": moved.epochs("all")["mean"].to_dict(),
         }
     return {
         "means": {"gain": _mean_of(gain, methods), "fewer": _mean_of(fewer, methods)},
@@ -295,15 +273,6 @@ def _ours(results: Results, experiment: Experiment) -> dict[str, Any]:
         "transfer": transfer,
         "judged": _judged(results, experiment, moved, [*methods, BASELINE]),
     }
-
-
-def _fewer_epochs(experiment: Experiment) -> dict[str, float]:
-    """Per cent by which mean epochs are below Xavier's (section 6.2), by initializer."""
-    epochs = experiment.epochs("all").to_dict()
-    base = epochs.get(BASELINE)
-    if not base:
-        return {}
-    return {str(model): 100 * (1 - mean / base) for model, mean in epochs.items()}
 
 
 def _graph(results: Results, experiment: Experiment) -> dict[str, Any]:
@@ -348,9 +317,8 @@ def _choices(results: Results, experiment: Experiment) -> dict[str, Any]:
 
 def _epochs(experiment: Experiment, scope: str) -> dict[Any, Any]:
     """Table 2 in one scope, by model: mean and standard deviation of the epochs to convergence."""
-    groups = where(experiment.convergence, scope=scope).groupby("model")["epochs"]
-    result = groups.agg(["mean", "std"]).set_axis(["mean", "deviation"], axis=1)
-    return dict(result.to_dict("index"))
+    summary = epochs_summary(where(experiment.convergence, scope=scope), ["model"])
+    return dict(summary.rename(columns={"std": "deviation"}).to_dict("index"))
 
 
 def _judged(
@@ -360,7 +328,7 @@ def _judged(
     unlikely, wrong.
     """
     answers = answers_of(results)
-    if answers.experiment is None or answers.experiment not in (experiment, moved):
+    if answers is None or answers.experiment not in (experiment, moved):
         return {}
     ran = set(answers.ranks["model"])
     return {name: answers.judged(name) for name in models if name in ran}

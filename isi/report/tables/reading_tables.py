@@ -1,7 +1,6 @@
 """Tables of the paper's results under the readings of its metric."""
 
-from collections.abc import Mapping, Sequence
-from itertools import permutations, product
+from itertools import compress, product
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from scipy.special import stdtrit
 
 from isi import config
 from isi.report.tables.data import BASELINE, read
-from isi.report.tables.estimates import ENDS, named, over_seeds, where, wide
+from isi.report.tables.estimates import ENDS, Line, named, over_seeds, where, wide
 from isi.report.tables.forms import CSV_ALONE
 from isi.report.tables.readings import (
     ABOUT,
@@ -28,7 +27,7 @@ from isi.report.tables.readings import (
     means_of,
 )
 from isi.report.tables.registry import Frames, table
-from isi.report.tables.results import TOP, marked
+from isi.report.tables.results import TOP, by_label, in_ranks, in_rows, marked
 from isi.tables import paths
 from isi.tables.io import read_tensors
 
@@ -45,12 +44,10 @@ GRAPHS = ("published", "extended", "ai2thor")
 
 
 @table("readings")
-def paper_results(results: Readings) -> pd.DataFrame | None:
+def paper_results(results: Readings) -> pd.DataFrame:
     """Every result beside its value under the chosen reading, the one with the other filter, and
     this project's.
     """
-    if not results.cases:
-        return None
     frame = pd.DataFrame(results.results)
     for title, reading in results.pairs.items():
         place = READINGS.index(reading)
@@ -74,14 +71,12 @@ def _agreement(results: Readings, frame: pd.DataFrame, title: str, reading: str)
 
 
 @table("readings")
-def results_by_kind(results: Readings) -> pd.DataFrame | None:
+def results_by_kind(results: Readings) -> pd.DataFrame:
     """How many results of each kind lie within their intervals: under the chosen reading and its
     neighbours, under the nearest of all readings, whether allowed or not, under one that was chosen
     by the other kinds, and in the median of all that are allowed.
     """
-    if not results.cases:
-        return None
-    counts, chosen = results.by_kind, results.chosen
+    chosen, kinds = results.chosen, list(map(str, results.by_kind))
     readings = {
         "this reading": chosen,
         "other filter": results.neighbour,
@@ -90,92 +85,81 @@ def results_by_kind(results: Readings) -> pd.DataFrame | None:
         "this project's reading": OURS,
         "nearest of all readings": results.nearest(among=READINGS),
     }
-    rows = list[dict[str, Any]]()
-    kinds = list(map(str, counts))
-    for kind in kinds:
-        others = [other for other in kinds if other != kind]
-        left_out = results.nearest(others)
-        row: dict[str, Any] = {"results": kind, "number": int((results.kinds == kind).sum())}
-        row |= {title: int(counts[kind][reading]) for title, reading in readings.items()}
-        row["chosen by the other kinds"] = int(counts[kind][left_out])
-        row["median of the allowed"] = float(counts[kind][ALLOWED].median())
-        row["most of the allowed"] = int(counts[kind][ALLOWED].max())
-        best = results.nearest([kind])
-        row["best reading of the kind"] = best
-        row["reading of the other kinds"] = left_out
-        rows.append(row)
-    frame = pd.DataFrame(rows)
-    numbers, sums = frame.select_dtypes("number").sum(), counts.sum(axis=1)
-    total: dict[str, Any] = {str(name): value for name, value in numbers.items()}
-    total |= {"results": "all", "median of the allowed": float(sums[ALLOWED].median())}
-    total |= {"most of the allowed": int(sums[ALLOWED].max()), "best reading of the kind": chosen}
-    total["reading of the other kinds"] = ""
-    total["nearest reading"] = readings["nearest of all readings"]
-    total["most by the paper's words alone"] = int(sums[IN_WORDS].max())
-    total["most of all readings"] = int(sums.max())
+    left_out = {
+        kind: results.nearest([other for other in kinds if other != kind]) for kind in kinds
+    }
+    counts = results.by_kind.assign(all=results.by_kind.sum(axis=1))
+    frame = pd.DataFrame({"number": results.kinds.value_counts()}, [*kinds, "all"])
+    frame.loc["all", "number"] = len(results.kinds)
+    for title, reading in readings.items():
+        frame[title] = counts.loc[reading]
+    by_others = pd.Series({kind: counts[kind][reading] for kind, reading in left_out.items()})
+    by_others["all"] = by_others.sum()
+    frame["chosen by the other kinds"] = by_others
+    frame["median of the allowed"] = counts.loc[ALLOWED].median()
+    frame["most of the allowed"] = counts.loc[ALLOWED].max()
+    best = {kind: results.nearest([kind]) for kind in kinds}
+    frame["best reading of the kind"] = pd.Series(best | {"all": chosen})
+    frame["reading of the other kinds"] = pd.Series(left_out | {"all": ""})
+    frame.loc["all", "nearest reading"] = readings["nearest of all readings"]
+    frame.loc["all", "most by the paper's words alone"] = counts.loc[IN_WORDS, "all"].max()
+    frame.loc["all", "most of all readings"] = counts["all"].max()
     choices = zip(TITLES.values(), chosen.split(), strict=True)
-    total["the chosen reading in words"] = "; ".join(titles[choice] for titles, choice in choices)
-    return pd.concat([frame, pd.DataFrame([total])], ignore_index=True)
+    in_words = "; ".join(titles[choice] for titles, choice in choices)
+    frame.loc["all", "the chosen reading in words"] = in_words
+    return frame.rename_axis("results").reset_index()
 
 
 @table("readings")
-def all_readings(results: Readings) -> pd.DataFrame | None:
+def all_readings(results: Readings) -> pd.DataFrame:
     """Every result under every reading: value, bounds, and whether the paper's is within."""
-    if not results.cases:
-        return None
-    frame, place = results.ordered(), [*map(READINGS.index, results.ordered().index)]
-    columns: dict[str, Any] = {"reading": frame.index, "rank": frame["rank"].to_numpy()}
-    columns["allowed"] = ["yes" if reading in ALLOWED else "no" for reading in frame.index]
+    ordered = results.ordered()
+    columns: dict[str, Any] = {"reading": ordered.index, "rank": ordered["rank"].to_numpy()}
+    columns["allowed"] = np.where(ordered.index.isin(ALLOWED), "yes", "no")
+    places = [READINGS.index(str(reading)) for reading in ordered.index]
     for number, result in enumerate(results.results):
         for end, values in zip(ENDS, results.values[number], strict=True):
-            columns[f"{result.title}{end}"] = values[place].round(1)
-        columns[f"{result.title}: within"] = results.within.iloc[number, place].astype(int)
-    made = pd.DataFrame({name: np.asarray(values) for name, values in columns.items()})
+            columns[f"{result.title}{end}"] = values[places].round(1)
+        within = results.within.iloc[number, places]
+        columns[f"{result.title}: within"] = within.to_numpy(int)
+    made = pd.DataFrame(columns)
     made.attrs[CSV_ALONE] = True
     return made
 
 
 @table("readings")
-def nearest(results: Readings) -> Frames | None:
+def nearest(results: Readings) -> Frames:
     """The nearest readings, the chosen one and this project's; and the neighbours of the chosen
     one, which differ from it in a single aspect.
     """
-    if not results.cases:
-        return None
     ranked, chosen = results.ordered(), results.chosen
-    choices = pd.DataFrame([name.split() for name in ranked.index], ranked.index, list(TITLES))
-    frame = choices.assign(
-        allowed=["yes" if name in ALLOWED else "no" for name in ranked.index],
-        share=ranked["share"],
-        distance=ranked["distance"],
-        within=results.by_kind.sum(axis=1).loc[ranked.index],
-    )
-    frame = frame.rename(columns={"share": "share within, %"})
+    frame = pd.DataFrame([name.split() for name in ranked.index], ranked.index, list(TITLES))
+    differing = (frame != chosen.split()).sum(axis=1)
     frame.insert(0, "rank", ranked["rank"].astype(str))
-    differing = (frame[list(TITLES)] != chosen.split()).sum(axis=1)
-    shown = frame.index.isin([chosen, OURS]) | (frame["rank"].astype(int) <= BEST)
+    frame["allowed"] = np.where(ranked.index.isin(ALLOWED), "yes", "no")
+    frame["share within, %"], frame["distance"] = ranked["share"], ranked["distance"]
+    frame["within"] = results.by_kind.sum(axis=1)
+    shown = frame.index.isin([chosen, OURS]) | (ranked["rank"] <= BEST)
     return {"nearest_readings": frame[shown], "neighbours_of_the_reading": frame[differing == 1]}
 
 
 @table("readings")
-def unexplained(results: Readings) -> pd.DataFrame | None:
+def unexplained(results: Readings) -> pd.DataFrame:
     """The results that are within under neither the chosen reading nor its other filter: their
     distances, and the nearest value of any reading.
     """
-    if not results.cases:
-        return None
-    rows = list[dict[str, Any]]()
+    rows = list[Line]()
     for number, result in enumerate(results.results):
-        apart = results.distance.iloc[number]
-        if results.within.iloc[number][[results.chosen, results.neighbour]].any():
+        apart = results.distance.loc[number]
+        if (apart[[results.chosen, results.neighbour]] <= 1).any():
             continue
         values = pd.Series(results.values[number, 0], READINGS)
         reading = str((values - result.paper).abs().idxmin())
-        row = {"what": result.title, "paper": result.paper, "this reading": values[results.chosen]}
-        row["half-widths away"] = apart[results.chosen]
+        row: Line = {"what": result.title, "paper": result.paper}
+        row |= {"this reading": values[results.chosen], "half-widths away": apart[results.chosen]}
         row |= {"nearest of all readings": values[reading], "its half-widths away": apart[reading]}
-        of_result = changed(reading, about=result.about) if result.about else reading
-        rows.append(row | {"its reading": of_result})
+        row["its reading"] = result.read(reading)
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -198,54 +182,47 @@ def steps_to_the_paper(results: Readings) -> Frames:
     """By how much the reading, the conditions and the graph change each result: their steps, as
     means over the six orders with the least and the largest one; and every corner.
     """
-    steps, corners = list[dict[str, Any]](), list[dict[str, Any]]()
+    steps, corners = list[Line](), list[Line]()
     for result in results.results:
         values = _corners(results, result)
         if values is None:
             continue
-        row: dict[str, Any] = {"what": result.title, "this run": values[0, 0, 0]}
+        row: Line = {"what": result.title, "this run": values[0, 0, 0]}
         for axis, name in enumerate(STEPS):
-            taken = [step(values, order, axis) for order in permutations(range(3))]
-            row |= {name: np.mean(taken), f"{name} low": min(taken), f"{name} high": max(taken)}
+            row |= dict(zip((f"{name}{end}" for end in ENDS), step(values, axis), strict=True))
         steps.append(row | {"all three": values[1, 1, 1], "paper": result.paper})
-        corner: dict[str, Any] = {"what": result.title}
+        corner: Line = {"what": result.title}
         for place in product((0, 1), repeat=3):
-            changes = [name for name, is_taken in zip(STEPS, place, strict=True) if is_taken]
-            corner[", ".join(changes) or "this run"] = values[place]
+            changes = ", ".join(compress(STEPS, place))
+            corner[changes or "this run"] = values[place]
         corners.append(corner | {"paper": result.paper})
-    return {
-        "steps_to_the_paper": pd.DataFrame(steps),
-        "corners_of_the_steps": pd.DataFrame(corners),
-    }
+    frames = {"steps_to_the_paper": steps, "corners_of_the_steps": corners}
+    return {name: pd.DataFrame(rows) for name, rows in frames.items()}
 
 
-def step(corners: np.ndarray, order: Sequence[int], axis: int) -> float:
-    """By how much a step changes the value, after those before it in an order."""
-    before = [int(order.index(other) < order.index(axis)) for other in range(3)]
-    after = [*before]
-    after[axis] = 1
-    return float(corners[tuple(after)] - corners[tuple(before)])
+def step(corners: np.ndarray, axis: int) -> tuple[float, float, float]:
+    """By how much a step changes the value: the mean over the six orders of three steps, the least
+    and the largest change.
+    """
+    changes = np.diff(corners, axis=axis).squeeze(axis)  # by whether each other one is taken
+    orders = [[2, 1], [1, 2]]  # in which it comes first or last, or between the others
+    return float(np.average(changes, weights=orders)), changes.min(), changes.max()
 
 
 @table("readings")
 def on_each_graph(results: Readings) -> Frames:
     """MRR* right after insertion of every model under named readings, on each graph."""
+    readings = {"the chosen reading": results.chosen, **ABOUT["shown"]}
     frames = dict[str, pd.DataFrame]()
     for case in GRAPHS:
-        if case in results.cases:
-            runs, rows = results.cases[case], list[dict[str, Any]]()
-            for title, reading in {"the chosen reading": results.chosen, **ABOUT["shown"]}.items():
-                means = means_of(runs.mrr_star, reading).reindex(runs.models)
-                rows.append({"reading": title} | wide(means, "mean", results.models.labels))
-            frames[f"readings_{case}"] = pd.DataFrame(rows)
+        if case not in results.cases:
+            continue
+        runs, rows = results.cases[case], list[Line]()
+        for title, reading in readings.items():
+            means = means_of(runs.mrr_star, reading).reindex(runs.models)
+            rows.append({"reading": title} | wide(means, "mean", results.models.labels))
+        frames[f"readings_{case}"] = pd.DataFrame(rows)
     return frames
-
-
-def _by_label(results: Readings, names: Sequence[str], columns: Mapping[str, Any]) -> pd.DataFrame:
-    """A row for each model: its label, then values by model."""
-    series = {name: pd.Series(values, dtype=float) for name, values in columns.items()}
-    frame = pd.DataFrame(series).reindex(list(names)).rename(index=results.models.labels)
-    return frame.rename_axis("model").reset_index()
 
 
 def _table2(results: Readings, part: str) -> dict[str, float]:
@@ -254,10 +231,8 @@ def _table2(results: Readings, part: str) -> dict[str, float]:
 
 
 @table("readings")
-def table2_readings(results: Readings) -> pd.DataFrame | None:
+def table2_readings(results: Readings) -> pd.DataFrame:
     """Table 2: epochs to convergence under the readings that are compared, beside the paper's."""
-    if not results.cases:
-        return None
     runs, columns = results.cases[MAIN], dict[str, Any]()
     for title, reading in results.pairs.items():
         columns |= named(means_of(runs.epochs, reading), "mean", f"{title}: mean")
@@ -265,7 +240,7 @@ def table2_readings(results: Readings) -> pd.DataFrame | None:
         if reading == results.chosen:
             for part in ("mean", "deviation"):
                 columns[f"paper: {part}"] = _table2(results, part)
-    return _by_label(results, runs.case.initializers, columns)
+    return by_label(results.models, runs.case.initializers, columns)
 
 
 @table("readings")
@@ -284,7 +259,7 @@ def transfer_readings(results: Readings) -> pd.DataFrame | None:
             shown = changed(reading, about=whom) if whom else reading
             columns |= named(means_of(runs.mrr_star, shown), "mean", f"{title}: {name}")
         columns[f"{title}: paper"] = theirs
-    return _by_label(results, runs.models, columns)
+    return by_label(results.models, runs.models, columns)
 
 
 @table("readings")
@@ -301,7 +276,7 @@ def decay_readings(results: Readings) -> pd.DataFrame | None:
         means = means_of(runs.epochs.loc[shared], results.chosen)
         columns |= named(means, "mean", f"weight decay of {decay:g}")
     columns["paper"] = _table2(results, "mean")
-    return _by_label(results, compared[1].case.initializers, columns)
+    return by_label(results.models, compared[1].case.initializers, columns)
 
 
 # The paper's figures under the chosen reading
@@ -313,26 +288,21 @@ def figure2_readings(results: Readings) -> pd.DataFrame | None:
     if "sweep" not in results.cases:
         return None
     runs, by = results.cases["sweep"], ["model", "k"]
-    parts = [
-        over_seeds(measured[results.chosen].rename("of").reset_index(), by, {"of": title}, scale=1)
-        for title, measured in (("MRR*", runs.mrr_star), ("epochs", runs.epochs))
-    ]
-    frame = pd.concat(parts, axis=1).reset_index()
-    swept = list(runs.case.indicators)
-    frame = where(frame, model=swept).sort_values("model", key=_order(swept), kind="stable")
-    return _labelled(results, frame.rename(columns={"k": "indicators"}))
+    parts = list[pd.DataFrame]()
+    for title, measured in (("MRR*", runs.mrr_star), ("epochs", runs.epochs)):
+        rows = measured[results.chosen].rename(title).reset_index()
+        parts.append(over_seeds(rows, by, {title: title}, scale=1))
+    frame = in_rows(pd.concat(parts, axis=1), results.models, list(runs.case.indicators))
+    return frame.rename(columns={"k": "indicators"})
 
 
 @table("readings")
-def figure3a_readings(results: Readings) -> pd.DataFrame | None:
+def figure3a_readings(results: Readings) -> pd.DataFrame:
     """Figure 3a: MRR* right after insertion by number of novel entities."""
-    if not results.cases:
-        return None
     runs = results.cases[MAIN]
-    rows = where(runs.mrr_star[results.chosen].rename("of").reset_index(), k=0)
-    frame = over_seeds(rows, ["model", "size"], {"of": "MRR*"}, scale=1).reset_index()
-    frame = frame.sort_values("model", key=_order(runs.models), kind="stable")
-    return _labelled(results, frame)
+    rows = where(runs.mrr_star[results.chosen].rename("MRR*").reset_index(), k=0)
+    means = over_seeds(rows, ["model", "size"], {"MRR*": "MRR*"}, scale=1)
+    return in_rows(means, results.models, runs.models)
 
 
 @table("readings")
@@ -341,17 +311,15 @@ def curves_readings(results: Readings) -> Frames:
     entities in the transfer.
     """
     figures = {
-        "figure3b_readings": (MAIN, results.chosen if results.cases else ""),
-        "figure4_readings": (
-            "extended",
-            changed(results.chosen, about="known") if results.cases else "",
-        ),
+        "figure3b_readings": (MAIN, results.chosen),
+        "figure4_readings": ("extended", changed(results.chosen, about="known")),
     }
     frames = dict[str, pd.DataFrame]()
     for name, (case, reading) in figures.items():
         path = Path(f"data/beyond/readings/{case}.curves.safetensors")
         if case in results.cases and path.exists():
-            frames[name] = _labelled(results, _curves(results.cases[case], path, reading))
+            frame = _curves(results.cases[case], path, reading)
+            frames[name] = results.models.labelled(frame, "model")
     return frames
 
 
@@ -362,31 +330,17 @@ def _curves(runs: CaseRuns, path: Path, reading: str) -> pd.DataFrame:
     (size,) = runs.case.curves
     seeds, place = runs.case.finetuned_seeds, READINGS.index(reading)
     joint = runs.mrr_star[reading].xs(("joint", 0, size), level=("model", "k", "size"))
-    joint = joint[joint.index < seeds]
-    frames = list[pd.DataFrame]()
+    quantile, frames = stdtrit(seeds - 1, 0.975) / np.sqrt(seeds), list[pd.DataFrame]()
     for model in runs.case.initializers:
-        tensors = read_tensors(path, [f"{model}.size={size:02d}"])
-        mean, deviation = 100 * next(iter(tensors.values()))[..., place].double().numpy()
-        around = stdtrit(seeds - 1, 0.975) * deviation / np.sqrt(seeds)
-        epoch = np.arange(len(mean))
-        columns = {"epoch": epoch, "MRR*": mean, "MRR* low": mean - around}
-        frame = pd.DataFrame({"model": model, **columns, "MRR* high": mean + around})
-        frames.append(frame[(epoch <= 10) | (epoch % 10 == 0)])
-    return pd.concat(frames, ignore_index=True).assign(joint=joint.mean())
-
-
-def _order(names: Sequence[str]) -> Any:
-    """The key that sorts models in the order of names."""
-    places = {name: place for place, name in enumerate(names)}
-
-    def key(models: pd.Series) -> pd.Series:
-        return models.map(places)
-
-    return key
-
-
-def _labelled(results: Readings, frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.assign(model=frame["model"].map(results.models.labels)).reset_index(drop=True)
+        name = f"{model}.size={size:02d}"
+        tensor = read_tensors(path, [name])[name]
+        mean, deviation = 100 * tensor[..., place].double().numpy()
+        frame = pd.DataFrame({"model": model, "epoch": np.arange(len(mean)), "MRR*": mean})
+        frame["MRR* low"] = mean - quantile * deviation
+        frame["MRR* high"] = mean + quantile * deviation
+        frames.append(frame[(frame["epoch"] <= 10) | (frame["epoch"] % 10 == 0)])
+    rows = pd.concat(frames, ignore_index=True)
+    return rows.assign(joint=joint[joint.index < seeds].mean())
 
 
 @table("readings")
@@ -400,7 +354,7 @@ def table3_readings(results: Readings) -> pd.DataFrame | None:
     answers = read(path)
     vocabulary = config.read(paths.RAW / "paper" / "vocabulary.yaml")
     afforded, theirs = vocabulary["afforded"], results.paper["affordances"]["answers"]
-    rows = list[dict[str, str]]()
+    parts = list[pd.DataFrame]()
     for entity, of_entity in answers.groupby("entity", sort=False):
         columns = dict[str, list[str]]()
         for model in ("es", "rs", "ers", BASELINE):
@@ -410,10 +364,5 @@ def table3_readings(results: Readings) -> pd.DataFrame | None:
                 marked(answer, kind == "affordance", afforded.get(entity)) for answer, kind in top
             ]
         columns |= {f"paper: {name}": words.get(entity, []) for name, words in theirs.items()}
-        title = f"{entity} (n = {of_entity['seed'].nunique()})"
-        for place in range(TOP):
-            row = {"entity": title, "": f"{place + 1}."}
-            for name, words in columns.items():
-                row[name] = words[place] if place < len(words) else "–"
-            rows.append(row)
-    return pd.DataFrame(rows)
+        parts.append(in_ranks(f"{entity} (n = {of_entity['seed'].nunique()})", columns))
+    return pd.concat(parts)

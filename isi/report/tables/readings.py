@@ -76,12 +76,10 @@ class CaseRuns:
         first, *others = TITLES
         rows = rows.assign(reading=rows[first].str.cat(rows[others], sep=" "))
         index = ["model", "k", "size", "seed"]
-        mrr_star = rows.pivot(index=index, columns="reading", values="mrr_star")[READINGS]
+        mrr_star = 100 * rows.pivot(index=index, columns="reading", values="mrr_star")[READINGS]
         epochs = rows.pivot(index=index, columns="reading", values="epochs")[READINGS]
-        epochs = epochs[epochs.notna().any(axis=1)]
-        return cls(
-            case, 100 * mrr_star, epochs, sorted(case.sessions.sizes), sorted(case.finetuned)
-        )
+        epochs = epochs.dropna(how="all")
+        return cls(case, mrr_star, epochs, sorted(case.sessions.sizes), sorted(case.finetuned))
 
     @property
     def models(self) -> list[str]:
@@ -90,10 +88,8 @@ class CaseRuns:
 
     def at(self, others: Sequence["CaseRuns"]) -> "CaseRuns":
         """The measures at the sizes that others have, too."""
-        sizes, finetuned = set(self.sizes), set(self.finetuned)
-        for other in others:
-            sizes &= set(other.sizes)
-            finetuned &= set(other.finetuned)
+        sizes = set(self.sizes).intersection(*(other.sizes for other in others))
+        finetuned = set(self.finetuned).intersection(*(other.finetuned for other in others))
         return replace(self, sizes=sorted(sizes), finetuned=sorted(finetuned))
 
 
@@ -207,10 +203,13 @@ class PaperResult:
 
     def measured(self, runs: CaseRuns, repeats: int, readings: Sequence[str]) -> np.ndarray:
         """Its value under some readings, with bounds; shape: (3, N)."""
-        if self.about:
-            readings = [changed(reading, about=self.about) for reading in readings]
-        result: np.ndarray = getattr(Measured(runs, readings, repeats), self.measure)(self.model)
+        measured = Measured(runs, list(map(self.read, readings)), repeats)
+        result: np.ndarray = getattr(measured, self.measure)(self.model)
         return result
+
+    def read(self, reading: str) -> str:
+        """A reading of the queries about which the paper says this result to be."""
+        return changed(reading, about=self.about) if self.about else reading
 
 
 def results_of(paper: Mapping[str, Any], models: Models) -> list[PaperResult]:
@@ -242,7 +241,7 @@ class Readings:
     paper: Mapping[str, Any]
     models: Models
     weight_decay: float  #: of fine-tuning, where a case changes nothing
-    cases: Mapping[str, CaseRuns]  #: none without ``MAIN``
+    cases: Mapping[str, CaseRuns]
 
     @classmethod
     def read(cls, params: "Params", cases: Mapping[str, "ReadingCase"], models: Models) -> Self:
@@ -253,7 +252,11 @@ class Readings:
             if path.exists():
                 result[name] = CaseRuns.of(case, read(path))
         paper, decay = config.read(paths.PAPER), params.finetuning.weight_decay
-        return cls(paper, models, decay, result if MAIN in result else {})
+        return cls(paper, models, decay, result)
+
+    def __bool__(self) -> bool:
+        """Whether the case was run without which there are no tables."""
+        return MAIN in self.cases
 
     @cached_property
     def results(self) -> list[PaperResult]:
@@ -307,7 +310,8 @@ class Readings:
             kinds: that count; empty: all.
             among: readings.
         """
-        return str(self.ordered(kinds).loc[list(among)].sort_values("rank").index[0])
+        ordered = self.ordered(kinds).index
+        return str(ordered[ordered.isin(among)][0])
 
     def ordered(self, kinds: Sequence[str] = ()) -> pd.DataFrame:
         """``rank``, ``share`` (per cent) and ``distance`` of every reading, by the rule of
@@ -328,8 +332,9 @@ class Readings:
     @property
     def neighbour(self) -> str:
         """The chosen reading with the other filter."""
-        other = "learned" if changed(self.chosen, filter="true") == self.chosen else "true"
-        return changed(self.chosen, filter=other)
+        other = {"learned": "true", "true": "learned"}
+        names = dict(zip(TITLES, self.chosen.split(), strict=True))
+        return changed(self.chosen, filter=other[names["filter"]])
 
     @property
     def pairs(self) -> dict[str, str]:

@@ -16,6 +16,7 @@ from isi.tables.io import atomically, keep_only
 Frames = Mapping[str, pd.DataFrame]
 Made = pd.DataFrame | Frames | None
 F = TypeVar("F", bound=Callable[[Any], Made])
+OfExperiment = Callable[[Any, Any], pd.DataFrame | None]
 #: Functions by page, then by name of the table.
 TABLES: dict[str, dict[str, Callable[[Any], Made]]] = {}
 
@@ -30,27 +31,33 @@ def table(page: str) -> Callable[[F], F]:
     return register
 
 
-def of_each_graph(function: Callable[[Any, Any], pd.DataFrame | None]) -> Callable[[Any], Frames]:
-    """A function of results and one experiment, for every experiment with one source: names end
-    with the experiment's suffix.
+def of_each(kind: str) -> Callable[[OfExperiment], Callable[[Any], Frames]]:
+    """Make a function of results and one experiment a function of results, for every experiment of
+    a kind (an attribute of ``Results``): names end with the experiment's suffix.
     """
 
-    @wraps(function)
-    def of_results(results: Any) -> Frames:
-        frames = {
-            f"{function.__name__}{experiment.suffix}": function(results, experiment)
-            for experiment in results.standalone
-        }
-        return {name: frame for name, frame in frames.items() if frame is not None}
+    def decorate(function: OfExperiment) -> Callable[[Any], Frames]:
+        @wraps(function)
+        def of_results(results: Any) -> Frames:
+            frames = dict[str, pd.DataFrame]()
+            for experiment in getattr(results, kind):
+                frame = function(results, experiment)
+                if frame is not None:
+                    frames[f"{function.__name__}{experiment.suffix}"] = frame
+            return frames
 
-    return of_results
+        return of_results
+
+    return decorate
 
 
 def frames_of(page: str, results: Any) -> dict[str, pd.DataFrame]:
-    """All tables of a page, by name; those without rows are left out."""
+    """All tables of a page, by name; those without rows are left out. Without results: none."""
     for module in iter_modules([str(Path(__file__).parent)]):
         import_module(f"isi.report.tables.{module.name}")
     frames = dict[str, pd.DataFrame]()
+    if not results:
+        return frames
     for name, function in TABLES[page].items():
         made = function(results)
         frames |= {name: made} if isinstance(made, pd.DataFrame) else dict(made or {})
@@ -58,11 +65,16 @@ def frames_of(page: str, results: Any) -> dict[str, pd.DataFrame]:
 
 
 def write(page: str, results: Any, folder: Path) -> None:
-    """Write the tables of a page into a folder, each file atomically; delete those of before."""
-    written = list[Path]()
+    """Write the tables of a page into a folder; delete those of before."""
+    texts = dict[str, str]()
     for name, frame in frames_of(page, results).items():
-        for form, text in files(frame).items():
-            path = folder / f"{name}.{form}"
-            atomically(path, partial(Path.write_bytes, data=text.encode()))
-            written.append(path)
-    keep_only(folder, written)
+        texts |= {f"{name}.{form}": text for form, text in files(frame).items()}
+    write_files(folder, texts)
+
+
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
+    """Write files by name into a folder, each atomically; delete those of before."""
+    for name, content in contents.items():
+        data = content.encode() if isinstance(content, str) else content
+        atomically(folder / name, partial(Path.write_bytes, data=data))
+    keep_only(folder, [folder / name for name in contents])

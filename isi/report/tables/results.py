@@ -3,11 +3,10 @@ earlier knowledge (sections 6.1 to 6.3).
 """
 
 from collections.abc import Mapping
-from functools import cache
-from itertools import product
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from isi.evaluation.query_sets import CONVERGING
@@ -18,13 +17,16 @@ from isi.report.tables.data import (
     FINETUNE_ONLY,
     JOINT,
     Experiment,
+    Models,
     Results,
     Runs,
     read,
 )
 from isi.report.tables.estimates import (
     CELL,
+    ENDS,
     HALVES,
+    Line,
     Names,
     cells_of,
     combined,
@@ -33,11 +35,12 @@ from isi.report.tables.estimates import (
     drops,
     epochs_summary,
     improvements,
+    named,
     over_seeds,
     under,
     where,
 )
-from isi.report.tables.registry import Frames, of_each_graph, table
+from isi.report.tables.registry import Frames, of_each, table
 
 _SCOPES = ["all", "known", "known_closed", "novel", "novel_heldout"]
 #: Scopes of earlier knowledge: with the novel entities among the candidates, and without.
@@ -55,32 +58,33 @@ _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_perm
 TOP = 4
 #: Factor on the fine-tuning learning rate of params in the main runs.
 _AS_CHOSEN = 1.0
-_PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
+#: Roles of the novel entity in a query, in the order of a table.
+_ROLES = ["given", "answer", "both", "any or none"]
 
 
 def in_rows(
-    means: pd.DataFrame, runs: Runs, models: Names, header: str = "model", **orders: Names
+    means: pd.DataFrame, labels: Models, models: Names, header: str = "model", **orders: Names
 ) -> pd.DataFrame:
     """Means by group (index levels) as rows of a table, in the order of the models and of
     ``orders``, by level.
     """
-    levels, frame = list(map(str, means.index.names)), means.reset_index()
-    for name, order in {"model": models, **orders}.items():
+    orders = {"model": models, **orders}
+    frame = where(means.reset_index(), **{name: list(order) for name, order in orders.items()})
+    for name, order in orders.items():
         frame[name] = pd.Categorical(frame[name], list(order))
-    frame = frame.dropna(subset=levels).sort_values(levels)
-    named = runs.models.labelled(frame, "model")
-    return named.rename(columns={"model": header}).reset_index(drop=True)
+    frame = frame.sort_values(list(map(str, means.index.names)))
+    frame = labels.labelled(frame, "model")
+    return frame.rename(columns={"model": header}).reset_index(drop=True)
 
 
 def by_label(
-    runs: Runs, models: Names, columns: Mapping[str, Any], header: str = "model"
+    labels: Models, models: Names, columns: Mapping[str, Any], header: str = "model"
 ) -> pd.DataFrame:
     """A row for each model: its label, then columns of values by model; a frame gives all its
     columns, under its name if this is not empty.
     """
     models = list(models)
-    labels = [runs.models.labels[name] for name in models]
-    parts: list[Any] = [pd.Series(labels, models, name=header)]
+    parts: list[Any] = [pd.Series(labels.labels, name=header).reindex(models)]
     for name, values in columns.items():
         if isinstance(values, pd.DataFrame):
             parts.append(under(values.reindex(models), name))
@@ -100,35 +104,33 @@ def halves(runs: Runs, scopes: Names) -> dict[str, pd.DataFrame]:
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def immediate(_: Results, experiment: Experiment) -> pd.DataFrame:
     """MRR* right after insertion, with its halves."""
-    return by_label(experiment, experiment.rows, halves(experiment, ("all", "novel")))
+    return by_label(experiment.models, experiment.rows, halves(experiment, ("all", "novel")))
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def improvement(results: Results, experiment: Experiment) -> pd.DataFrame:
     """Gain over Xavier in per cent, beside the paper's."""
     columns = dict[str, Any]()
     for scope in ("all", "novel"):
-        gains = improvements(experiment.immediate, scope)
-        for end in ("", " low", " high"):
-            columns[f"scope {scope}{end}"] = gains[f"gain{end}"]
+        columns |= named(improvements(experiment.immediate, scope), "gain", f"scope {scope}")
     columns["paper"] = results.paper["immediate"]["improvement_over_xavier"]
     others = [name for name in experiment.initializers if name != BASELINE]
-    return by_label(experiment, others, columns, "initializer")
+    return by_label(experiment.models, others, columns, "initializer")
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def novel_by_kind(results: Results, experiment: Experiment) -> pd.DataFrame:
     """MRR* about novel entities by their kind."""
     queried = experiment.inserted[experiment.inserted["queries"] > 0]
     means = over_seeds(queried, ["kind", "model"], HALVES)
     means.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    return in_rows(means, experiment, experiment.initializers, "initializer", kind=kinds)
+    return in_rows(means, experiment.models, experiment.initializers, "initializer", kind=kinds)
 
 
 def in_order(values: Any, first: Names) -> list[str]:
@@ -139,35 +141,33 @@ def in_order(values: Any, first: Names) -> list[str]:
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def immediate_by_size(_: Results, experiment: Experiment) -> pd.DataFrame:
     """MRR* right after insertion by number of novel entities."""
     rows = where(experiment.immediate, scope=("all", "novel"))
     means = over_seeds(rows, ["scope", "size", "model"], HALVES)
-    return in_rows(means, experiment, experiment.rows, scope=("all", "novel"))
+    return in_rows(means, experiment.models, experiment.rows, scope=("all", "novel"))
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def scopes(_: Results, experiment: Experiment) -> pd.DataFrame:
     """MRR* right after insertion by scope; with known candidates alone, a new vector changes
     nothing, so one row says it.
     """
     means = over_seeds(experiment.immediate, ["scope", "model"], HALVES)
-    rows = in_rows(means, experiment, experiment.rows, scope=_SCOPES)
+    rows = in_rows(means, experiment.models, experiment.rows, scope=_SCOPES)
     joint = experiment.models.labels[JOINT]
     closed = (rows["scope"] == "known_closed") & (rows["model"] != joint)
     values = rows.loc[closed, list(HALVES.values())]
     if not len(values) or (values.max() - values.min() > EQUAL).any():
         return rows
-    first = values.index[0]
-    rows.loc[first, "model"] = "Any initializer"
-    kept: pd.DataFrame = rows[~closed | (rows.index == first)]
-    return kept
+    rows.loc[values.index[0], "model"] = "Any initializer"
+    return rows.drop(values.index[1:])
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def gain_and_cost(_: Results, experiment: Experiment) -> pd.DataFrame:
     """What is answered about novel entities against what earlier knowledge loses, in points."""
     means = 100 * experiment.immediate.pivot_table("mrr_star", "model", "scope", observed=True)
@@ -176,26 +176,25 @@ def gain_and_cost(_: Results, experiment: Experiment) -> pd.DataFrame:
         "earlier knowledge loses": means["known_closed"] - means["known"],
         "MRR* about novel entities": means["novel"],
     }
-    return by_label(experiment, experiment.initializers, columns, "initializer")
+    return by_label(experiment.models, experiment.initializers, columns, "initializer")
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def differences(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """All pairs of initializers in the headline measures, with tests."""
     if len(experiment.initializers) < 2:
         return None
-    listed_measures = (
-        ("immediate MRR*", 100, experiment.immediate, "all", "mrr_star"),
-        ("immediate MRR*", 100, experiment.immediate, "novel", "mrr_star"),
-        ("immediate entity prediction", 100, experiment.immediate, "novel", "mrr_star_entity"),
-        ("epochs to convergence", 1, experiment.convergence, "all", "epochs"),
-        ("epochs to convergence", 1, experiment.convergence, "novel_heldout", "epochs"),
-    )
     measures = {
-        f"{title}, {TITLES[scope]}": scale * cells_of(rows, experiment.initializers, scope, column)
-        for title, scale, rows, scope, column in listed_measures
+        f"immediate MRR*, {TITLES['all']}": experiment.by_run("all"),
+        f"immediate MRR*, {TITLES['novel']}": experiment.by_run("novel"),
+        f"immediate entity prediction, {TITLES['novel']}": experiment.by_run(
+            "novel", "mrr_star_entity"
+        ),
     }
+    for scope in CONVERGING:
+        cells = cells_of(experiment.convergence, experiment.initializers, scope, "epochs")
+        measures[f"epochs to convergence, {TITLES[scope]}"] = cells
     pairs = compare(measures, experiment.initializers, experiment.methods)
     return experiment.models.labelled(pairs, "first", "second")
 
@@ -233,7 +232,7 @@ def steps(method: str, models: Names) -> list[tuple[str, str, str]]:
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def parts_of_the_gain(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Paired differences (points) of each step from Xavier to an initializer of ISI, of its steps
     together, and of the controls with other words.
@@ -242,29 +241,22 @@ def parts_of_the_gain(_: Results, experiment: Experiment) -> pd.DataFrame | None
     pairs = [step for method in experiment.methods for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in experiment.methods]
     pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]
-    measures = [(scope, half) for scope in ("all", "novel") for half in HALVES]
+    halves = dict[str, Mapping[str, str]](all=HALVES, novel=HALVES)
     if experiment.queries is not None:
-        measures.append(("given", "mrr_star_entity"))
-    rows = dict[tuple[str, ...], dict[str, Any]]()
-    for scope, half in measures:
-        cells = experiment.by_run(scope, half)
+        halves["given"] = {"mrr_star_entity": HALVES["mrr_star_entity"]}
+    rows = list[Line]()
+    for scope, measures in halves.items():
+        cells = {half: experiment.by_run(scope, half) for half in measures}
         for part, first, second in pairs:
-            points = difference(cells[first], cells[second])
-            if points["seeds"]:
-                names = (
-                    scope,
-                    part,
-                    experiment.models.labels[first],
-                    experiment.models.labels[second],
-                )
-                titles = ("scope", "part", "what has it", "minus")
-                row: dict[str, Any] = dict(zip(titles, names, strict=True))
-                for end in ("", " low", " high"):
-                    row[f"{HALVES[half]}{end}"] = points[f"difference{end}"]
-                rows[names] = rows.get(names, {}) | row
-    ends = [f"{half}{end}" for half in HALVES.values() for end in ("", " low", " high")]
-    frame = pd.DataFrame(rows.values())
-    return frame.reindex(columns=["scope", "part", "what has it", "minus", *ends])
+            row: Line = {"scope": scope, "part": part, "what has it": first, "minus": second}
+            for half, title in measures.items():
+                points = difference(cells[half][first], cells[half][second])
+                row |= named(points, "difference", title)
+            rows.append(row)
+    titles = [f"{title}{end}" for title in HALVES.values() for end in ENDS]
+    frame = pd.DataFrame(rows, columns=["scope", "part", "what has it", "minus", *titles])
+    frame = frame.dropna(how="all", subset=titles)
+    return experiment.models.labelled(frame, "what has it", "minus")
 
 
 @table("report")
@@ -276,91 +268,69 @@ def answer_parts(results: Results) -> pd.DataFrame | None:
     best = best_method(first)
     if best is None or BASELINE not in first.initializers:
         return None
-    rows = list[dict[str, Any]]()
+    rows = list[tuple[str, str, float, float]]()
     for scope in ("all", about_new(first)):
-        means = first.means(scope)["mean"]
-        end = means.get(BASELINE, np.nan)
-        row = {"scope": scope, "part": first.models.labels[BASELINE], "start": 0.0, "end": end}
-        rows.append(row)
+        means = first.means(scope)["mean"].reindex(first.rows)
+        end = means[BASELINE]
+        rows.append((scope, first.models.labels[BASELINE], 0.0, end))
         for part, model, before in steps(best, first.initializers):
             points = first.minus(scope, model, before)["difference"]
-            rows.append({"scope": scope, "part": part, "start": end, "end": end + points})
+            rows.append((scope, part, end, end + points))
             end += points
-        others = first.models.of_role(first.initializers, "baseline", "own")
-        others = sorted(others, key=lambda name: -means.get(name, -np.inf))[:1]
-        for name in (best, *others, JOINT):
-            value = means.get(name, np.nan)
-            label = first.models.labels[name]
-            rows.append({"scope": scope, "part": label, "start": value, "end": value})
-    return pd.DataFrame(rows)
+        others = means[first.models.of_role(first.initializers, "baseline", "own")]
+        for name in (best, *others.nlargest(1).index, JOINT):
+            rows.append((scope, first.models.labels[name], means[name], means[name]))
+    return pd.DataFrame(rows, columns=["scope", "part", "start", "end"])
 
 
 def best_method(runs: Runs) -> str | None:
     """The initializer of ISI with the highest MRR* about novel entities."""
-    means = runs.means(about_new(runs))["mean"]
-    return max(
-        (name for name in runs.methods if name in means.index),
-        key=lambda name: means[name],
-        default=None,
-    )
+    means = runs.means(about_new(runs))["mean"].reindex(runs.methods).dropna()
+    return str(means.idxmax()) if len(means) else None
 
 
 @table("report")
-def directions(results: Results) -> Frames:
+@of_each("experiments")
+def directions(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Entity MRR* about novel entities: with the entity given, and with it as the answer."""
-    frames = dict[str, pd.DataFrame]()
-    for experiment in results.experiments:
-        if len(experiment.directed):
-            columns = dict[str, Any]()
-            for name, title in DIRECTIONS.items():
-                means = experiment.means(name)
-                columns |= {
-                    f"{title}{end}": means.get(f"mean{end}") for end in ("", " low", " high")
-                }
-            frames[f"directions{experiment.suffix}"] = by_label(
-                experiment, experiment.rows, columns
-            )
-    return frames
+    if experiment.directed.empty:
+        return None
+    columns = dict[str, Any]()
+    for name, title in DIRECTIONS.items():
+        columns |= named(experiment.means(name), "mean", title)
+    return by_label(experiment.models, experiment.rows, columns)
 
 
 @table("report")
-def by_relation(results: Results) -> Frames:
+@of_each("experiments")
+def by_relation(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Entity MRR* (points) by relation, hidden end and role of the novel entity."""
-    frames = dict[str, pd.DataFrame]()
-    pair = ["scope", "relation", "hidden", "novel"]
-    cell = ["model", "size", "seed"]
-    for experiment in results.experiments:
-        if experiment.queries is None or experiment.queries.empty:
-            continue
-        rows = where(
-            experiment.queries, filter="learned", scope=["all", "novel"], hidden=["head", "tail"]
-        )
-        rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
-        measured = combined(rows, [*pair, *cell])
-        means = 100 * measured.groupby([*pair, "model"])["mrr_star_entity"].mean().unstack("model")
-        queries = rows.groupby([*pair, "model"])["queries"].sum().groupby(pair).first()
-        frame = means.assign(queries=queries).reset_index()
-        for name, order in (("scope", ["novel", "all"]), ("novel", list(_PLACES))):
-            frame[name] = pd.Categorical(frame[name], order)
-        frame = frame.sort_values(pair)
-        forms = {"head": "(?, {}, t)", "tail": "(h, {}, ?)"}
-        frame["query"] = [
-            forms[hidden].format(relation)
-            for hidden, relation in zip(frame["hidden"], frame["relation"], strict=True)
-        ]
-        frame["novel entity"] = frame["novel"].map(_PLACES)
-        models = [name for name in experiment.rows if name in frame]
-        shown = frame[["scope", "query", "novel entity", "queries", *models]]
-        labels = {name: experiment.models.labels[name] for name in models}
-        frames[f"by_relation{experiment.suffix}"] = shown.rename(columns=labels)
-    return frames
+    if experiment.queries is None or experiment.queries.empty:
+        return None
+    group = ["scope", "relation", "hidden", "novel entity"]
+    scopes, ends = ["novel", "all"], ["head", "tail"]
+    rows = where(experiment.queries, filter="learned", scope=scopes, hidden=ends)
+    roles = rows["novel"].where(rows["scope"] == "novel", "any or none")
+    rows = rows.assign(**{"novel entity": roles})
+    measured = combined(rows, [*group, "model", "size", "seed"])
+    means = measured.groupby([*group, "model"])["mrr_star_entity"].mean().unstack("model")
+    queries = rows.groupby([*group, "model"])["queries"].sum().groupby(group).first()
+    frame = (100 * means).assign(queries=queries).reset_index()
+    frame["scope"] = pd.Categorical(frame["scope"], scopes)
+    frame["novel entity"] = pd.Categorical(frame["novel entity"], _ROLES)
+    frame = frame.sort_values(group)
+    heads, tails = "(?, " + frame["relation"] + ", t)", "(h, " + frame["relation"] + ", ?)"
+    frame["query"] = heads.where(frame["hidden"] == "head", tails)
+    models = [name for name in experiment.rows if name in frame]
+    shown = frame[["scope", "query", "novel entity", "queries", *models]]
+    return shown.rename(columns=dict(experiment.models.labels))
 
 
 # Fine-tuning
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def table2_convergence(results: Results, experiment: Experiment) -> pd.DataFrame:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     return table2(experiment, results.paper["convergence"]["epochs"])
@@ -368,30 +338,26 @@ def table2_convergence(results: Results, experiment: Experiment) -> pd.DataFrame
 
 def table2(runs: Runs, paper: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
     """Epochs to convergence by initializer, for all queries and for held-out triples."""
-    summary = epochs_summary(runs.convergence, ["scope", "model"])
-    columns = dict[str, Any]()
-    for scope in CONVERGING:
-        of_scope = summary.loc[scope] if scope in summary.index else summary.droplevel(0).iloc[:0]
-        for name in ("mean", "std", "median", "unconverged %"):
-            for end in ("", " low", " high"):
-                if f"{name}{end}" in of_scope:
-                    columns[f"{scope}: {name}{end}"] = of_scope[f"{name}{end}"]
-            theirs = {"mean": "mean", "std": "deviation"}.get(name)
-            if scope == "all" and theirs:
-                values = {model: numbers[theirs] for model, numbers in paper.items()}
-                columns[f"paper: {name}"] = values
-    return by_label(runs, runs.finetuned or runs.initializers, columns, "initializer")
+    models, convergence = runs.finetuned or runs.initializers, runs.convergence
+    columns = {
+        scope: epochs_summary(where(convergence, scope=scope), ["model"]) for scope in CONVERGING
+    }
+    frame = by_label(runs.models, models, columns, "initializer")
+    theirs = pd.DataFrame(paper).T.reindex(models)
+    frame.insert(4, "paper: mean", theirs["mean"].to_numpy())
+    frame.insert(6, "paper: std", theirs["deviation"].to_numpy())
+    return frame
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def convergence_by_size(_: Results, experiment: Experiment) -> pd.DataFrame:
     """Epochs to convergence by number of novel entities."""
-    epochs, by = experiment.convergence, ["scope", "size", "model"]
-    summary = epochs_summary(epochs, by).drop(columns="std")
-    groups = epochs.groupby(by)
+    by = ["scope", "size", "model"]
+    summary = epochs_summary(experiment.convergence, by).drop(columns="std")
+    groups = experiment.convergence.groupby(by)
     summary["triples queried"], summary["sets"] = groups["queries"].mean(), groups.size()
-    return in_rows(summary, experiment, experiment.finetuned, "initializer")
+    return in_rows(summary, experiment.models, experiment.finetuned, "initializer")
 
 
 @table("report")
@@ -402,43 +368,34 @@ def convergence_by_rate(results: Results) -> pd.DataFrame | None:
     swept = first.swept("rate_sweep", "rate_sweep", sweep.initializers)
     if swept is None or not names:
         return None
-    main = where(first.runs, size=sweep.size).assign(factor=_AS_CHOSEN)
-    runs = pd.concat([main, swept])
     of_size = first.of_size(sweep.size)
+    runs = pd.concat([of_size.runs.assign(factor=_AS_CHOSEN), swept])
     epochs = of_size.converged(where(runs, model=names), ["model", "factor"])
-    by = ["factor", "scope", "model"]
-    summary = over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
-    groups = epochs.groupby(by)
-    summary["median"] = groups["epochs"].median()
-    summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
-    rows = [(scope, name) for scope in CONVERGING for name in names]
-    frame = pd.DataFrame(rows, columns=["scope", "initializer"])
-    for factor in sorted(set(epochs["factor"])):
-        of_factor = summary.loc[factor].reindex(rows)
-        frame = pd.concat([frame, under(of_factor, f"×{factor:g}").reset_index(drop=True)], axis=1)
-    return first.models.labelled(frame, "initializer").dropna(how="all", subset=frame.columns[2:])
+    summary = epochs_summary(epochs, ["factor", "scope", "model"])
+    summary = summary.drop(columns=["std", "unconverged % low", "unconverged % high"])
+    rows = pd.MultiIndex.from_product([CONVERGING, names], names=["scope", "initializer"])
+    columns = [
+        under(summary.loc[factor].reindex(rows), f"×{factor:g}")
+        for factor in summary.index.unique("factor")
+    ]
+    frame = pd.concat(columns, axis=1).dropna(how="all").reset_index()
+    return first.models.labelled(frame, "initializer")
 
 
 @table("report")
-def curves(results: Results) -> Frames:
+@of_each("experiments")
+def curves(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """MRR* (points) by epoch of fine-tuning, with its interval: the first ten epochs, then every
     fifth; earlier knowledge also as a change since before the insertion.
     """
-    frames = dict[str, pd.DataFrame]()
-    for experiment in results.experiments:
-        runs = experiment.curves
-        if runs.empty:
-            continue
-        shown = runs[(runs["epoch"] <= 10) | (runs["epoch"] % 5 == 0)]
-        means = over_seeds(shown, ["scope", "model", "epoch"], {"mrr_star": "MRR*"})
-        change = over_seeds(
-            since_before(shown), ["scope", "model", "epoch"], {"mrr_star": "change"}
-        )
-        means = means.join(change)
-        frames[f"curves{experiment.suffix}"] = in_rows(
-            means, experiment, [*experiment.rows, FINETUNE_ONLY], scope=_SCOPES
-        ).assign(margin=100 * experiment.margin)
-    return frames
+    runs, by = experiment.curves, ["scope", "model", "epoch"]
+    if runs.empty:
+        return None
+    shown = runs[(runs["epoch"] <= 10) | (runs["epoch"] % 5 == 0)]
+    means = over_seeds(shown, by, {"mrr_star": "MRR*"})
+    means = means.join(over_seeds(since_before(shown), by, {"mrr_star": "change"}))
+    rows = in_rows(means, experiment.models, [*experiment.rows, FINETUNE_ONLY], scope=_SCOPES)
+    return rows.assign(margin=100 * experiment.margin)
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
@@ -453,26 +410,22 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def forgetting(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """MRR* (points) about earlier knowledge: lowest, immediately, at the last epoch."""
     runs = experiment.curves
     if runs.empty:
         return None
-    groups, rows = dict(list(runs.groupby(["model", "scope"]))), list[dict[str, Any]]()
-    for model, scope in product([*experiment.rows, FINETUNE_ONLY], EARLIER):
-        if (model, scope) not in groups:
-            continue
-        shown = groups[model, scope]
-        by_epoch = over_seeds(shown, ["epoch"], HALVES)
-        lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
-        row: dict[str, Any] = {"model": experiment.models.labels[model], "scope": scope}
-        row["lowest MRR*"] = lowest
-        for when, place in (("immediately", 0), ("at the end", -1)):
-            for name, value in by_epoch.iloc[place].items():
-                row[f"{when}: {name}"] = value
-        rows.append(row)
-    return pd.DataFrame(rows)
+    by = ["model", "scope"]
+    means = over_seeds(where(runs, scope=EARLIER), [*by, "epoch"], HALVES)
+    groups = means.groupby(level=by)
+    parts = [
+        groups[["MRR*"]].min().add_prefix("lowest "),
+        under(groups.head(1).droplevel("epoch"), "immediately"),
+        under(groups.tail(1).droplevel("epoch"), "at the end"),
+    ]
+    frame = pd.concat(parts, axis=1)
+    return in_rows(frame, experiment.models, [*experiment.rows, FINETUNE_ONLY], scope=EARLIER)
 
 
 def at_the_end(experiment: Experiment) -> pd.DataFrame:
@@ -483,7 +436,8 @@ def at_the_end(experiment: Experiment) -> pd.DataFrame:
     ran = list(dict.fromkeys(last["model"]))
     for scope in EARLIER:
         queried = set(last.loc[last["scope"] == scope, "model"])
-        names = [*experiment.models.contenders(ran), FINETUNE_ONLY]
+        names = experiment.models.of_role(ran, "paper", "isi", "baseline", "own")
+        names = [*names, FINETUNE_ONLY]
         names = [name for name in names if name in queried]
         cells = 100 * cells_of(last, names, scope, "mrr_star")
         measure = {f"{TITLES[scope]}, epoch {epoch}": cells}
@@ -492,7 +446,7 @@ def at_the_end(experiment: Experiment) -> pd.DataFrame:
 
 
 @table("report")
-@of_each_graph
+@of_each("standalone")
 def earlier_at_the_end(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     """Differences in earlier knowledge at the last epoch."""
     return None if experiment.curves.empty else at_the_end(experiment)
@@ -506,11 +460,11 @@ def transfer(results: Results) -> Frames:
     """The transfer (section 6.3): what was mined, MRR* right after insertion beside the paper's,
     and differences at the last epoch.
     """
-    frames, paper = dict[str, pd.DataFrame](), results.paper["transfer"]
+    frames = dict[str, pd.DataFrame]()
     for experiment in results.extended:
         name = experiment.name
         frames[f"{name}_mined"] = _mined(results, experiment)
-        frames[f"{name}_immediate"] = _beside(experiment, paper)
+        frames[f"{name}_immediate"] = _beside(experiment, results.paper["transfer"])
         if len(experiment.curves):
             frames[f"{name}_at_the_end"] = at_the_end(experiment)
     return frames
@@ -518,28 +472,22 @@ def transfer(results: Results) -> Frames:
 
 def _beside(experiment: Experiment, paper: Mapping[str, Any]) -> pd.DataFrame:
     """Measures right after insertion and epochs to convergence, with the paper's."""
-    epochs = epochs_summary(experiment.convergence, ["scope", "model"])
     columns = dict[str, Any]()
     for scope in ("all", "novel"):
-        means = experiment.means(scope)
-        for end in ("", " low", " high"):
-            columns[f"{scope}: MRR*{end}"] = means[f"mean{end}"]
+        columns |= named(experiment.means(scope), "mean", f"{scope}: MRR*")
         columns[f"{scope}: paper"] = paper[f"{scope}_queries"]
-    dropped = drops(experiment.immediate)
-    for end in ("", " low", " high"):
-        columns[f"drop %{end}"] = dropped[f"drop{end}"]
+    columns |= named(drops(experiment.immediate), "drop", "drop %")
     columns["drop %: paper"] = paper["drop"]
     for scope in CONVERGING:
-        if scope not in epochs.index:
+        epochs = where(experiment.convergence, scope=scope)
+        if epochs.empty:
             continue
-        of_scope = epochs.loc[scope]
-        for name in ("mean", "mean low", "mean high"):
-            columns[f"epochs, {scope}: {name}"] = of_scope[name]
+        summary = epochs_summary(epochs, ["model"])
+        columns |= named(summary, "mean", f"epochs, {scope}: mean")
         if scope == "all":
             columns["epochs, all: paper"] = paper["epochs"]
-        for name in ("unconverged %", "unconverged % low", "unconverged % high"):
-            columns[f"epochs, {scope}: {name}"] = of_scope[name]
-    return by_label(experiment, experiment.rows, columns)
+        columns |= named(summary, "unconverged %", f"epochs, {scope}: unconverged %")
+    return by_label(experiment.models, experiment.rows, columns)
 
 
 def _mined(results: Results, experiment: Experiment) -> pd.DataFrame:
@@ -549,11 +497,8 @@ def _mined(results: Results, experiment: Experiment) -> pd.DataFrame:
     extend = experiment.settings.graph.extend
     assert extend is not None  # noqa: S101  # true of ``results.extended``
     source, minimum = extend.source, extend.min_observations
-    base = next(
-        (each.title for each in results.standalone if each.settings.graph.source
-         == experiment.settings.graph.source),
-        experiment.settings.graph.source,
-    )  # fmt: skip
+    titles = {each.settings.graph.source: each.title for each in reversed(results.standalone)}
+    base = titles.get(experiment.settings.graph.source, experiment.settings.graph.source)
     place = f"data/observations/{source}"
     seen = MinedSource(source, read(f"{place}.parquet"), read(f"{place}.entities.parquet"))
     counts = dict(read(f"{place}.mined.parquet").itertuples(index=False, name=None))
@@ -575,59 +520,53 @@ def _mined(results: Results, experiment: Experiment) -> pd.DataFrame:
 # Table 3
 
 
+@dataclass(frozen=True, eq=False)
 class AffordanceAnswers:
     """Ranked answers to (entity, relation, ?) in one experiment (Table 3)."""
 
-    def __init__(self, results: Results) -> None:
-        self.params = results.params.affordances
-        self.experiment: Experiment | None = None
-        for experiment in results.experiments:
-            ranks = experiment.analysis("affordances")
-            if ranks is not None and self.experiment is None:
-                self.experiment, self.ranks = experiment, ranks
-        if self.experiment is None:
-            return
-        entities, triples = self.experiment.entities, self.experiment.triples
-        tails = triples.loc[triples["relation"] == self.params.relation, "tail"]
-        kinds = entities.loc[entities["entity"].isin(tails), "kind"]
-        self.entities = entities
-        #: kinds of the relation's tails; answers of other kinds are wrong
-        self.kinds = sorted(kinds.unique())
-        self.ranks = self.ranks.rename(columns={"initializer": "model"})
-        self.afforded: Mapping[str, Names] = results.vocabulary["afforded"]
-        self._means = self._mean_ranks()
+    experiment: Experiment
+    ranks: pd.DataFrame  #: rows by model, seed, entity and answer
+    shown: Names  #: the entities of the table
+    kinds: Names  #: of the relation's tails; answers of other kinds are wrong
+    afforded: Mapping[str, Names]
 
-    def _mean_ranks(self) -> pd.DataFrame:
-        """The mean rank of each answer that is in every repeat, over the repeats that inserted one
-        of the entities shown: rows by model, entity and answer.
+    @cached_property
+    def _top(self) -> pd.DataFrame:
+        """The ``TOP`` answers of lowest mean rank of each model about each entity, among those
+        that are in every repeat; rows by model, entity and answer, with the answer's kind.
         """
-        experiment = self.experiment
-        assert experiment is not None  # noqa: S101
-        ids = {name: place for place, name in enumerate(self.entities["entity"])}
-        wanted = [ids[name] for name in self.params.entities if name in ids]
-        rows = where(self.ranks, entity=wanted)
-        known = self.entities["source"] == experiment.settings.graph.source
-        rows = rows[rows["answer"].map(known)]
-        means = rows.groupby(["model", "entity", "answer"])["rank"].mean()
-        return means.reset_index()
+        entities = self.experiment.entities
+        answers = entities[entities["source"] == self.experiment.settings.graph.source]
+        ranks = where(self.ranks, answer=list(answers.index))
+        means = ranks.groupby(["model", "entity", "answer"])["rank"].mean().reset_index()
+        best = means.sort_values("rank", kind="stable").groupby(["model", "entity"]).head(TOP)
+        return best.assign(
+            entity=best["entity"].map(entities["entity"]),
+            kind=best["answer"].map(entities["kind"]),
+            answer=best["answer"].map(entities["entity"]),
+        )
 
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
         """The ``TOP`` answers of lowest mean rank, each with its kind."""
-        ids = self.entities.index[self.entities["entity"] == entity]
-        rows = where(self._means, model=model, entity=list(ids))
-        best = rows.sort_values("rank", kind="stable")["answer"][:TOP]
-        return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
+        rows = where(self._top, model=model, entity=entity)
+        return list(rows[["answer", "kind"]].itertuples(index=False, name=None))
 
     def judged(self, model: str) -> dict[str, int]:
         """Number of ``top`` answers of a right kind (plausible, or unlikely) and of a wrong one."""
-        entities = self.params.entities
-        tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
-        hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
+        tops = where(self._top, model=model, entity=list(self.shown))
+        hits = where(tops, kind=list(self.kinds))
         counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
-        if all(entity in self.afforded for entity in entities):
-            counts["plausible"] = sum(answer in self.afforded[entity] for entity, answer in hits)
+        if set(self.shown) <= set(self.afforded):
+            named_hits = hits[["entity", "answer"]].itertuples(index=False)
+            counts["plausible"] = sum(answer in self.afforded[of] for of, answer in named_hits)
             counts["unlikely"] = len(hits) - counts["plausible"]
         return counts
+
+    def hits(self) -> pd.DataFrame:
+        """The first ``TOP`` ranks of every repeat, with whether the answer's kind is right."""
+        ranks = self.ranks[self.ranks["rank"] <= TOP]
+        kinds = ranks["answer"].map(self.experiment.entities["kind"])
+        return ranks.assign(hit=kinds.isin(self.kinds))
 
     def rows(self, models: Names, paper: Mapping[str, Mapping[str, Names]]) -> pd.DataFrame:
         """``top`` answers about the entities, a column for each initializer, then the paper's.
@@ -635,31 +574,31 @@ class AffordanceAnswers:
         × marks an answer of a wrong kind, ? an unlikely one: not in ``afforded``, if this has the
         entity. An entity that the paper lacks stands beside one of the paper's that is not shown.
         """
-        experiment, rows = self.experiment, list[dict[str, str]]()
-        assert experiment is not None  # noqa: S101
-        named = list(dict.fromkeys(entity for words in paper.values() for entity in words))
-        spare = iter([entity for entity in named if entity not in self.params.entities])
-        for entity in self.params.entities:
-            other = entity if entity in named else next(spare, entity)
-            ids = self.entities.index[self.entities["entity"] == entity]
+        theirs = list(dict.fromkeys(entity for words in paper.values() for entity in words))
+        spare, parts = iter([name for name in theirs if name not in self.shown]), []
+        for entity in self.shown:
+            other = entity if entity in theirs else next(spare, entity)
+            ids = self.experiment.entities.index[self.experiment.entities["entity"] == entity]
             number = where(self.ranks, entity=list(ids))["seed"].nunique()
             beside = f"; paper: {other}" if other != entity else ""
-            answers: dict[str, Names] = {
-                experiment.models.labels[model]: [
-                    self._marked(entity, *answer) for answer in self.top(model, entity)
+            answers = dict[str, Names]()
+            for model in models:
+                answers[self.experiment.models.labels[model]] = [
+                    marked(answer, kind in self.kinds, self.afforded.get(entity))
+                    for answer, kind in self.top(model, entity)
                 ]
-                for model in models
-            }
             answers |= {f"paper: {name}": words.get(other, []) for name, words in paper.items()}
-            for place in range(TOP):
-                row = {"entity": f"{entity} (n = {number}{beside})", "": f"{place + 1}."}
-                for name, words in answers.items():
-                    row[name] = words[place] if place < len(words) else "–"
-                rows.append(row)
-        return pd.DataFrame(rows)
+            parts.append(in_ranks(f"{entity} (n = {number}{beside})", answers))
+        return pd.concat(parts)
 
-    def _marked(self, entity: str, answer: str, kind: str) -> str:
-        return marked(answer, kind in self.kinds, self.afforded.get(entity))
+
+def in_ranks(entity: str, answers: Mapping[str, Names]) -> pd.DataFrame:
+    """The first ``TOP`` answers about an entity: a row for each rank, a column for each name."""
+    columns = {name: pd.Series(words[:TOP], dtype=object) for name, words in answers.items()}
+    frame = pd.DataFrame(columns, index=range(TOP)).fillna("–")
+    frame.insert(0, "entity", entity)
+    frame.insert(1, "", [f"{rank}." for rank in range(1, 1 + TOP)])
+    return frame
 
 
 def marked(answer: str, is_right: bool, likely: Names | None) -> str:
@@ -670,34 +609,39 @@ def marked(answer: str, is_right: bool, likely: Names | None) -> str:
 
 
 @cache
-def answers_of(results: Results) -> AffordanceAnswers:
-    """The ranked answers, read once for all tables."""
-    return AffordanceAnswers(results)
+def answers_of(results: Results) -> AffordanceAnswers | None:
+    """The ranked answers of the first experiment that has some, read once for all tables."""
+    settings = results.params.affordances
+    for experiment in results.experiments:
+        ranks = experiment.analysis("affordances")
+        if ranks is None:
+            continue
+        entities, triples = experiment.entities, experiment.triples
+        tails = triples.loc[triples["relation"] == settings.relation, "tail"]
+        kinds = sorted(entities.loc[entities["entity"].isin(tails), "kind"].unique())
+        ranks = ranks.rename(columns={"initializer": "model"})
+        afforded = results.vocabulary["afforded"]
+        return AffordanceAnswers(experiment, ranks, settings.entities, kinds, afforded)
+    return None
 
 
 @table("report")
 def affordances(results: Results) -> Frames:
     """Table 3: ranked affordances of inserted entities, and how often their kind is right."""
     answers = answers_of(results)
-    experiment = answers.experiment
-    if experiment is None:
+    if answers is None:
         return {}
+    experiment, hits = answers.experiment, answers.hits()
     first = [*experiment.methods, *({BASELINE} & set(experiment.initializers))]
     others = [name for name in experiment.initializers if name not in first]
-    hits = answers.ranks[answers.ranks["rank"] <= TOP]
-    kinds = answers.entities["kind"]
-    hits = hits.assign(hit=hits["answer"].map(kinds).isin(answers.kinds))
-    plural = " and ".join(f"{kind}s" for kind in answers.kinds)
-    columns = dict[str, Any]()
-    for title, rows in (
-        (f"top {TOP}: {plural} %", hits),
-        (f"first: {' and '.join(answers.kinds)} %", where(hits, rank=1)),
-    ):
-        means = over_seeds(rows, ["model"], {"hit": title})
-        columns |= {str(name): means[name] for name in means}
+    kinds = f"top {TOP}: {' and '.join(f'{kind}s' for kind in answers.kinds)} %"
+    kind = f"first: {' and '.join(answers.kinds)} %"
+    columns = over_seeds(hits, ["model"], {"hit": kinds})
+    columns = columns.join(over_seeds(where(hits, rank=1), ["model"], {"hit": kind}))
+    shares = by_label(experiment.models, experiment.initializers, {"": columns}, "initializer")
     frames = {
         "table3_affordances": answers.rows(first, results.paper["affordances"]["answers"]),
-        "affordance_shares": by_label(experiment, experiment.initializers, columns, "initializer"),
+        "affordance_shares": shares,
     }
     if others:
         frames["table3_others"] = answers.rows(others, {})
