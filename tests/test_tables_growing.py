@@ -62,16 +62,12 @@ def test_measures_are_those_of_other_code() -> None:
     tables["interference"] = runs.interference("", ["H_old", "H_cur", "D", "A_TN"])
     for chain, (_, of_chain) in zip(runs.chains, rows.groupby(CHAIN, sort=False), strict=True):
         seeds = [of_seed for _, of_seed in of_chain.groupby("seed")]
-        expected = {
-            "grown": pd.DataFrame(map(verify.grown, seeds)),
-            "after_last": pd.DataFrame([verify.after_last(seed, "incde") for seed in seeds]),
-            "interference": pd.DataFrame(map(verify.interference, seeds)),
-        }
-        for name, by_seed in expected.items():
-            found = tables[name].loc[chain]
-            assert found[list(by_seed)].tolist() == pytest.approx(by_seed.mean().tolist())
-        row, by_seed = tables["grown"].loc[chain], expected["grown"]["D"]
-        around = scipy.stats.t.ppf(0.975, 1) * by_seed.sem()
+        by_seed = pd.DataFrame([verify.measures_of(of_seed, "incde") for of_seed in seeds])
+        for name, columns in verify.SHOWN.items():
+            of_table = tables[name].loc[chain, columns]
+            assert of_table.tolist() == pytest.approx(by_seed[columns].mean().tolist())
+        row = tables["grown"].loc[chain]
+        around = scipy.stats.t.ppf(0.975, 1) * by_seed["D"].sem()
         ends = row["D"] - row["D low"], row["D high"] - row["D"]
         assert ends == pytest.approx((around, around))
         assert row["seconds"] == 3
