@@ -200,11 +200,16 @@ def strong(frame: pd.DataFrame) -> list[Panel]:
 
 
 def gain_and_harm(frame: pd.DataFrame) -> list[Panel]:
-    """New tests against the base test, for each initializer with each strategy."""
+    """New tests against the base test, for each initializer with each strategy in its first
+    setting.
+    """
     trained = frame["new tests, after training"].fillna(frame["new tests, at once"])
     shown = frame.assign(new=trained, base=frame["base test, in the end"])
-    fold_in = shown["initializer"].str.startswith("Fold-in")
-    shown["frontier"] = pd.Series("Fold-in", shown.index).where(fold_in)
+    is_fold_in = shown["initializer"].str.startswith("Fold-in")
+    shown["initializer"] = shown["initializer"].mask(is_fold_in, "Fold-in")
+    shown["frontier"] = shown["initializer"].where(is_fold_in)
+    has_other_setting = shown["strategy"].str.contains(r", \w+ [\d.]+$")
+    shown = shown[~has_other_setting]
     return [
         scatter(
             shown,
