@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from isi.benchmark.study import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.tables import paths
 from tests.beyond_entries import HIDDEN, ROOT, TRAINING, copy_pipelines, list_entries
 from tests.small_graphs import random_graph
@@ -37,7 +37,7 @@ def settings_of(**changed: Any) -> Hidden:
 
 def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden
+    from isi.benchmark.in_pykeen import hidden
 
     with pytest.raises(
         InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected fewer hidden"
@@ -56,7 +56,7 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
     training: dict[str, Any], trained_with: str
 ) -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
@@ -82,7 +82,7 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
 
 def test_a_large_graph_can_leave_out_the_training_of_all_rows() -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     for retrain in (False, True):
@@ -98,10 +98,9 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
 ) -> None:
     pytest.importorskip("pykeen")
     from isi.benchmark import HiddenSplit
-    from isi.extras import hidden_in_pykeen
 
     given, queried, trained_on = list[set[Any]](), list[set[Any]](), list[set[Any]]()
-    insert, evaluate = hidden_in_pykeen.insert, HiddenSplit.evaluate
+    insert, evaluate = in_pykeen.insert, HiddenSplit.evaluate
 
     def insert_spy(model: Any, factory: Any, *facts: Any, validation: Any, **options: Any) -> Any:
         given.append(set(map(tuple, validation.mapped_triples.tolist())))
@@ -112,7 +111,7 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
         queried.append(set(map(tuple, earlier.tolist())))
         return evaluate(split, model, earlier=earlier)
 
-    monkeypatch.setattr(hidden_in_pykeen, "insert", insert_spy)
+    monkeypatch.setattr(in_pykeen, "insert", insert_spy)
     monkeypatch.setattr(HiddenSplit, "evaluate", evaluate_spy)
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     settings = settings_of(
@@ -121,7 +120,7 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
         train_all_rows=False,
         retrain=False,
     )
-    hidden_in_pykeen.hidden_in(points, None, settings, "hidden.ring", 0)
+    in_pykeen.hidden_in(points, None, settings, "hidden.ring", 0)
     valid, test, train = given[0], queried[0], trained_on[0]
     assert all(triples == valid for triples in given)
     assert all(triples == test for triples in queried)
@@ -170,7 +169,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(
 )
 def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
     points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     (place,) = wrong

@@ -12,12 +12,12 @@ import pytest
 
 from isi.config import Count, read
 from isi.errors import InputError
-from isi.extras import procthor_houses
 from isi.sources import (
     READERS,
     Mining,
     Observation,
     Source,
+    procthor_houses,
     reader,
     readers,
     recordings,

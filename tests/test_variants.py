@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.analyses.query_breakdown import break_down
 from isi.analyses.variants import (
     LEARNED,
     VARIANT_QUERIES,
@@ -26,10 +25,11 @@ from isi.analyses.variants import (
     run_variant,
     train_models,
 )
+from isi.benchmark.study import study_of
 from isi.errors import InputError
-from isi.experiment.insert import InsertConfig, insert_stack
+from isi.experiment.breakdown import break_down
+from isi.experiment.insert import InsertConfig, insert_stack, with_vectors
 from isi.experiment.train import TrainConfig, evaluate_stack
-from isi.extras.hidden_entities import study_of
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
@@ -171,9 +171,13 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))
     for name, result in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), result.runs.reset_index(drop=True))
-    same = break_down(
-        points, theta0, joint[0], {name: result.vectors for name, result in inserted.items()}
-    )
+    novel = points.novel_in(1)
+    embeddings = {
+        name: with_vectors(theta0, novel, torch.from_numpy(result.vectors))
+        for name, result in inserted.items()
+    }
+    embeddings["joint"] = joint[0]
+    same = pd.concat(break_down(points, theta, name) for name, theta in embeddings.items())
     pd.testing.assert_frame_equal(answers.reset_index(drop=True), same.reset_index(drop=True))
 
 

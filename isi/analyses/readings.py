@@ -13,7 +13,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from isi.analyses.query_breakdown import ranks_of
+from isi.analyses.affordances import ranks_of
 from isi.analyses.variants import Changes
 from isi.config import Count, EachOnce, Name, Names, Section, ensure
 from isi.evaluation import readings
