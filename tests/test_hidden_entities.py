@@ -97,7 +97,7 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("pykeen")
-    from isi.benchmark import HiddenSplit
+    from isi.benchmark import HiddenSplit, in_pykeen
 
     given, queried, trained_on = list[set[Any]](), list[set[Any]](), list[set[Any]]()
     insert, evaluate = in_pykeen.insert, HiddenSplit.evaluate
