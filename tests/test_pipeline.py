@@ -40,7 +40,7 @@ ANALYSES = (
 )
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
 #: sweeps, what the page demonstrates, the tables, the report.
-STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 3
+STAGES = 2 * (6 + len(INITIALIZERS)) + 6 + len(SWEPT) + len(RATED) + 3
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
