@@ -13,6 +13,7 @@ import pandas as pd
 from isi import config
 from isi.report.tables.data import BASELINE, Models, read
 from isi.report.tables.estimates import ENDS, Line, Names, named, over_seeds, where
+from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.registry import Frames, table
 
 if TYPE_CHECKING:
@@ -266,7 +267,9 @@ TIMED = ("new_rows", "new_rows_and_earlier", "replay")
 @table("continual")
 def frontier(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """Use against harm: the test sets of later snapshots in the end, and that of the first one."""
-    return _points(results, _dial)
+    points = _points(results, _dial)
+    points.attrs[ANY_SIZE] = ["value"]
+    return points
 
 
 def _dial(runs: GrownRuns, chain: Chain) -> Place | None:
