@@ -176,7 +176,7 @@ class Params(Section):
 
     def reading_config(self, case: ReadingCase) -> ReadingConfig:
         """The config of an entry of ``readings``; these params include its changes."""
-        names = [*case.initializers, *case.at_once]
+        names = [*case.initializers, *case.immediate_only]
         inserted = [(self.insert_config(name), 0) for name in names]
         for name, numbers in case.indicators.items():
             for k in numbers:
@@ -371,7 +371,7 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
         f"{key}.graph.extend.source",
     )
     check_names(case.initializers, params.initializers, f"{key}.initializers")
-    check_names(case.at_once, params.initializers, f"{key}.at_once")
+    check_names(case.immediate_only, params.initializers, f"{key}.immediate_only")
     check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")

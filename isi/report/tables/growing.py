@@ -28,7 +28,7 @@ Chain = tuple[str, str]  #: Keys of an initializer and a strategy in params.
 RUN = [*CHAIN, "seed"]  #: Columns that name one chain.
 #: Measures of ``GrownRuns.measures`` with their headers.
 MEASURES = {
-    "at_once": "new tests, at once",
+    "inserted": "new tests, at once",
     "trained": "new tests, after training",
     "base_before": "base test, before",
     "base": "base test, in the end",
@@ -169,7 +169,7 @@ class GrownRuns:
         base = where(self.trained, j=0)
         later = where(self.trained, i=last)
         tests = {
-            MEASURES["at_once"]: where(new, phase="inserted"),
+            MEASURES["inserted"]: where(new, phase="inserted"),
             MEASURES["trained"]: where(new, phase="trained"),
             MEASURES["base_before"]: where(base, i=0),
             MEASURES["base"]: where(base, i=last),
@@ -215,10 +215,10 @@ def read_runs(experiments: Mapping[str, "ContinualExperiment"], models: Models) 
 
 #: Columns of ``carried``: title, chain and measure.
 CARRIED = [
-    ("new tests: class mean", ("class_mean", "insert"), MEASURES["at_once"]),
-    ("new tests: ERAvg", ("er_avg", "insert"), MEASURES["at_once"]),
-    ("new tests: soft RS", ("soft_rs", "insert"), MEASURES["at_once"]),
-    ("new tests: default", (DEFAULT, "insert"), MEASURES["at_once"]),
+    ("new tests: class mean", ("class_mean", "insert"), MEASURES["inserted"]),
+    ("new tests: ERAvg", ("er_avg", "insert"), MEASURES["inserted"]),
+    ("new tests: soft RS", ("soft_rs", "insert"), MEASURES["inserted"]),
+    ("new tests: default", (DEFAULT, "insert"), MEASURES["inserted"]),
     ("new tests: soft RS, new rows trained", ("soft_rs", "new_rows"), MEASURES["trained"]),
     ("base test: before", (DEFAULT, "insert"), MEASURES["base_before"]),
     ("base test: soft RS", ("soft_rs", "insert"), MEASURES["base"]),
