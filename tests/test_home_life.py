@@ -238,14 +238,6 @@ def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Pa
     assert_same(seen(live), seen(told))
 
 
-def test_a_refused_question_leaves_what_was_derived() -> None:
-    live = LiveEmbedding(KNOWN)
-    derived = live.now
-    with pytest.raises(InputError):
-        live.ask("nothing of that name", "in")
-    assert live.now is derived
-
-
 @pytest.mark.filterwarnings("ignore")  # it has learned nothing
 def test_training_of_a_home_is_on_all_that_holds(tmp_path: Path) -> None:
     rows = [(f"thing {each}", "at", f"room {each % 4}") for each in range(12)]

@@ -610,17 +610,6 @@ def test_new_rows_alone_are_trained(name: str, factory: Any) -> None:
     assert (again.initializer, again.harm) == ("mean", None)
 
 
-def test_a_result_is_made_on_first_use_and_shows_few_names(factory: Any) -> None:
-    model = model_of("distmult", factory)
-    done = isi.pykeen.insert(model, factory, NEW, initializer="mean")
-    shown = [name for name in dir(done) if not name.startswith("_")]
-    assert len(shown) == 7
-    assert not {"model", "factory"} & vars(done).keys()
-    larger, more = done
-    assert (larger, more) == (done.model, done.factory)
-    assert repr(done) == repr(done.rows)
-
-
 @pytest.mark.usefixtures("few_initializers")
 def test_harm_is_measured_on_validation_triples_in_any_form(factory: Any) -> None:
     model = model_of("distmult", factory, 50)

@@ -111,13 +111,6 @@ def test_entities_of_a_benchmark_have_names_and_words() -> None:
     assert timeline.relation_names[0].startswith("/")
 
 
-def test_all_triples_of_fb15k_237_arrive_once_in_the_seven_benchmarks_of_five_parts() -> None:
-    for name in list(BENCHMARKS)[:7]:
-        triples = np.concatenate([snapshot.triples for snapshot in benchmark(name).snapshots])
-        numbers = triples @ [237 * 14_541, 14_541, 1]
-        assert len(np.unique(numbers)) == len(triples) == 310_116
-
-
 def test_another_name_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(InputError, match=r"expected one of ENTITY.*did you mean 'FBinc-S'"):
         Timeline.benchmark("fbinc_s")

@@ -15,9 +15,9 @@ from isi.continual.experiment import FIRST, MATRIX
 from isi.report.tables.growing import PUBLISHED
 from isi.tables import paths
 from tests import small_continual, stage_run
-from tests.small_continual import FOLDER, NAME
+from tests.small_continual import NAME
 from tools import verify
-from tools.verify import TIE, Check, GrowingGraph, measures, plain_steps, ranked, wins_of
+from tools.verify import TIE, Check, GrowingGraph, measures, ranked, wins_of
 
 INITIALIZERS: dict[str, Any] = {"mean": {}, "er_avg": {}}
 PAIRS = {"mean": ["insert", "replay"], "er_avg": ["insert"]}
@@ -159,15 +159,6 @@ def test_an_altered_number_of_the_report_is_named(name: str, column: str, line: 
     assert disagreement.startswith(expected)
 
 
-@pytest.mark.usefixtures("copied")
-def test_ids_and_samples_are_those_of_the_library() -> None:
-    own, graph = Timeline.from_folder(FOLDER), GrowingGraph(str(FOLDER))
-    assert graph.entities == own.entities.tolist()
-    assert graph.relations == own.relations.tolist()
-    for snapshot, test in zip(own.snapshots, graph.tests, strict=True):
-        assert test.tolist() == snapshot.test.tolist()
-
-
 def test_the_packed_benchmarks_are_read_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(paths.RAW.resolve().parent.parent)
     own, graph = Timeline.benchmark("FBinc-S"), GrowingGraph("FBinc-S")
@@ -223,13 +214,3 @@ def test_test_sets_with_later_relations_are_left_out(tmp_path: Path) -> None:
     graph = GrowingGraph(str(tmp_path))
     ranks = ranked(graph, np.ones((2, 2), np.float32), np.ones((1, 4), np.float32), 1)
     assert set(ranks["j"]) == {0}
-
-
-def test_what_is_computed_again_of_a_chain() -> None:
-    steps = plain_steps(SETTINGS | {"pairs": "all"}, 2).apply(tuple, axis=1).tolist()
-    assert len(steps) == len(set(steps))
-    assert set(steps) == {
-        ("", "", "trained", 0),
-        *(("mean", "insert", phase, i) for phase in ("inserted", "trained") for i in (1, 2)),
-        ("mean", "replay", "inserted", 1),
-    }
