@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -21,16 +20,11 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.groups import EntityGroups
 from isi.live.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
-from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, quick_choices, seen
+from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, seen
 
+pytestmark = pytest.mark.usefixtures("quick")
 MUG = ("mug", "in", "e1")
 FIRST = TRAINED[0]
-
-
-@pytest.fixture(autouse=True)
-def _quick() -> Iterator[None]:
-    with quick_choices():
-        yield
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 model and ``isi.pykeen`` do.
 """
 
-from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import torch
 import isi
 from isi.errors import InputError
 from isi.live.answers import Answer
-from tests.small_live import quick_choices
 from tests.small_pykeen import ENTITIES, RELATIONS, model_of, ring
 
 pytest.importorskip("pykeen")
@@ -23,6 +21,7 @@ from pykeen.pipeline import PipelineResult
 from pykeen.predict import predict_target
 from pykeen.triples import CoreTriplesFactory
 
+pytestmark = pytest.mark.usefixtures("quick")
 FACTS = [("cup", "r0", "e1"), ("cup", "r1", "e4"), ("e3", "r1", "cup")]
 MODELS: list[tuple[str, dict[str, Any]]] = [
     ("distmult", {}),
@@ -31,12 +30,6 @@ MODELS: list[tuple[str, dict[str, Any]]] = [
     ("rotate", {}),
     ("rescal", {}),
 ]
-
-
-@pytest.fixture(autouse=True)
-def _quick() -> Iterator[None]:
-    with quick_choices():
-        yield
 
 
 def rank_of(answer: Answer) -> int:

@@ -171,18 +171,6 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
             assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
 
 
-def test_a_novel_entity_tied_only_to_novel_ones_has_no_insert_triple() -> None:
-    graph, splits = (
-        graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1),
-        np.zeros(3, dtype=np.int8),
-    )
-    assert sample_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
-    one_by_one = np.array([[1], [0]])
-    assert sample_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
-    # 1 came the session before
-    assert sample_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]
-
-
 # What draws depend on
 
 

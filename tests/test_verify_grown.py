@@ -17,7 +17,7 @@ from isi.tables import paths
 from tests import small_continual, stage_run
 from tests.small_continual import NAME
 from tools import verify
-from tools.verify import TIE, Check, GrowingGraph, measures, ranked, wins_of
+from tools.verify import TIE, Check, GrowingGraph, ranked, wins_of
 
 INITIALIZERS: dict[str, Any] = {"mean": {}, "er_avg": {}}
 PAIRS = {"mean": ["insert", "replay"], "er_avg": ["insert"]}
@@ -173,31 +173,6 @@ def test_scores_at_the_edge_of_a_tie_may_fall_either_way() -> None:
     fewest, most = wins_of(scores, np.array([0]))[:, 0].tolist()
     assert fewest == [0.5, 0.5, 0.5, 0.5, 1, 0.5, 0, 0, 0]
     assert most == [0.5, 0.5, 1, 1, 1, 0.5, 0.5, 0, 0]
-
-
-def test_ranks_of_a_complex_embedding_by_hand(tmp_path: Path) -> None:
-    """(cup, in, e) scores 1, 5, 4, 2 for the known e, and 3 for the new ones: their mean."""
-    write_snapshots(
-        tmp_path, ["cup in hall", "cup in attic", "cup in den"], ["mug in loft", "", ""]
-    )
-    graph = GrowingGraph(str(tmp_path))
-    entity = np.array([[1.0, 0.0], [5.0, 0.0], [4.0, 0.0], [2.0, 0.0]], np.float32)
-    relation = np.array([[1.0, 0.0, 1.0, 0.0]], np.float32)
-    ranks = ranked(graph, entity, relation, 1)
-    expected = {
-        "lkge": 2,  # attic is ahead: valid.txt is not read
-        "incde": 1,
-        "revisiting": 3,  # mug and loft are ahead
-        "current": 3,
-        "old": 1,
-    }
-    for bound in ("lowest", "highest"):
-        row = measures(ranks, bound).reset_index()
-        row = row[(row["j"] == 0) & (row["slot"] == "tail") & (row["answer"] == "old")]
-        for protocol, rank in expected.items():
-            (numbers,) = row.loc[row["protocol"] == protocol, verify.MEASURES].to_numpy().tolist()
-            hits = [float(rank <= k) for k in (1, 3, 10)]
-            assert numbers == [1, pytest.approx(1 / rank), *hits]
 
 
 def write_snapshots(folder: Path, *snapshots: list[str]) -> None:
