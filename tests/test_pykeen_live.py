@@ -107,18 +107,6 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
         isi.from_pykeen(model)
 
 
-def test_kinds_that_match_no_label_are_named() -> None:
-    known = ring()
-    with pytest.warns(
-        UserWarning,
-        match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
-    ):
-        live = isi.from_pykeen(
-            model_of("distmult", known), known, kinds={"e1": "place", "x1": "object"}
-        )
-    assert live.base.kinds[live.base.entity_names.index("e1")] == "place"
-
-
 def test_a_model_without_inverse_explains_without_relational_scores() -> None:
     known = ring()
     live = isi.from_pykeen(model_of("tucker", known), known)

@@ -84,9 +84,9 @@ def of(
     return selection
 
 
-def candidate(about: float, harm: float, name: str = "") -> Candidate:
+def candidate(about: float, harm: float) -> Candidate:
     return Candidate(
-        name, {}, "logistic", known_ends=about, hidden_ends=about, h_old=1.0, h_cur=1.0, harm=harm
+        "", {}, "logistic", known_ends=about, hidden_ends=about, h_old=1.0, h_cur=1.0, harm=harm
     )
 
 

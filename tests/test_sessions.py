@@ -266,12 +266,10 @@ def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
 SHARES = Shares(valid=0.2, test=0.2, insert_fraction=0.5)
 
 
-def store_of(graph: Graph, sources: list[str] | None = None, **sessions: Any) -> Store:
+def store_of(graph: Graph, **sessions: Any) -> Store:
     """A store in memory of a graph and the sessions sampled for it."""
     names = np.array(graph.entities)
-    entities = pd.DataFrame(
-        {"entity": names, "phrase": names, "kind": "object", "source": sources or "here"}
-    )
+    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"})
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame(
         {"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]}
