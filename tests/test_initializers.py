@@ -47,6 +47,9 @@ RANDOM = ("xavier", "iu", "gaussian", "gaussian_centred", "class_noise")
 Observed = tuple[int, int, bool]
 
 
+CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
+
+
 def initial(name: str, given: InitContext) -> InitResult:
     return insert(name, given, **EVERYONE[name])
 
@@ -290,6 +293,18 @@ def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
     before, after = (initial(name, seen(of)) for of in (world(), rewired(world())))
     assert torch.equal(before.vectors, after.vectors)
     assert torch.equal(before.fallback, after.fallback)
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_a_mean_of_indicators_is_a_mean_and_map_moves_away_from_one(name: str) -> None:
+    given = insertion()
+    result = initial(name, given)
+    assert (result.indicators is not None) == (name in CENTROIDS)
+    if result.weights is None:
+        assert name in (*RANDOM, "er_avg", "projection")
+        return
+    mean = (result.weights.float() @ given.theta0.entity).allclose(result.vectors, atol=1e-6)
+    assert mean == ("strength" not in EVERYONE[name])
 
 
 def digests() -> dict[str, str]:

@@ -600,6 +600,12 @@ def test_new_rows_alone_are_trained(name: str, factory: Any) -> None:
     assert (again.initializer, again.harm) == ("mean", None)
 
 
+def test_a_larger_model_is_made_on_first_use(factory: Any) -> None:
+    done = isi.pykeen.insert(model_of("distmult", factory), factory, NEW, initializer="mean")
+    assert not {"model", "factory"} & vars(done).keys()
+    assert tuple(done) == (done.model, done.factory)
+
+
 @pytest.mark.usefixtures("few_initializers")
 def test_harm_is_measured_on_validation_triples_in_any_form(factory: Any) -> None:
     model = model_of("distmult", factory, 50)

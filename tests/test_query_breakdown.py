@@ -177,6 +177,14 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
         assert set(found["entity"]) == {5}
 
 
+def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
+    rows = break_down(*random_task([0, 1, 2]))
+    true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
+    assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
+    assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
+    assert true["queries"].tolist() == learned["queries"].tolist()
+
+
 def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
     """Groups of one grid point: relation, hidden, queries, MRR*, observations."""
     columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
