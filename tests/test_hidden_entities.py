@@ -29,6 +29,7 @@ CROSS_ENTROPY = TRAINING | {
 ROWS = CROSS_ENTROPY | {"loop": "rows", "negatives": 8, "n3": 0.005, "learning_rate": 0.1}
 ENTITIES, RELATIONS = 30, 3
 GRAPH = random_graph(ENTITIES, RELATIONS, 200)
+POINTS = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
 
 
 def settings_of(**changed: Any) -> Hidden:
@@ -59,9 +60,8 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
     from isi.benchmark.in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     settings = settings_of(training=training)
-    answers, seconds = hidden_in(points, words, settings, "hidden.ring", 0)
+    answers, seconds = hidden_in(POINTS, words, settings, "hidden.ring", 0)
     methods = ["insert", "mean", "own", "insert_new_rows", "own_new_rows"]
     before = answers[answers["method"] == "nothing"]
     assert list(before["asked"]) == ["earlier"]
@@ -84,10 +84,9 @@ def test_a_large_graph_can_leave_out_the_training_of_all_rows() -> None:
     pytest.importorskip("pykeen")
     from isi.benchmark.in_pykeen import hidden_in
 
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     for retrain in (False, True):
         settings = settings_of(train_all_rows=False, retrain=retrain, max_insert_triples=[None])
-        answers, seconds = hidden_in(points, None, settings, "hidden.ring", 0)
+        answers, seconds = hidden_in(POINTS, None, settings, "hidden.ring", 0)
         expected = {"retrained"} if retrain else set()
         for table in (answers, seconds):
             assert {"own_all_rows", "retrained"} & set(table["method"]) == expected
@@ -113,14 +112,13 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
 
     monkeypatch.setattr(in_pykeen, "insert", insert_spy)
     monkeypatch.setattr(HiddenSplit, "evaluate", evaluate_spy)
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     settings = settings_of(
         training=CROSS_ENTROPY | {"optimizer": "adagrad"},
         max_insert_triples=[1],
         train_all_rows=False,
         retrain=False,
     )
-    in_pykeen.hidden_in(points, None, settings, "hidden.ring", 0)
+    in_pykeen.hidden_in(POINTS, None, settings, "hidden.ring", 0)
     valid, test, train = given[0], queried[0], trained_on[0]
     assert all(triples == valid for triples in given)
     assert all(triples == test for triples in queried)
@@ -171,10 +169,9 @@ def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]
     pytest.importorskip("pykeen")
     from isi.benchmark.in_pykeen import hidden_in
 
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     (place,) = wrong
     with pytest.raises(InputError, match=rf"hidden\.ring\.training\.{place}: "):
-        hidden_in(points, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
+        hidden_in(POINTS, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
 
 
 def test_a_dataset_that_pykeen_lacks_is_named(

@@ -137,17 +137,17 @@ def test_a_variant_knows_what_its_changes_concern() -> None:
 # The runs
 
 
-def stored(size: int = 2) -> Models:
+def stored() -> Models:
     """Θ⁰ and the joint models, trained as in the first pipeline."""
-    return train_models(points_of(GRAPH, size, SEEDS), LEARNING)
+    return train_models(points_of(GRAPH, 2, SEEDS), LEARNING)
 
 
-def task(start: Models | TrainConfig, most: int | None = None, size: int = 2) -> VariantTask:
+def task(start: Models | TrainConfig, most: int | None = None) -> VariantTask:
     configs = {
         name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN)
         for name in NAMES
     }
-    return points_of(GRAPH, size, SEEDS), start, WORDS, configs, most
+    return points_of(GRAPH, 2, SEEDS), start, WORDS, configs, most
 
 
 def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
