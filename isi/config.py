@@ -211,6 +211,17 @@ def value_of(values: Any, key: str) -> Any:
     return values
 
 
+def check_names(listed: Iterable[str], known: Iterable[str], key: str) -> None:
+    """InputError at a key for the first listed name that is not known."""
+    for name in listed:
+        if name not in known:
+            raise InputError(
+                "",
+                key,
+                f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}",
+            )
+
+
 class Plugins(Generic[T]):
     """Objects that modules register by name: those of a package, except private ones,
     and those that installed projects name as entry points of a group called as the package.

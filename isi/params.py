@@ -11,15 +11,15 @@ from pydantic import Field
 
 from isi import config
 from isi.analyses import variants
+from isi.analyses.affordances import Affordances
 from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
-from isi.analyses.query_breakdown import Affordances
 from isi.analyses.readings import ReadingCase, ReadingConfig
 from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
-from isi.config import Name, Names, Section, Seed, Study, distinct
+from isi.config import Name, Names, Section, Seed, Study, check_names, distinct
 from isi.continual.experiment import ContinualExperiment, check_experiment
-from isi.errors import InputError, at, suggestion
+from isi.errors import InputError, at
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, InsertConfig, is_listed
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainConfig
@@ -176,7 +176,7 @@ class Params(Section):
 
     def reading_config(self, case: ReadingCase) -> ReadingConfig:
         """The config of an entry of ``readings``; these params include its changes."""
-        names = [*case.initializers, *case.at_once]
+        names = [*case.initializers, *case.immediate_only]
         inserted = [(self.insert_config(name), 0) for name in names]
         for name, numbers in case.indicators.items():
             for k in numbers:
@@ -190,7 +190,7 @@ class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
-    hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.extras``
+    hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.benchmark.study``
     readings: dict[Name, ReadingCase] = Field(default_factory=dict)
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
@@ -371,7 +371,7 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
         f"{key}.graph.extend.source",
     )
     check_names(case.initializers, params.initializers, f"{key}.initializers")
-    check_names(case.at_once, params.initializers, f"{key}.at_once")
+    check_names(case.immediate_only, params.initializers, f"{key}.immediate_only")
     check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")
@@ -387,14 +387,3 @@ def _check_variant(variant: Variant, params: Params, key: str) -> None:
         options_of(initializer, options, f"{key}.options.{initializer}")
     with at("", f"{key}.changes"):
         check_params(variants.changed(params, variant.changes))
-
-
-def check_names(listed: Iterable[str], known: Iterable[str], key: str) -> None:
-    """InputError at a key for the first listed name that is not known."""
-    for name in listed:
-        if name not in known:
-            raise InputError(
-                "",
-                key,
-                f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}",
-            )

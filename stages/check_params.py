@@ -2,8 +2,8 @@
 
 import sys
 
+from isi.benchmark.study import study_of
 from isi.errors import at
-from isi.extras.hidden_entities import study_of
 from isi.params import check_names, load, load_beyond, load_continual
 from isi.process import errors_in_one_line
 from isi.tables import paths

@@ -1,11 +1,15 @@
 """Insert novel entities into Θ⁰ with one initializer, measure right after insertion, and fine-tune.
 
-An initializer that the experiment does not list leaves tables without rows; one in
+Where ``query_breakdown`` lists the experiment, the measures right after insertion are also taken by
+kind of query. An initializer that the experiment does not list leaves tables without rows; one in
 ``immediate_only`` is not fine-tuned.
 """
 
+from dataclasses import replace
+
 import torch
 
+from isi.experiment.breakdown import QUERY_BREAKDOWN, write_queries
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import SessionResult, insert_stack, insert_tasks, is_listed
 from isi.experiment.runner import run, stack_height
@@ -24,6 +28,7 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
         full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
         config = params.insert_config(initializer, full_curves)
         config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
+        config = replace(config, breaks_down=experiment in params.query_breakdown.experiments)
         tasks = insert_tasks(store, params.model_of(), grid, config)
         results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     else:
@@ -42,6 +47,8 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
         experiment,
         initializer,
     )
+    queries = concat((result.queries for result in results), QUERY_BREAKDOWN)
+    write_queries(queries, context.stage, experiment, initializer)
 
 
 if __name__ == "__main__":

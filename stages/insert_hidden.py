@@ -12,11 +12,11 @@ if find_spec("pykeen") is None:
     sys.exit("insert_hidden: expected the package PyKEEN: pip install 'isi-kge[pykeen]'")
 
 from isi.benchmark.graphs import of_package, shipped
+from isi.benchmark.in_pykeen import hidden_in
+from isi.benchmark.study import HIDDEN_ENTITIES, seconds_path, study_of
 from isi.errors import at
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
-from isi.extras.hidden_entities import HIDDEN_ENTITIES, seconds_path, study_of
-from isi.extras.hidden_in_pykeen import hidden_in
 from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, Graph, build_graph
 from isi.graph.words import load_vectors, look_up
 from isi.stage import StageContext, stage

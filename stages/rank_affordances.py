@@ -1,6 +1,6 @@
 """Rank the affordances of inserted entities by their initial vectors."""
 
-from isi.analyses.query_breakdown import AFFORDANCES, rank_answers
+from isi.analyses.affordances import AFFORDANCES, rank_answers
 from isi.errors import InputError
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store

@@ -24,7 +24,7 @@ def record(settings: Recorder) -> None:
             written; scenes that were recorded before the error stay.
     """
     # here, since it imports the simulator's package
-    from isi.extras.recorder import Recording, Simulator, header
+    from isi.recorder import Recording, Simulator, header
 
     with closing(Simulator(settings)) as simulator:
         recording = Recording(Path(settings.output), header(settings))

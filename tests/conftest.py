@@ -1,6 +1,8 @@
 """Settings and fixtures that every test shares."""
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import torch
@@ -40,6 +42,21 @@ def few_initializers(registries: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(INITIALIZERS, "_registered", few)
 
 
+@pytest.fixture
+def quick() -> Iterator[None]:
+    """Choices of initializers are made in no time."""
+    from tests.small_live import quick_choices
+
+    with quick_choices():
+        yield
+
+
+@pytest.fixture
+def in_tmp_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test runs in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+
 #: The files that take longest.
 LONGEST = (
     "test_kills",
@@ -49,7 +66,6 @@ LONGEST = (
     "test_live_command",
     "test_docs",
     "test_writing",
-    "test_strange_results",
     "test_report_page",
     "test_pipeline_extended",
 )

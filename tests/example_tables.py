@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.analyses.query_breakdown import QUERY_BREAKDOWN
+from isi.benchmark.study import HIDDEN_ENTITIES
+from isi.experiment.breakdown import QUERY_BREAKDOWN
 from isi.experiment.store import INSERTED, RUNS, TRAINING_LOG
-from isi.extras.hidden_entities import HIDDEN_ENTITIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.sources import MINED, OBSERVATIONS
 from isi.tables.table import Table

@@ -117,11 +117,11 @@ def insertion(
     )
 
 
-def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
+def four_novel(of: Model = ANALOGY) -> InitContext:
     """Novel entities: 0 with 4 insert triples as head and tail, 5 with one, 9 with none,
     11 without a word vector.
     """
-    words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
+    words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(1))
     words[11] = 0
     seen: list[list[Seen]] = [
         [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)],
@@ -129,7 +129,7 @@ def four_novel(of: Model = ANALOGY, seed: int = 0) -> InitContext:
         [],
         [(2, 1, False), (6, 1, True)],
     ]
-    theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
+    theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, model=of)
     return insertion(
         theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3], TRIPLES
     )

@@ -22,16 +22,16 @@ KNOWN_TRIPLES = [
 ]
 
 
-def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
-    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed)
+def tables(dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
+    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION)
     return {
         "entities": stack.entity[0].numpy().astype(dtype),
         "relations": stack.relation[0].numpy().astype(dtype),
     }
 
 
-def words(seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).standard_normal((ENTITIES + len(NEW), 6)).astype(np.float32)
+def words() -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((ENTITIES + len(NEW), 6)).astype(np.float32)
 
 
 def named(**changed: Any) -> dict[str, Any]:

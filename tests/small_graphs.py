@@ -80,23 +80,16 @@ def random_embedding(
     )
 
 
-def points_of(
-    graph: Graph,
-    size: int,
-    seeds: Sequence[int],
-    root: int = 0,
-    steps: int = 1,
-    fraction: float = 0.5,
-) -> GridPoints:
+def points_of(graph: Graph, size: int, seeds: Sequence[int], steps: int = 1) -> GridPoints:
     """Grid points sampled as in the pipeline, with shares of 0.2 for validation and for test."""
-    splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
+    splits = np.stack([split(graph, 0, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
-    novel = np.stack([sample_novel(everyone, root, size, seed, steps) for seed in seeds])
+    novel = np.stack([sample_novel(everyone, 0, size, seed, steps) for seed in seeds])
     points = GridPoints("home", graph, size, list(seeds), splits, novel)
-    return replace(points, insert_triples=insert_triples_of(points, root, fraction))
+    return replace(points, insert_triples=insert_triples_of(points))
 
 
-def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+def insert_triples_of(points: GridPoints) -> np.ndarray:
     """Insert triples sampled as in the pipeline: session, model, index in ``novel``, triple;
     shape (I, 4).
     """
@@ -105,7 +98,7 @@ def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) 
         for session in range(1, points.sessions + 1)
         for model, seed in enumerate(points.seeds)
         for entity, triple in sample_insert_triples(
-            points.graph, points.splits[model], points.novel[model], session, root, seed, fraction
+            points.graph, points.splits[model], points.novel[model], session, 0, seed, 0.5
         )
     ]
     return np.array(rows, dtype=np.int64).reshape(-1, 4)

@@ -53,9 +53,9 @@ def stacks(height: int, steps: int = 1) -> list[GridPoints]:
 
 
 def training_tasks(
-    height: int, config: TrainConfig = LEARNING, steps: int = 1
+    height: int, config: TrainConfig = LEARNING
 ) -> list[tuple[GridPoints, TrainConfig, int]]:
-    return [(points, config, 0) for points in stacks(height, steps)]
+    return [(points, config, 0) for points in stacks(height)]
 
 
 @cache

@@ -39,6 +39,12 @@ def model_of(name: str, known: CoreTriplesFactory, steps: int = 0, **options: An
     return model.eval()
 
 
+def tables_of(model: ERModel) -> list[torch.Tensor]:
+    """The first tables of a model: rows of entities, and of relations."""
+    parts = model.entity_representations, model.relation_representations
+    return [part[0]().detach() for part in parts]
+
+
 def learn(model: ERModel, triples: torch.Tensor, steps: int) -> None:
     """Some steps on a margin loss; for few triples faster than PyKEEN."""
     rng, optimizer = torch.Generator().manual_seed(0), torch.optim.Adam(model.parameters(), lr=0.05)

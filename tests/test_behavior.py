@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from isi.config import read as read_params
-from isi.extras.behavior import STEPS
+from isi.sources.behavior import STEPS
 from isi.tables import paths
 from tests.observing import observations_of
 

@@ -15,29 +15,18 @@ import pytest
 import torch
 import yaml
 
-import isi
-from isi.__main__ import main
 from isi.errors import MissingPackage
 from isi.graph.graph import TAIL
 from isi.live import checkpoints
 from isi.live.checkpoints import INVERSE
 from isi.live.loaded import LoadedEmbedding
+from tests.importing import Bomb, imported
 from tests.small_bundle import BETWEEN, NAMES
 from tests.their_scores import complex_of_openke, distmult_of_dicee, transe_of_dicee
 
+pytestmark = pytest.mark.usefixtures("in_tmp_path")
 R = len(BETWEEN)
 DIMENSION = 4
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def imported(folder: str, *arguments: str) -> LoadedEmbedding:
-    main(["import", folder, *arguments, "--out", "out"])
-    with isi.open("out") as home:
-        return home.base
 
 
 def scores(bundle: LoadedEmbedding, relation: str) -> np.ndarray:
@@ -308,13 +297,6 @@ def test_normalization_of_dicee_is_refused() -> None:
     write_dicee("DistMult", further=weight, changed={"normalization": "LayerNorm"})
     with pytest.raises(SystemExit, match=r"model\.pt: .*alone, got .*normalize_head"):
         imported("dicee")
-
-
-class Bomb:
-    """An object that creates a folder when it is unpickled."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Path.mkdir, (Path("exploded"),)
 
 
 def test_no_pickle_of_dicee_is_read() -> None:

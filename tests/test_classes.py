@@ -54,6 +54,5 @@ def test_benchmarks_have_the_classes_of_their_entities() -> None:
     assert entity.max() < len(timeline.entity_names)
     assert len(np.unique(timeline.classes, axis=0)) == len(timeline.classes)
     assert 0.9 < len(np.unique(entity)) / len(timeline.entity_names) < 1
-    people = timeline.entity_names.index("/m/0gbwp") if "/m/0gbwp" in timeline.entity_names else -1
-    assert people < 0 or (entity == people).sum() == 6
+    assert (entity == timeline.entity_names.index("/m/0gbwp")).sum() == 6
     assert of.max() < 232

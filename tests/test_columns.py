@@ -113,6 +113,11 @@ def live_observe(facts: Any) -> object:
     return [row.fact for row in home.facts[len(TRIPLES) :]]
 
 
+def timeline(facts: Any) -> object:
+    grows = isi.Timeline.of([(facts, [], [])])
+    return grows.entity_names, grows.snapshots[0].train.tolist()
+
+
 def pykeen_insert(facts: Any) -> object:
     pytest.importorskip("pykeen")
     from pykeen.models import DistMult
@@ -127,7 +132,16 @@ def pykeen_insert(facts: Any) -> object:
 
 @pytest.mark.parametrize(
     "function",
-    [train, insert, insert_beside_known, fit_new, live_insert, live_observe, pykeen_insert],
+    [
+        train,
+        insert,
+        insert_beside_known,
+        fit_new,
+        live_insert,
+        live_observe,
+        timeline,
+        pykeen_insert,
+    ],
 )
 def test_every_function_reads_columns_by_name(function: Callable[[Any], object]) -> None:
     expected = function(FACTS)

@@ -27,11 +27,9 @@ def small_points(seeds: list[int] | None = None, relations: int = 3) -> GridPoin
     return points_of(random_graph(13, relations, 80), 2, seeds or [0, 1, 2])
 
 
-def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
+def begin(points: GridPoints, kind: str = "analogy") -> State:
     relations, model = len(points.graph.relations), make_model(kind, {}, kind)
-    return start(
-        uniform(points.session(0).entities, relations, model, 20, half_range, 0, points.keys())
-    )
+    return start(uniform(points.session(0).entities, relations, model, 20, 0.3, 0, points.keys()))
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from isi.analyses.readings import Asked, measure_stack
+from isi.analyses.readings import Measurement, measure_stack
 from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
@@ -45,7 +45,9 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
                 TRAINED,
                 TRAINED,
                 grid.WORDS,
-                Asked((grid.insert_tasks(4, "es", TRAINED)[0][-1], 0), finetuned=2, curves=curves),
+                Measurement(
+                    (grid.insert_tasks(4, "es", TRAINED)[0][-1], 0), finetuned=2, curves=curves
+                ),
             ),
         )
         for curves in (False, True)

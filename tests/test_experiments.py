@@ -16,11 +16,9 @@ from isi.analyses.joint_models import (
     CrossValidation,
     Setting,
     best_validations,
-    changed_config,
     compare,
-    fold_points,
 )
-from isi.analyses.trajectory import place_of_traced, trace_trajectory
+from isi.analyses.trajectory import place_of_traced
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING, novel_query_set
 from isi.evaluation.ranking import evaluate, measure_rows
@@ -274,28 +272,6 @@ def test_insertion_gives_rows_of_every_session() -> None:
 # Analyses
 
 
-@pytest.mark.parametrize("name", ["xavier", "ers", "mean"])
-def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str) -> None:
-    trained = grid.theta0()
-    (stack,), (points, vectors, words, _, config) = (
-        grid.insert_tasks(4, name, trained),
-        grid.insert_tasks(1, name, trained)[2],
-    )
-    (short, indicators), (long, _) = (
-        trace_trajectory(points, vectors, words, config.training(max_epochs=epochs), 1)
-        for epochs in (2, 4)
-    )
-    assert (len(short), len(long)) == (3, 5)
-    assert short[0].tobytes() == insert_stack(*stack).vectors[2, 1].tobytes()
-    assert short.tobytes() == long[:3].tobytes()
-    assert not np.array_equal(long[3], long[4])
-    assert indicators.sum() == grid.INITIALIZERS[name].get(
-        "k", grid.ENTITIES - grid.SIZE if name == "mean" else 0
-    )
-    if indicators.any():
-        assert np.allclose(trained.entity[2][indicators].mean(0), short[0], atol=1e-6)
-
-
 def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     points, trained, *_ = grid.insert_tasks(1, "ers", grid.theta0())[0]
     first, second = points.novel[0, 0]
@@ -337,26 +313,6 @@ def test_models_are_measured_over_all_test_triples_with_what_training_took() -> 
 FEW = CrossValidation(
     experiments=["home"], folds=5, dimension=[8], ratio=[], learning_rate=[], weight_decay=[]
 ).settings(Setting(dimension=12, ratio=3, learning_rate=0.1, weight_decay=1e-3))
-
-
-def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None:
-    tables = []
-    for height in (1, 2, 5):
-        folds = fold_points("home", grid.GRAPH, grid.LEARNING.root, 5, height)
-        assert max(len(points.seeds) for points in folds) == height
-        tables.append(
-            pd.concat(
-                best_validations(
-                    train_stack(points, changed_config(grid.LEARNING, setting)), setting
-                )
-                for setting in FEW
-                for points in folds
-            )
-        )
-    assert grid.csv(tables[0]) == grid.csv(tables[1]) == grid.csv(tables[2])
-    assert tables[0][["dimension", "fold"]].to_numpy().tolist() == [
-        [d, fold] for d in (12, 8) for fold in range(5)
-    ]
 
 
 def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:

@@ -15,7 +15,6 @@ from isi.insertion.engine import Method
 from isi.insertion.inverses import InverseRelations, pack, unpack_first
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.losses import LOSSES, Loss, loss_named
-from isi.models.model import Model
 from tests.init_contexts import DIMENSION, ENTITIES, RELATIONS, four_novel, initialize
 from tests.small_graphs import random_embedding
 from tests.small_insertion import insertion as stack_of_two
@@ -25,8 +24,8 @@ WITH, WITHOUT = [0, 1, 3], 2
 FREE = {"share": 0.0, "pull": 0.0, "rate": 0.25, "epochs": 1}
 
 
-def of_loss(loss: Loss, model: Model | None = None) -> InitContext:
-    return replace(four_novel(model or DistMult()), scale=Scale(loss_named(loss)))
+def of_loss(loss: Loss) -> InitContext:
+    return replace(four_novel(DistMult()), scale=Scale(loss_named(loss)))
 
 
 def fold(context: InitContext, **options: Any) -> Tensor:

@@ -91,17 +91,6 @@ def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_
     ]
 
 
-def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
-    seen = MinedSource(
-        "zoo",
-        observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
-        kinds_of(cat="animal", bird="animal"),
-    )
-    graph = build_tables(seen)
-    assert list(graph.entities["kind"]) == ["animal", "animal"]
-    assert list(graph.triples["relation"]) == ["fears", "eats"]
-
-
 def test_an_entity_without_a_kind_is_refused() -> None:
     with pytest.raises(InputError, match=r"home.*'wood'"):
         build_tables(MinedSource("home", observations(), KINDS[KINDS["entity"] != "wood"]))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from isi.benchmark.study import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.tables import paths
 from tests.beyond_entries import HIDDEN, ROOT, TRAINING, copy_pipelines, list_entries
 from tests.small_graphs import random_graph
@@ -29,6 +29,7 @@ CROSS_ENTROPY = TRAINING | {
 ROWS = CROSS_ENTROPY | {"loop": "rows", "negatives": 8, "n3": 0.005, "learning_rate": 0.1}
 ENTITIES, RELATIONS = 30, 3
 GRAPH = random_graph(ENTITIES, RELATIONS, 200)
+POINTS = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
 
 
 def settings_of(**changed: Any) -> Hidden:
@@ -37,7 +38,7 @@ def settings_of(**changed: Any) -> Hidden:
 
 def test_a_share_that_leaves_too_few_triples_is_refused_at_its_key() -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden
+    from isi.benchmark.in_pykeen import hidden
 
     with pytest.raises(
         InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected fewer hidden"
@@ -56,12 +57,11 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
     training: dict[str, Any], trained_with: str
 ) -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     settings = settings_of(training=training)
-    answers, seconds = hidden_in(points, words, settings, "hidden.ring", 0)
+    answers, seconds = hidden_in(POINTS, words, settings, "hidden.ring", 0)
     methods = ["insert", "mean", "own", "insert_new_rows", "own_new_rows"]
     before = answers[answers["method"] == "nothing"]
     assert list(before["asked"]) == ["earlier"]
@@ -82,12 +82,11 @@ def test_each_method_answers_and_pykeens_own_vectors_depend_on_no_insert_triple(
 
 def test_a_large_graph_can_leave_out_the_training_of_all_rows() -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     for retrain in (False, True):
         settings = settings_of(train_all_rows=False, retrain=retrain, max_insert_triples=[None])
-        answers, seconds = hidden_in(points, None, settings, "hidden.ring", 0)
+        answers, seconds = hidden_in(POINTS, None, settings, "hidden.ring", 0)
         expected = {"retrained"} if retrain else set()
         for table in (answers, seconds):
             assert {"own_all_rows", "retrained"} & set(table["method"]) == expected
@@ -97,11 +96,10 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("pykeen")
-    from isi.benchmark import HiddenSplit
-    from isi.extras import hidden_in_pykeen
+    from isi.benchmark import HiddenSplit, in_pykeen
 
     given, queried, trained_on = list[set[Any]](), list[set[Any]](), list[set[Any]]()
-    insert, evaluate = hidden_in_pykeen.insert, HiddenSplit.evaluate
+    insert, evaluate = in_pykeen.insert, HiddenSplit.evaluate
 
     def insert_spy(model: Any, factory: Any, *facts: Any, validation: Any, **options: Any) -> Any:
         given.append(set(map(tuple, validation.mapped_triples.tolist())))
@@ -112,16 +110,15 @@ def test_insertion_gets_the_validation_triples_and_no_test_triple(
         queried.append(set(map(tuple, earlier.tolist())))
         return evaluate(split, model, earlier=earlier)
 
-    monkeypatch.setattr(hidden_in_pykeen, "insert", insert_spy)
+    monkeypatch.setattr(in_pykeen, "insert", insert_spy)
     monkeypatch.setattr(HiddenSplit, "evaluate", evaluate_spy)
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     settings = settings_of(
         training=CROSS_ENTROPY | {"optimizer": "adagrad"},
         max_insert_triples=[1],
         train_all_rows=False,
         retrain=False,
     )
-    hidden_in_pykeen.hidden_in(points, None, settings, "hidden.ring", 0)
+    in_pykeen.hidden_in(POINTS, None, settings, "hidden.ring", 0)
     valid, test, train = given[0], queried[0], trained_on[0]
     assert all(triples == valid for triples in given)
     assert all(triples == test for triples in queried)
@@ -170,12 +167,11 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(
 )
 def test_a_model_loss_or_option_that_pykeen_lacks_is_named(wrong: dict[str, Any]) -> None:
     pytest.importorskip("pykeen")
-    from isi.extras.hidden_in_pykeen import hidden_in
+    from isi.benchmark.in_pykeen import hidden_in
 
-    points = GridPoints("ring", GRAPH, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
     (place,) = wrong
     with pytest.raises(InputError, match=rf"hidden\.ring\.training\.{place}: "):
-        hidden_in(points, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
+        hidden_in(POINTS, None, settings_of(training=TRAINING | wrong), "hidden.ring", 0)
 
 
 def test_a_dataset_that_pykeen_lacks_is_named(

@@ -19,17 +19,12 @@ import isi
 from isi.errors import InputError
 from isi.live.embedding import LiveEmbedding
 from tests.small_bundle import edit, files, home_of, written
-from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, quick_choices, seen
+from tests.small_live import KNOWN, TRAINED, assert_same, facts_of, seen
 from tools.kills.home import NEGATIVE, killed
 
+pytestmark = pytest.mark.usefixtures("quick")
 MUG = ("mug", "in", "e1")
 FIRST = TRAINED[0]
-
-
-@pytest.fixture(autouse=True)
-def _quick() -> Iterator[None]:
-    with quick_choices():
-        yield
 
 
 @pytest.fixture

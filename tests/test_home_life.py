@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -21,16 +20,11 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.groups import EntityGroups
 from isi.live.phrases import with_words
 from tests.small_bundle import files, home_of, small, worded
-from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, quick_choices, seen
+from tests.small_live import KNOWN, TRAINED, assert_same, copied, facts_of, seen
 
+pytestmark = pytest.mark.usefixtures("quick")
 MUG = ("mug", "in", "e1")
 FIRST = TRAINED[0]
-
-
-@pytest.fixture(autouse=True)
-def _quick() -> Iterator[None]:
-    with quick_choices():
-        yield
 
 
 @pytest.fixture
@@ -236,14 +230,6 @@ def test_a_taking_over_that_is_stopped_is_made_by_the_next_question(tmp_path: Pa
         each.tell([MUG, ("tray", "in", "e3")])
     assert_same(seen(other), seen(told))
     assert_same(seen(live), seen(told))
-
-
-def test_a_refused_question_leaves_what_was_derived() -> None:
-    live = LiveEmbedding(KNOWN)
-    derived = live.now
-    with pytest.raises(InputError):
-        live.ask("nothing of that name", "in")
-    assert live.now is derived
 
 
 @pytest.mark.filterwarnings("ignore")  # it has learned nothing

@@ -2,7 +2,6 @@
 and no pickle is loaded without consent.
 """
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,9 @@ import torch
 from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_tensors
 
-import isi
 from isi.__main__ import main
 from isi.graph.graph import HEAD, TAIL
-from isi.live.loaded import LoadedEmbedding
+from tests.importing import Bomb, imported
 from tests.small_bundle import (
     BETWEEN,
     ENTITIES,
@@ -27,16 +25,7 @@ from tests.small_bundle import (
     write_openke,
 )
 
-
-def imported(*arguments: str) -> LoadedEmbedding:
-    main(["import", *arguments, "--out", "out"])
-    with isi.open("out") as home:
-        return home.base
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("in_tmp_path")
 
 
 # Arrays and ids
@@ -331,10 +320,3 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
     assert Path("exploded").exists()  # the help warns of this
     main(["import", "--help"])
     assert "can have it run any program" in " ".join(capsys.readouterr().out.split())
-
-
-class Bomb:
-    """An object that creates a folder when it is unpickled."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.mkdir, ("exploded",)

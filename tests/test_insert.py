@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
@@ -28,7 +28,7 @@ from isi.initializers.api import (
     without_weights,
 )
 from isi.insertion.arguments import triples_of
-from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
+from isi.insertion.engine import FEW, Method, NovelEntities, insert
 from isi.models.bilinear import DistMult
 from isi.models.distance import RotatE
 from isi.models.losses import Loss
@@ -346,23 +346,6 @@ def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
         np.testing.assert_allclose(both[0].sum(), 1, atol=1e-5)
 
 
-def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    number = [5, 3, 100, 0, 40, 33, 70]
-    triples = np.array(
-        [(10 + place, 0, 1) for place, times in enumerate(number) for _ in range(times)]
-    )
-    assert [part.tolist() for part in batches(torch.arange(10, 17), triples, 2, 1)] == [
-        [10, 11],
-        [13],
-        [14, 15],
-        [12, 16],
-    ]
-    monkeypatch.setattr("isi.insertion.engine.BUDGET", 3 * 64 * 8)
-    assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
-
-
 def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_relations(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -441,16 +424,6 @@ def test_new_entities_of_a_call_draw_from_one_stream_in_their_order() -> None:
     np.testing.assert_allclose(
         call(initializer="xavier", seed=7).entities[ENTITIES:], (2 * drawn - 1) * bound, rtol=1e-5
     )
-
-
-@settings(max_examples=20)
-@given(st.integers(0, 1000), st.sampled_from(["iu", "xavier", "gaussian", "class_noise"]))
-def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:
-    one, same, other = (
-        call(initializer=name, seed=value).entities for value in (seed, seed, seed + 1)
-    )
-    np.testing.assert_array_equal(one, same)
-    assert not np.array_equal(one, other)
 
 
 def test_options_are_those_of_params_where_it_has_them() -> None:
@@ -614,13 +587,6 @@ def test_an_argument_by_its_name_of_before_warns_and_serves(
     np.testing.assert_array_equal(done.vectors, call(**{now: value}).vectors)
     with pytest.raises(TypeError, match=f"'{before}' and '{now}'"):
         call(**{before: value, now: value})
-
-
-def test_a_result_shows_twelve_names() -> None:
-    done = call(initializer="mean")
-    shown = [name for name in dir(done) if not name.startswith("_")]
-    assert len(shown) == 12
-    assert done.harm is done.selection is None
 
 
 def test_new_rows_are_trained_further_alone() -> None:

@@ -13,7 +13,6 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insert import (
     InsertConfig,
     finetune,
-    init_context,
     insert_sessions,
     with_vectors,
 )
@@ -39,28 +38,6 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
     points = replace(POINTS, splits=np.zeros((2, 6), dtype=np.int8), insert_triples=rows)
     expected = [[False, True, False, False, True, False], [True] + [False] * 5]
     assert points.insert_mask(1).tolist() == expected
-
-
-def test_the_insert_triples_of_each_are_packed_to_the_left() -> None:
-    context = init_context(POINTS, WORLD.theta0, WORLD.words, 0)
-    rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
-    for model, place, triple in WORLD.insert_triples.tolist():
-        head, relation, tail = WORLD.graph.triples[triple].tolist()
-        is_tail = tail == NOVEL[model, place]
-        rows[model, place].append((head if is_tail else tail, relation, is_tail))
-    longest = max(map(len, rows.values()))
-    assert longest > 1
-    for (model, place), expected in rows.items():
-        padded = [
-            *((*row, True) for row in expected),
-            *[(0, 0, False, False)] * (longest - len(expected)),
-        ]
-        tables = (context.other, context.relation, context.novel_is_tail, context.observed)
-        assert list(zip(*(table[model, place].tolist() for table in tables), strict=True)) == padded
-    nothing = replace(POINTS, insert_triples=POINTS.insert_triples[:0])
-    assert (
-        init_context(nothing, WORLD.theta0, WORLD.words, 0).observed.tolist() == [[[False]] * 3] * 2
-    )
 
 
 def trained(purpose: str, pool: str) -> Embedding:

@@ -45,23 +45,13 @@ def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) ->
     changed.write_bytes(before)
 
 
-def test_a_run_that_is_killed_twice_loses_nothing_and_leaves_no_process(
-    pipeline: Workspace,
-) -> None:
-    """DVC is killed while workers train Θ⁰, then a worker of the next run;
-    the run after that makes the same bytes.
-    """
+def test_a_killed_run_loses_nothing_and_leaves_no_process(pipeline: Workspace) -> None:
+    """DVC is killed while workers train Θ⁰; the next run makes the same bytes."""
     assert "data/embeddings/published/theta0.log.parquet" in pipeline.expected
 
     def strike() -> Fault | None:
-        fault = ended_by("DVC")
-        if fault:
-            fault = ended_by("a worker")
-        return fault
-
-    def ended_by(whom: str) -> Fault | None:
         """A kill that ended the run; None if the worker's work was done before."""
-        fault = pipeline.strike(whom, signal.SIGKILL, 0, random.Random(0), running="a worker")
+        fault = pipeline.strike("DVC", signal.SIGKILL, 0, random.Random(0), running="a worker")
         return fault if fault and fault.status else None
 
     attempts = (survived(pipeline, strike) for _ in range(5))

@@ -81,7 +81,6 @@ COMMANDS = (
     f"insert {NAME} ers",
     f"finetune_only {NAME}",
     f"rank_affordances {NAME}",
-    f"break_down_queries {NAME}",
     f"sweep_indicators {NAME} es",
     f"sweep_rates {NAME} rs",
     f"cross_validate {NAME}",

@@ -8,8 +8,7 @@ import pytest
 import yaml
 
 from isi.__main__ import main
-from isi.extras import procthor_houses
-from isi.sources import triples
+from isi.sources import procthor_houses, triples
 from isi.tables import paths
 from stages.mine import mine
 from tests.mistakes import LOG, Case, assert_names, files_of

@@ -16,7 +16,6 @@ from isi import config
 from isi.config import Option
 from isi.errors import InputError
 from isi.graph.sessions import TRAIN, Session
-from isi.models.bilinear import BlockModel
 from isi.models.distance import TransE
 from isi.models.model import (
     MODELS,
@@ -34,10 +33,8 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer
 from tests.small_graphs import (
     ANALOGY,
-    dense,
     graph_of,
     points_of,
-    random_embedding,
     random_graph,
 )
 from tests.small_grid import MODEL_OPTIONS
@@ -207,13 +204,6 @@ def test_maps_by_hand(
     torch.testing.assert_close(
         BATTERY[name].inverse(vector, row), torch.tensor(back, dtype=torch.float32)
     )
-
-
-def test_maps_of_analogy_are_dense_matrices() -> None:
-    embedding = random_embedding(1, 2, 1, 100)
-    head, tail, relation = embedding.entity[0, 0], embedding.entity[0, 1], embedding.relation[0, 0]
-    assert isinstance(ANALOGY, BlockModel)
-    torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ dense(relation) @ tail)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 1e-30, -1e-30])

@@ -34,14 +34,13 @@ ANALYSES = (
     "cross_validate",
     "trace_trajectory",
     "rank_affordances",
-    "break_down_queries",
     "finetune_only",
     "compare_models",
     "train_final",
 )
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
 #: sweeps, what the page demonstrates, the tables, the report.
-STAGES = 2 * (6 + len(INITIALIZERS)) + 7 + len(SWEPT) + len(RATED) + 3
+STAGES = 2 * (6 + len(INITIALIZERS)) + 6 + len(SWEPT) + len(RATED) + 3
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -174,10 +173,9 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
 
 
 def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
-    parts = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.parquet").query(
-        "filter == 'learned'"
-    )
-    assert set(parts["model"]) == {*INITIALIZERS, "joint"}
+    files = sorted((folder / "data/analyses/query_breakdown/ai2thor").glob("*.parquet"))
+    assert {file.stem for file in files} == {*INITIALIZERS, "joint"}
+    parts = pd.concat(map(pd.read_parquet, files)).query("filter == 'learned'")
     sums = combined(parts, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query(
@@ -189,7 +187,7 @@ def test_the_query_breakdown_sums_to_the_runs(folder: Path) -> None:
         assert len(both) == runs["scope"].isin(["all", "novel", "novel_heldout"]).sum()
         for half in ("mrr_star", "mrr_star_entity", "mrr_star_relation"):
             assert (both[half] - both[f"{half} of parts"]).abs().max() < 1e-6
-    used = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.used.parquet")
+    used = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.used.parquet")
     assert used.groupby("part")["of"].unique().str.get(0).to_dict() == {"blocks": 2, "scalars": 4}
 
 
@@ -337,7 +335,6 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
 ) -> None:
     insertion = {f"insert@ai2thor-{name}" for name in INITIALIZERS}
     of_es = {
-        "break_down_queries@ai2thor",
         "trace_trajectory@ai2thor",
         "rank_affordances@transfer",
         "demonstrate",

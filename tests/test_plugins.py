@@ -1,7 +1,6 @@
 """Plug-in packages: a name finds the object that a module of the package registers."""
 
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -74,16 +73,6 @@ def test_an_installed_project_adds_modules_as_entry_points(
     monkeypatch.syspath_prepend(another.parent)
     with pytest.raises(InputError, match="cake: bakery_of_tomorrow cannot be imported"):
         dishes.names()
-
-
-def test_the_project_names_all_readers_outside_the_package_of_sources() -> None:
-    """Otherwise nothing would import them."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    files = (ROOT / "isi/extras").glob("*.py")
-    readers = {file.stem for file in files if "\n@reader(" in file.read_text(encoding="utf-8")}
-    assert project["entry-points"]["isi.sources"] == {
-        name: f"isi.extras.{name}" for name in readers
-    }
 
 
 def test_a_name_that_no_module_registers_is_refused_with_those_that_are_known(

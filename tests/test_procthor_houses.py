@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.extras import procthor_houses as procthor
 from isi.sources import READERS, Mining
+from isi.sources import procthor_houses as procthor
 from isi.sources.recordings import Scene, SceneObject
 from tests.observing import observations_of
 from tests.procthor import house, thing

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from isi.graph.sessions import TEST, TRAIN, VALID, folds, split
-from isi.initializers.paper import permuted_words, standard_normal, xavier
+from isi.initializers.paper import permuted_words
 from isi.training.batches import corrupt, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel
 from tests.small_graphs import generator, points_of, random_graph
@@ -52,14 +52,6 @@ def test_a_split_is_the_first_of_such_an_order() -> None:
     assert splits.dtype == np.int8
     assert np.flatnonzero(splits == TEST).tolist() == sorted(free[:tests])
     assert np.flatnonzero(splits == VALID).tolist() == sorted(free[tests : tests + valids])
-
-
-def test_gaussians_and_xavier_are_drawn_each_for_its_own_purpose() -> None:
-    of = four_novel()
-    drawn = generator("gaussian", *of.keys[0].tolist()).standard_normal((4, 8))
-    torch.testing.assert_close(standard_normal(of)[0], torch.as_tensor(drawn, dtype=torch.float32))
-    drawn, bound = generator("xavier", *of.keys[0].tolist()).random((4, 8)), 6 / 8**0.5
-    np.testing.assert_allclose(xavier(of).vectors[0].numpy(), (2 * drawn - 1) * bound, rtol=1e-5)
 
 
 @pytest.mark.parametrize("within", ["es_permuted", "es_permuted_kinds"])

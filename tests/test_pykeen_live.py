@@ -2,7 +2,6 @@
 model and ``isi.pykeen`` do.
 """
 
-from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import torch
 import isi
 from isi.errors import InputError
 from isi.live.answers import Answer
-from tests.small_live import quick_choices
 from tests.small_pykeen import ENTITIES, RELATIONS, model_of, ring
 
 pytest.importorskip("pykeen")
@@ -23,6 +21,7 @@ from pykeen.pipeline import PipelineResult
 from pykeen.predict import predict_target
 from pykeen.triples import CoreTriplesFactory
 
+pytestmark = pytest.mark.usefixtures("quick")
 FACTS = [("cup", "r0", "e1"), ("cup", "r1", "e4"), ("e3", "r1", "cup")]
 MODELS: list[tuple[str, dict[str, Any]]] = [
     ("distmult", {}),
@@ -31,12 +30,6 @@ MODELS: list[tuple[str, dict[str, Any]]] = [
     ("rotate", {}),
     ("rescal", {}),
 ]
-
-
-@pytest.fixture(autouse=True)
-def _quick() -> Iterator[None]:
-    with quick_choices():
-        yield
 
 
 def rank_of(answer: Answer) -> int:
@@ -112,18 +105,6 @@ def test_the_result_of_a_pipeline_serves_and_ids_without_labels_do_not() -> None
         isi.from_pykeen(model, CoreTriplesFactory(known.mapped_triples, ENTITIES, RELATIONS))
     with pytest.raises(InputError, match="'factory'"):
         isi.from_pykeen(model)
-
-
-def test_kinds_that_match_no_label_are_named() -> None:
-    known = ring()
-    with pytest.warns(
-        UserWarning,
-        match="kinds: 1 of 2 names match no entity.*'x1'.*19 of 20 entities have no kind",
-    ):
-        live = isi.from_pykeen(
-            model_of("distmult", known), known, kinds={"e1": "place", "x1": "object"}
-        )
-    assert live.base.kinds[live.base.entity_names.index("e1")] == "place"
 
 
 def test_a_model_without_inverse_explains_without_relational_scores() -> None:

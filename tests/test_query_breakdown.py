@@ -7,16 +7,10 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.query_breakdown import (
-    break_down,
-    query_sets_with_filters,
-    rank_answers,
-    ranks_of,
-    used_coordinates,
-)
+from isi.analyses.affordances import rank_answers, ranks_of
 from isi.evaluation.ranking import MEASURES, evaluate
+from isi.experiment.breakdown import break_down, query_sets_with_filters, used_coordinates
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import with_vectors
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select
@@ -26,44 +20,28 @@ from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, r
 POINT = ["model", "size", "seed", "scope", "filter"]
 
 
-def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, Embedding, dict[str, np.ndarray]]:
-    """Arguments of ``break_down`` with random embeddings:
-    as Θ⁰ and joint model, and novel vectors by initializer.
-    """
-    points = points_of(random_graph(12, 3, 90), 2, seeds)
-    joint, *others = (random_embedding(3, 12, 3, 8, seed=seed) for seed in range(3))
-    theta = select(joint, torch.tensor(seeds))
-    rows = torch.arange(len(seeds))[:, None], points.novel_in(1)
-    inserted = {
-        name: other.entity[seeds][rows].numpy()
-        for name, other in zip(("es", "rs"), others, strict=True)
-    }
-    return points, theta, theta, inserted
+def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, str]:
+    """Arguments of ``break_down`` with a random embedding."""
+    theta = select(random_embedding(3, 12, 3, 8), torch.tensor(seeds))
+    return points_of(random_graph(12, 3, 90), 2, seeds), theta, "es"
 
 
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
-    points, theta0, joint, inserted = task = random_task([0, 1, 2])
-    rows, novel = break_down(*task), points.novel_in(1)
+    points, theta, _ = task = random_task([0, 1, 2])
+    rows = break_down(*task)
     whole = combined(rows, POINT).set_index(POINT)
     plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
-    models = {
-        name: with_vectors(theta0, novel, torch.as_tensor(own)) for name, own in inserted.items()
-    }
     compared = 0
     for scopes in query_sets_with_filters(points):
-        for name, embedding in {**models, "joint": joint}.items():
-            for (scope, which), queries in scopes.items():
-                measures = evaluate(embedding, {"own": queries})["own"].measures
-                for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
-                    found = whole.loc[name, 2, seed, scope, which]
-                    assert found[list(MEASURES[:3])].tolist() == pytest.approx(
-                        expected[:3], abs=1e-6
-                    )
-                    assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(
-                        expected[3], abs=1e-6
-                    )
-                    compared += 1
-    assert compared == len(whole) == 3 * 3 * 3 * 2
+        for (scope, which), queries in scopes.items():
+            measures = evaluate(theta, {"own": queries})["own"].measures
+            for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
+                place = "es", 2, seed, scope, which
+                mrr_star = whole.loc[place][list(MEASURES[:3])].tolist()
+                assert mrr_star == pytest.approx(expected[:3], abs=1e-6)
+                assert plain.loc[place]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
+                compared += 1
+    assert compared == len(whole) == 3 * 3 * 2
 
 
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(
@@ -96,7 +74,7 @@ def test_groups_by_hand() -> None:
     )
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
     joint = Embedding(entity, relation, ANALOGY)
-    rows = break_down(points, joint, joint, {})
+    rows = break_down(points, joint, "joint")
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
     queries = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
@@ -118,7 +96,7 @@ def test_groups_by_hand() -> None:
 def test_both_ends_are_novel() -> None:
     points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
     joint = random_embedding(1, 5, 2, 4)
-    rows = break_down(points, joint, joint, {})
+    rows = break_down(points, joint, "joint")
     own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(
         ["relation", "hidden"]
     )

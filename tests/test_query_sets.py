@@ -14,11 +14,9 @@ from isi.evaluation.query_sets import (
     validation,
 )
 from isi.evaluation.ranking import Result, evaluate
-from isi.graph.sessions import TEST, TRAIN, VALID, session_at
-from isi.models.model import make_model
-from isi.models.stack import Embedding
+from isi.graph.sessions import TEST, TRAIN, VALID
 from tests.plain_ranks import won
-from tests.small_graphs import Triple, graph_of
+from tests.small_graphs import Triple
 from tests.small_worlds import World, worlds
 
 # Brute force, from docs/method.md alone: a triple, a split or a score is looked up, nothing is
@@ -142,16 +140,3 @@ def test_validation_asks_the_sessions_own_triples_among_its_own_entities(world: 
         return world.of(model, VALID), world.of(model, TRAIN, VALID), world.members[model]
 
     check(world, evaluate(world.embedding, validation(world.session))["valid"], expected)
-
-
-def test_validation_of_d0_leaves_novel_entities_out() -> None:
-    counts = {(0, 0, 1): 1, (2, 0, 1): 1, (3, 0, 1): 1, (0, 0, 2): 1}
-    splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
-    session = session_at(graph_of(counts, 4, 1), splits, torch.tensor([[[3]]]), 0)
-    entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
-    products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
-    result = evaluate(products, validation(session))["valid"]
-    # (0, 0, 2) alone is queried. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so
-    # R_P = 1 + 1/2. Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
-    assert result.queries.tolist() == [1]
-    assert result.measures[0, 1].item() == pytest.approx((1 / 1.5 + 1 / 3) / 2)

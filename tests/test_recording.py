@@ -16,7 +16,7 @@ import pytest
 from isi.config import check
 from isi.config import read as read_params
 from isi.errors import InputError
-from isi.extras.recorder import Recording, header
+from isi.recorder import Recording, header
 from isi.sources.recordings import (
     FORMAT,
     ITHOR,
@@ -268,7 +268,7 @@ def test_a_line_is_unpacked_up_to_the_longest_that_is_read(
 ) -> None:
     path = tmp_path / "r"
     write(path, Layout(scene="FloorPlan1", spawn=None))
-    monkeypatch.setattr("isi.extras.recorder.MOST_BYTES", 400)
+    monkeypatch.setattr("isi.recorder.MOST_BYTES", 400)
     assert Recording(path, SIMULATOR).names == {"FloorPlan1"}
     bomb = gzip.compress(b" " * 50_000_000)
     path.write_bytes(path.read_bytes() + (bomb if whole else bomb[:-9]))

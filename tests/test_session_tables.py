@@ -99,11 +99,3 @@ def test_all_take_part_where_others_than_the_added_are_novel() -> None:
     for table in one:
         pd.testing.assert_frame_equal(one[table], two[table])
     assert sorted(two[SPLITS]["triple"].unique()) == list(range(len(GRAPH.triples)))
-
-
-@pytest.mark.parametrize(("sizes", "seeds"), [([2], 1), ([1, 2], 1), ([2, 1], 3)])
-def test_each_seed_has_one_split_whatever_the_sizes(sizes: list[int], seeds: int) -> None:
-    found = sessions(sizes=sizes, seeds=seeds)
-    assert not found[SPLITS].duplicated(["seed", "triple"]).any()
-    assert len(found[SPLITS]) == seeds * len(GRAPH.triples)
-    assert len(found[NOVEL]) == seeds * sum(sizes)

@@ -31,7 +31,6 @@ from isi.graph.sessions import (
     session_tables,
     split,
 )
-from isi.random import stream
 from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
 
 GRAPHS = st.builds(
@@ -171,18 +170,6 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
             assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
 
 
-def test_a_novel_entity_tied_only_to_novel_ones_has_no_insert_triple() -> None:
-    graph, splits = (
-        graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1),
-        np.zeros(3, dtype=np.int8),
-    )
-    assert sample_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
-    one_by_one = np.array([[1], [0]])
-    assert sample_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
-    # 1 came the session before
-    assert sample_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]
-
-
 # What draws depend on
 
 
@@ -191,19 +178,12 @@ def drawn_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
     return novel
 
 
-def test_novel_sets_depend_on_root_size_and_seed_alone() -> None:
-    first = drawn_novel(40, 0, 5, 7)
-    stream(0, "novel", 5, 8).random(100)
-    points = [points_of(random_graph(40, 2, 60, seed=which), 5, [3, 7]) for which in (0, 1)]
-    assert (first == drawn_novel(40, 0, 5, 7)).all()
-    assert all((first == of.novel[1, 0]).all() for of in points)
-    others = [drawn_novel(40, *key).tolist() for key in ((1, 5, 7), (0, 5, 8), (0, 5, 9))]
-    assert first.tolist() not in others
-    assert drawn_novel(40, 0, 4, 7).tolist() != first[:4].tolist()
+def test_novel_sets_of_other_roots_differ() -> None:
+    assert drawn_novel(40, 0, 5, 7).tolist() != drawn_novel(40, 1, 5, 7).tolist()
 
 
-@pytest.mark.parametrize(("size", "steps"), [(3, 1), (2, 2)])
-def test_novel_sets_are_drawn_uniformly_without_repeats(size: int, steps: int) -> None:
+def test_novel_sets_are_drawn_uniformly_without_repeats() -> None:
+    size, steps = 2, 2
     draws = np.array([sample_novel(np.arange(6), 0, size, seed, steps) for seed in range(1500)])
     assert draws.shape == (1500, steps, size)
     assert (np.diff(draws, axis=2) > 0).all()
@@ -278,12 +258,10 @@ def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
 SHARES = Shares(valid=0.2, test=0.2, insert_fraction=0.5)
 
 
-def store_of(graph: Graph, sources: list[str] | None = None, **sessions: Any) -> Store:
+def store_of(graph: Graph, **sessions: Any) -> Store:
     """A store in memory of a graph and the sessions sampled for it."""
     names = np.array(graph.entities)
-    entities = pd.DataFrame(
-        {"entity": names, "phrase": names, "kind": "object", "source": sources or "here"}
-    )
+    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"})
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame(
         {"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]}

@@ -145,36 +145,38 @@ def test_the_reference_names_what_there_is(name: str) -> None:
 
 
 def test_the_page_of_initializers_describes_all_with_their_options_and_needs() -> None:
-    sections = dict(
-        re.findall(
-            r"^### (\w+)\n(.*?)(?=^##|\Z)",
-            (DOCS / "initializers.md").read_text("utf-8"),
-            re.M | re.S,
-        )
-    )
-    assert set(sections) == set(INITIALIZERS.names())
+    text = (DOCS / "initializers.md").read_text("utf-8")
+    table = text.partition("## All initializers\n")[2].partition("\n## ")[0]
+    head, _, *body = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in table.splitlines()
+        if line.startswith("|")
+    ]
+    rows = [dict(zip(head, cells, strict=True)) for cells in body]
+    by_name = {row["initializer"].strip("`"): row for row in rows}
+    assert len(by_name) == len(rows)
+    assert set(by_name) == set(INITIALIZERS.names())
     words = {
         "words": "words",
         "insert_triples": "facts",
         "inverse": "inverse",
         "linear_score": "linear score",
     }
-    for name, text in sections.items():
+    for name, row in by_name.items():
         registered = INITIALIZERS.get(name, name)
-        options = re.search(r"^- Options: (.*)", text, re.M)
-        shown = re.findall(r"`(\w+)`[^(]*\(([\d.]+)\)", options[1] if options else "")
+        options = row["options (defaults)"]
+        shown = re.findall(r"`(\w+)`[^(]*\(([\d.]+)\)", options)
         numbers = {key: float(value) for key, value in shown}
-        words_shown = dict(re.findall(r"`(\w+)` \(`(\w+)`", options[1] if options else ""))
+        words_shown = dict(re.findall(r"`(\w+)` \(`(\w+)`", options))
         defaults = dict(registered.defaults or {})
         texts = {key: value for key, value in defaults.items() if isinstance(value, str)}
         assert words_shown == texts, name
         assert numbers == pytest.approx(
             {key: value for key, value in defaults.items() if key not in texts}
         ), name
-        needs = re.search(r"^- Needs: (.*)", text, re.M)
-        assert needs, name
-        assert {need for need, word in words.items() if word in needs[1]} == set(
+        assert row["needs"], name
+        assert {need for need, word in words.items() if word in row["needs"]} == set(
             registered.needs
         ), name
-        ((function, path),) = re.findall(r"^- Code: \[`(\w+)`\]\(\.\./(.*)\)$", text, re.MULTILINE)
+        ((function, path),) = re.findall(r"^\[`(\w+)`\]\(\.\./(.*)\)$", row["code"])
         assert f"def {function}(" in (docs.ROOT / path).read_text(encoding="utf-8"), name

@@ -12,12 +12,12 @@ import pytest
 
 from isi.config import Count, read
 from isi.errors import InputError
-from isi.extras import procthor_houses
 from isi.sources import (
     READERS,
     Mining,
     Observation,
     Source,
+    procthor_houses,
     reader,
     readers,
     recordings,
@@ -68,14 +68,8 @@ def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.Monk
     [
         (None, ".*dictionary"),
         ({"reader": "whales"}, "reader: expected one of .*pretended.*'whales'"),
-        ({"fish": 3}, "reader: "),
-        ({"reader": "pretended"}, "fish: "),
-        ({"reader": "pretended", "fish": 0}, "fish: "),
-        ({"reader": "pretended", "fish": 3, "boat": "big"}, "boat: "),
-        ({**MP3D, "structure": ["wall"]}, "structure: "),
         ({**HOUSES, "category": "nyu40"}, "category: "),
         ({**HOUSES, "rooms": {"q": "kitchen"}}, "rooms"),
-        ({key: value for key, value in HOUSES.items() if key != "folder"}, "folder: "),
     ],
 )
 def test_settings_that_a_source_does_not_take_are_refused_by_their_key(

@@ -5,7 +5,6 @@ imports, params, locks and arguments of every stage.
 import ast
 import operator
 import re
-import tomllib
 from collections.abc import Iterator
 from functools import reduce
 from itertools import product
@@ -42,7 +41,6 @@ LOCKS = [path.with_name("dvc.lock") for path in PIPELINES]
 OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Packages whose modules are imported by name, and the params that name them.
 PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sources": "sources"}
-READING = ("mine", "explore")  #: Stages that run a reader.
 #: Stages on which all other results depend.
 MAKING = (
     "mine",
@@ -106,13 +104,6 @@ def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
     assert not [pattern for pattern in shipped if not list(ROOT.glob(pattern))]
 
 
-def entry_points_of(package: str) -> list[Path]:
-    """The modules outside a package of plug-ins that this project adds to it."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    added = project["entry-points"].get(package.replace("/", "."), {})
-    return [Path(*module.split(".")).with_suffix(".py") for module in added.values()]
-
-
 def code_of(name: str) -> list[Path]:
     """The files of code that a stage depends on."""
     return [Path(dep) for dep in STAGES[name]["deps"] if dep.split("/")[0] in ("isi", "stages")]
@@ -128,8 +119,7 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_m
     for package, key in PLUGINS.items():
         if (key in keys and Path(package, "__init__.py") in files) or name == "explore":
             assert Path(package) in depended
-            added = entry_points_of(package) if name in READING else []
-            files = files | closure(*Path(package).rglob("*.py"), *added)
+            files = files | closure(*Path(package).rglob("*.py"))
     if name.startswith("tables"):
         files = files | closure(*Path("isi/report/tables").glob("*.py"))
     missing = [file for file in files if not any(file.is_relative_to(dep) for dep in depended)]

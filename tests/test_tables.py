@@ -184,18 +184,6 @@ def test_tensors_come_back_as_they_were_written_even_views(tmp_path: Path) -> No
 # Writes
 
 
-def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Path) -> None:
-    before = novel(tmp_path / "novel.parquet").read_bytes()
-    for unfit in (
-        {"size": [1], "seed": [0]},
-        {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]},
-    ):
-        with pytest.raises((KeyError, pa.ArrowException)):
-            NOVEL.write_file(tmp_path / "novel.parquet", pd.DataFrame(unfit), MADE)
-    assert (tmp_path / "novel.parquet").read_bytes() == before
-    assert names(tmp_path) == ["novel.parquet"]
-
-
 def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path: Path) -> None:
     before = novel(tmp_path / "t.parquet").read_bytes()
 

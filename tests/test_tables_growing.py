@@ -13,6 +13,7 @@ import yaml
 
 from isi.continual.experiment import ContinualExperiment
 from isi.report.tables.data import Models
+from isi.report.tables.forms import files
 from isi.report.tables.growing import CHAIN, PUBLISHED, RUN, GrownRuns
 from isi.report.tables.registry import frames_of
 from tests.small_continual import ENTRY
@@ -21,7 +22,7 @@ from tools import verify
 ROOT = Path(__file__).parent.parent
 TABLES = ROOT / "reports/continual/tables"
 LABELS = {"xavier": "Xavier", "fold_in": "Fold-in", "mean": "Mean", "er_avg": "ERAvg"}
-DIAL = {"initializer": "fold_in", "share": 0.3}
+DIAL = {"initializer": "fold_in", "share": 0.003}
 #: Phase, protocol, snapshot and test set of the rows; the first two are of the first embedding.
 SETS = [
     ("trained", "current", 0, 0),
@@ -88,7 +89,7 @@ def test_intervals_include_the_sample_of_test_triples() -> None:
 
 
 def test_the_default_stands_beside_simple_initializers() -> None:
-    runs = grown(default={}, xavier={}, er_avg={}, fold_in_0_3=DIAL)
+    runs = grown(default={}, xavier={}, er_avg={}, fold_in_0_003=DIAL)
     made = frames_of("continual", [runs])
     (row,) = made["carried"].to_dict("records")
     of_chain = runs.measures["new tests, at once"]
@@ -97,8 +98,9 @@ def test_the_default_stands_beside_simple_initializers() -> None:
     all_rows = runs.measures.loc[("xavier", "finetune"), "base test, in the end"]
     assert row["base test: Xavier, all rows trained"] == all_rows
     assert made["frontier"]["line"].tolist() == ["default", "ERAvg", "Fold-in, share"]
-    assert made["frontier"]["value"].tolist()[2] == 0.3
-    assert made["grown_own"]["initializer"].tolist()[-1] == "Fold-in, share 0.3"
+    assert made["frontier"]["value"].tolist()[2] == 0.003
+    assert "0.003" in files(made["frontier"])["md"]
+    assert made["grown_own"]["initializer"].tolist()[-1] == "Fold-in, share 0.003"
     assert not {"carried", "frontier"} & set(frames_of("continual", [grown(xavier={})]))
     assert frames_of("continual", []) == {}
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 
 from isi.report import charts
@@ -469,14 +467,6 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
 )
 def test_names_lie_near_what_they_name(heights: list[float], placed: list[float]) -> None:
     assert charts.spread(np.array(heights), 0.1) == pytest.approx(placed)
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.floats(0.01, 0.2))
-def test_names_lie_a_gap_apart_within_the_panel(heights: list[float], gap: float) -> None:
-    placed = charts.spread(np.sort(heights), gap)
-    assert (np.diff(placed) >= min(gap, 1 / len(heights)) - 1e-9).all()
-    assert placed.min() >= 0
-    assert placed.max() <= 1 + 1e-9
 
 
 def luminance(colour: str) -> float:

@@ -1,13 +1,11 @@
 """Timelines: ids in the order of first appearance, the ten benchmarks, folders of LKGE's form."""
 
 import hashlib
-from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 
@@ -111,13 +109,6 @@ def test_entities_of_a_benchmark_have_names_and_words() -> None:
     assert timeline.relation_names[0].startswith("/")
 
 
-def test_all_triples_of_fb15k_237_arrive_once_in_the_seven_benchmarks_of_five_parts() -> None:
-    for name in list(BENCHMARKS)[:7]:
-        triples = np.concatenate([snapshot.triples for snapshot in benchmark(name).snapshots])
-        numbers = triples @ [237 * 14_541, 14_541, 1]
-        assert len(np.unique(numbers)) == len(triples) == 310_116
-
-
 def test_another_name_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(InputError, match=r"expected one of ENTITY.*did you mean 'FBinc-S'"):
         Timeline.benchmark("fbinc_s")
@@ -168,21 +159,6 @@ def test_a_folder_is_the_timeline_of_its_files(tmp_path: Path) -> None:
             assert np.array_equal(snapshot.split(split), other.split(split))
 
 
-def test_a_benchmark_written_to_a_folder_is_read_back(tmp_path: Path) -> None:
-    timeline = benchmark("FBinc-S")
-    names, relations = timeline.entity_names, timeline.relation_names
-    for number, snapshot in enumerate(timeline.snapshots):
-        lines = {
-            split: "".join(
-                f"{names[head]}\t{relations[relation]}\t{names[tail]}\n"
-                for head, relation, tail in snapshot.split(split)
-            )
-            for split in SPLITS
-        }
-        write(tmp_path, number, **lines)
-    assert digest(Timeline.from_folder(tmp_path)) == DIGESTS["FBinc-S"]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -229,16 +205,6 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
 def test_wrong_parts_are_named_by_snapshot_split_and_triple(snapshots: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Timeline.of(snapshots)
-
-
-@pytest.mark.parametrize(
-    "form", [iter, tuple, np.array, partial(pd.DataFrame, columns=["head", "relation", "tail"])]
-)
-def test_parts_may_have_any_form_of_triples(form: Callable[[Any], Any]) -> None:
-    given = Timeline.of(iter([(form(HOME), [], form(HOME[:1]))]))  # type: ignore[arg-type]
-    expected = Timeline.of([(HOME, [], HOME[:1])])
-    assert given.entity_names == expected.entity_names
-    assert given.snapshots[0].triples.tolist() == expected.snapshots[0].triples.tolist()
 
 
 def test_a_number_is_the_name_of_its_digits() -> None:

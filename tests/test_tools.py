@@ -11,12 +11,12 @@ import pytest
 import torch
 import yaml
 
+from isi.benchmark.study import Hidden
 from isi.config import check
 from isi.errors import InputError
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import Hidden
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.graph.words import read_vectors
 from isi.params import load

@@ -175,14 +175,6 @@ def test_a_graph_without_spare_triples_is_trained_and_says_that_nothing_is_measu
     assert summary.warning
 
 
-def test_a_triple_is_counted_by_a_column_or_by_its_repeats() -> None:
-    rows = [("cup", "in", "kitchen"), ("bed", "in", "bedroom"), ("cup", "in", "kitchen")]
-    frame = pd.DataFrame(
-        {"tail": ["kitchen", "bedroom"], "count": [2, 1], "head": ["cup", "bed"], "relation": "in"}
-    )
-    pd.testing.assert_frame_equal(tables_of(frame).triples, tables_of(rows).triples)
-
-
 def test_divergence_names_the_learning_rate() -> None:
     with pytest.raises(InputError, match="learning rate"):
         train_bundle(tables_of(home()), model="analogy", learning_rate=1e14, dimension=16, budget=1)

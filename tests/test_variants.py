@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 import yaml
 
-from isi.analyses.query_breakdown import break_down
 from isi.analyses.variants import (
     LEARNED,
     VARIANT_QUERIES,
@@ -26,10 +26,11 @@ from isi.analyses.variants import (
     run_variant,
     train_models,
 )
+from isi.benchmark.study import study_of
 from isi.errors import InputError
-from isi.experiment.insert import InsertConfig, insert_stack
+from isi.experiment.breakdown import break_down
+from isi.experiment.insert import InsertConfig, insert_stack, with_vectors
 from isi.experiment.train import TrainConfig, evaluate_stack
-from isi.extras.hidden_entities import study_of
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
@@ -136,17 +137,17 @@ def test_a_variant_knows_what_its_changes_concern() -> None:
 # The runs
 
 
-def stored(size: int = 2) -> Models:
+def stored() -> Models:
     """Θ⁰ and the joint models, trained as in the first pipeline."""
-    return train_models(points_of(GRAPH, size, SEEDS), LEARNING)
+    return train_models(points_of(GRAPH, 2, SEEDS), LEARNING)
 
 
-def task(start: Models | TrainConfig, most: int | None = None, size: int = 2) -> VariantTask:
+def task(start: Models | TrainConfig, most: int | None = None) -> VariantTask:
     configs = {
         name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN)
         for name in NAMES
     }
-    return points_of(GRAPH, size, SEEDS), start, WORDS, configs, most
+    return points_of(GRAPH, 2, SEEDS), start, WORDS, configs, most
 
 
 def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -171,9 +172,13 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))
     for name, result in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), result.runs.reset_index(drop=True))
-    same = break_down(
-        points, theta0, joint[0], {name: result.vectors for name, result in inserted.items()}
-    )
+    novel = points.novel_in(1)
+    embeddings = {
+        name: with_vectors(theta0, novel, torch.from_numpy(result.vectors))
+        for name, result in inserted.items()
+    }
+    embeddings["joint"] = joint[0]
+    same = pd.concat(break_down(points, theta, name) for name, theta in embeddings.items())
     pd.testing.assert_frame_equal(answers.reset_index(drop=True), same.reset_index(drop=True))
 
 

@@ -15,9 +15,9 @@ from isi.continual.experiment import FIRST, MATRIX
 from isi.report.tables.growing import PUBLISHED
 from isi.tables import paths
 from tests import small_continual, stage_run
-from tests.small_continual import FOLDER, NAME
+from tests.small_continual import NAME
 from tools import verify
-from tools.verify import TIE, Check, GrowingGraph, measures, plain_steps, ranked, wins_of
+from tools.verify import TIE, Check, GrowingGraph, ranked, wins_of
 
 INITIALIZERS: dict[str, Any] = {"mean": {}, "er_avg": {}}
 PAIRS = {"mean": ["insert", "replay"], "er_avg": ["insert"]}
@@ -159,15 +159,6 @@ def test_an_altered_number_of_the_report_is_named(name: str, column: str, line: 
     assert disagreement.startswith(expected)
 
 
-@pytest.mark.usefixtures("copied")
-def test_ids_and_samples_are_those_of_the_library() -> None:
-    own, graph = Timeline.from_folder(FOLDER), GrowingGraph(str(FOLDER))
-    assert graph.entities == own.entities.tolist()
-    assert graph.relations == own.relations.tolist()
-    for snapshot, test in zip(own.snapshots, graph.tests, strict=True):
-        assert test.tolist() == snapshot.test.tolist()
-
-
 def test_the_packed_benchmarks_are_read_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(paths.RAW.resolve().parent.parent)
     own, graph = Timeline.benchmark("FBinc-S"), GrowingGraph("FBinc-S")
@@ -184,31 +175,6 @@ def test_scores_at_the_edge_of_a_tie_may_fall_either_way() -> None:
     assert most == [0.5, 0.5, 1, 1, 1, 0.5, 0.5, 0, 0]
 
 
-def test_ranks_of_a_complex_embedding_by_hand(tmp_path: Path) -> None:
-    """(cup, in, e) scores 1, 5, 4, 2 for the known e, and 3 for the new ones: their mean."""
-    write_snapshots(
-        tmp_path, ["cup in hall", "cup in attic", "cup in den"], ["mug in loft", "", ""]
-    )
-    graph = GrowingGraph(str(tmp_path))
-    entity = np.array([[1.0, 0.0], [5.0, 0.0], [4.0, 0.0], [2.0, 0.0]], np.float32)
-    relation = np.array([[1.0, 0.0, 1.0, 0.0]], np.float32)
-    ranks = ranked(graph, entity, relation, 1)
-    expected = {
-        "lkge": 2,  # attic is ahead: valid.txt is not read
-        "incde": 1,
-        "revisiting": 3,  # mug and loft are ahead
-        "current": 3,
-        "old": 1,
-    }
-    for bound in ("lowest", "highest"):
-        row = measures(ranks, bound).reset_index()
-        row = row[(row["j"] == 0) & (row["slot"] == "tail") & (row["answer"] == "old")]
-        for protocol, rank in expected.items():
-            (numbers,) = row.loc[row["protocol"] == protocol, verify.MEASURES].to_numpy().tolist()
-            hits = [float(rank <= k) for k in (1, 3, 10)]
-            assert numbers == [1, pytest.approx(1 / rank), *hits]
-
-
 def write_snapshots(folder: Path, *snapshots: list[str]) -> None:
     """Write snapshots of at most one triple in each split."""
     for number, lines in enumerate(snapshots):
@@ -223,13 +189,3 @@ def test_test_sets_with_later_relations_are_left_out(tmp_path: Path) -> None:
     graph = GrowingGraph(str(tmp_path))
     ranks = ranked(graph, np.ones((2, 2), np.float32), np.ones((1, 4), np.float32), 1)
     assert set(ranks["j"]) == {0}
-
-
-def test_what_is_computed_again_of_a_chain() -> None:
-    steps = plain_steps(SETTINGS | {"pairs": "all"}, 2).apply(tuple, axis=1).tolist()
-    assert len(steps) == len(set(steps))
-    assert set(steps) == {
-        ("", "", "trained", 0),
-        *(("mean", "insert", phase, i) for phase in ("inserted", "trained") for i in (1, 2)),
-        ("mean", "replay", "inserted", 1),
-    }

@@ -24,8 +24,6 @@ WHOLE = {
     "keep", "listed", "meet", "news", "nothing", "one", "own", "placed", "rates", "some",
     "what",
 }  # fmt: skip
-#: Names that change when their stages run next.
-LATER = {"Asked", "at_once"}
 #: Words that must not name an argument or a local, since they do not describe the value.
 LOCALS = {"found", "how", "one", "own", "some", "what"}
 
@@ -46,8 +44,6 @@ def keys(values: object) -> Iterator[str]:
 
 
 def unwanted(name: str) -> bool:
-    if name in LATER:
-        return False
     plain = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().strip("_")
     return plain in WHOLE or bool(PARTS & set(plain.split("_")))
 

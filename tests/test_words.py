@@ -39,18 +39,12 @@ def text(vectors: dict[str, list[float]] = VECTORS) -> bytes:
     return f"{len(vectors)} {len(next(iter(vectors.values())))}\n".encode() + glove(vectors)
 
 
-def binary(
-    vectors: dict[str, list[float]] = VECTORS, header: str | None = None, newline: bytes = b"\n"
-) -> bytes:
+def binary(vectors: dict[str, list[float]] = VECTORS, newline: bytes = b"\n") -> bytes:
     rows = [
         token.encode() + b" " + struct.pack(f"<{len(v)}f", *v) + newline
         for token, v in vectors.items()
     ]
-    return (
-        (header or f"{len(vectors)} {len(next(iter(vectors.values())))}").encode()
-        + b"\n"
-        + b"".join(rows)
-    )
+    return f"{len(vectors)} {len(next(iter(vectors.values())))}\n".encode() + b"".join(rows)
 
 
 def loaded(path: Path, content: bytes) -> KeyedVectors:

@@ -13,7 +13,7 @@ import pandas as pd
 from pykeen.models import model_resolver
 from scipy.stats import t, ttest_1samp
 
-from isi.extras.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path, study_of
+from isi.benchmark.study import HIDDEN_ENTITIES, Hidden, seconds_path, study_of
 from isi.params import load, load_beyond
 from isi.process import errors_in_one_line
 from isi.report.tables.estimates import holm

@@ -13,7 +13,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from isi.analyses.query_breakdown import ranks_of
+from isi.analyses.affordances import ranks_of
 from isi.analyses.variants import Changes
 from isi.config import Count, EachOnce, Name, Names, Section, ensure
 from isi.evaluation import readings
@@ -110,7 +110,7 @@ class ReadingCase(Section):
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
     initializers: Annotated[Names, Field(min_length=1)]
     #: further ones, which are measured right after insertion alone
-    at_once: Annotated[Names, Field(default_factory=list)]
+    immediate_only: Annotated[Names, Field(default_factory=list)]
     #: sizes that are fine-tuned; the others only measured at once
     finetuned: Annotated[list[Count], EachOnce]
     #: how many seeds of these sizes are fine-tuned, the first ones
@@ -149,7 +149,7 @@ class ReadingConfig:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Measurement:
     """What is measured of an initializer at a stack of grid points, besides ranks and readings."""
 
     #: the initializer; None: the joint model is measured
@@ -171,7 +171,7 @@ class Seen:
 
 
 #: Arguments of ``measure_stack``.
-ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Asked]
+ReadingTask = tuple[GridPoints, Embedding, Embedding, np.ndarray, Measurement]
 
 
 def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTables:
@@ -185,21 +185,21 @@ def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTa
         joint = joint_of[tuple(points.seeds)]
         finetuned = case.finetuned_seeds if points.size in case.finetuned else 0
         for initializer, k in config.initializers:
-            goes_on = initializer.initializer not in case.at_once
-            asked = Asked(
+            goes_on = initializer.initializer not in case.immediate_only
+            measurement = Measurement(
                 (initializer, k),
                 finetuned if goes_on else 0,
                 goes_on and points.size in case.curves and not k,
                 config.affordances,
                 case.affordances,
             )
-            tasks.append((points, result.theta, joint, store.words(), asked))
-        tasks.append((points, joint, joint, store.words(), Asked(None)))
+            tasks.append((points, result.theta, joint, store.words(), measurement))
+        tasks.append((points, joint, joint, store.words(), Measurement(None)))
     parts = run(measure_stack, tasks, config.compute, f"{store.experiment}, readings")
     curves = defaultdict[str, list[Tensor]](list)
-    for (points, *_, asked), seen in zip(tasks, parts, strict=True):
-        if seen.curves is not None and asked.inserted:
-            name = asked.inserted[0].initializer
+    for (points, *_, measurement), seen in zip(tasks, parts, strict=True):
+        if seen.curves is not None and measurement.inserted:
+            name = measurement.inserted[0].initializer
             curves[f"{name}.size={points.size:02d}"].append(seen.curves)
     answers = concat([seen.answers for seen in parts if len(seen.answers)], ANSWERS)
     kinds = store.entities().set_index("entity")["kind"]
@@ -231,11 +231,15 @@ def _joint_models(
 
 
 def measure_stack(
-    points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, asked: Asked
+    points: GridPoints,
+    theta: Embedding,
+    joint: Embedding,
+    words: np.ndarray,
+    measurement: Measurement,
 ) -> Seen:
     """Measure an initializer, or the joint model, at a stack of grid points."""
     session, novel = points.session(1), points.novel_in(1)
-    queries, inserted = reading_queries(session, novel), asked.inserted
+    queries, inserted = reading_queries(session, novel), measurement.inserted
     model, k = (inserted[0].initializer, inserted[1]) if inserted else (JOINT_MODEL, 0)
     if inserted:
         config, _ = inserted
@@ -245,29 +249,29 @@ def measure_stack(
     ranks = readings.rank_all(theta, queries)
     measured = readings.values(ranks, queries)
     epochs, curves = None, None
-    is_finetuned = torch.tensor(points.seeds) < asked.finetuned
+    is_finetuned = torch.tensor(points.seeds) < measurement.finetuned
     if inserted and is_finetuned.any():
         target = readings.values(readings.rank_all(joint, queries), queries) - config.margin
         last = config.optimizer.max_epochs
-        watch = ReadingWatch(queries, target, is_finetuned, last, asked.curves)
+        watch = ReadingWatch(queries, target, is_finetuned, last, measurement.curves)
         finetune(points, theta, config, watch)
         epochs = watch.epochs
-        curves = torch.stack(watch.seen, 1) if asked.curves else None
+        curves = torch.stack(watch.seen, 1) if measurement.curves else None
     seeds = np.array(points.seeds)
     columns: dict[str, Any] = {"model": model, "k": k, "size": points.size}
     return Seen(
         _rank_rows(session, novel, queries, ranks, seeds).assign(**columns),
         _reading_rows(measured, epochs, seeds).assign(**columns),
-        _answer_rows(points, theta, asked).assign(model=model),
+        _answer_rows(points, theta, measurement).assign(model=model),
         curves,
     )
 
 
-def _answer_rows(points: GridPoints, theta: Embedding, asked: Asked) -> pd.DataFrame:
+def _answer_rows(points: GridPoints, theta: Embedding, measurement: Measurement) -> pd.DataFrame:
     """Rows of ``ANSWERS`` without the model and kinds."""
     graph, novel, names = points.graph, points.novel[:, 0], np.array(points.graph.entities)
-    model, place = np.isin(names[novel], list(asked.entities)).nonzero()
-    relation = graph.relations.index(asked.relation) if len(model) else 0
+    model, place = np.isin(names[novel], list(measurement.entities)).nonzero()
+    relation = graph.relations.index(measurement.relation) if len(model) else 0
     entity = torch.as_tensor(novel[model, place])
     scores = select(theta, torch.as_tensor(model)).score_tails(
         entity[:, None], torch.full((len(model), 1), relation)

@@ -11,13 +11,14 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
 import pandas as pd
+import torch
 from pydantic import Field
 
-from isi.analyses.query_breakdown import break_down, breakdown_table
 from isi.config import Count, Name, Option, Section, check, ensure
 from isi.errors import InputError
+from isi.experiment.breakdown import break_down, breakdown_table
 from isi.experiment.grid import JOINT_MODEL, GridPoints
-from isi.experiment.insert import InsertConfig, insert_stack, joint_targets
+from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
 from isi.experiment.runner import Compute, run, stack_height
 from isi.experiment.store import Store, runs_table
 from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, train_stack
@@ -184,14 +185,17 @@ def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
     targets = joint_targets(measured, points)
-    runs = [measured.assign(model=JOINT_MODEL)]
-    inserted = {}
+    runs, answers = [measured.assign(model=JOINT_MODEL)], []
+    novel = points.novel_in(1)
     for name, config in configs.items():
         seen = replace(points, insert_triples=limit_insert_triples(points, most, config.root))
         result = insert_stack(seen, theta0, words, targets, config)
         runs.append(result.runs.assign(model=name))
-        inserted[name] = result.vectors[:, : points.size]
-    return pd.concat(runs), break_down(points, theta0, joint[0], inserted)
+        # the queries of all variants of an experiment are the same
+        vectors = torch.from_numpy(result.vectors[:, : points.size])
+        answers.append(break_down(points, with_vectors(theta0, novel, vectors), name))
+    answers.append(break_down(points, joint[0], JOINT_MODEL))
+    return pd.concat(runs), pd.concat(answers)
 
 
 def train_models(points: GridPoints, config: TrainConfig) -> Models:

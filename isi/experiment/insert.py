@@ -24,6 +24,7 @@ from isi.evaluation.query_sets import (
     novel_query_set,
 )
 from isi.evaluation.ranking import evaluate, measure_rows
+from isi.experiment.breakdown import QUERY_BREAKDOWN, break_down
 from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.store import RUNS, Store
 from isi.experiment.train import run_rows
@@ -32,6 +33,7 @@ from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResul
 from isi.insertion.engine import context_in_session
 from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.tables.table import concat
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, Watch
@@ -73,6 +75,8 @@ class InsertConfig:
     margin: float  #: how far below the MRR* of the joint model counts as converged
     #: sizes fine-tuned for all epochs; the others stop at convergence
     full_curves: Sequence[int] = ()
+    #: whether session 1 is measured by kind of query right after insertion
+    breaks_down: bool = False
 
     def training(self, **changed: float) -> InsertConfig:
         """This config with other settings of the optimizer."""
@@ -120,15 +124,17 @@ class SessionResult:
     vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
     runs: pd.DataFrame  #: in the columns of ``RUNS``
     entities: pd.DataFrame  #: in the columns of ``INSERTED``, without ``kind``
+    queries: pd.DataFrame  #: in the columns of ``QUERY_BREAKDOWN``; no rows unless it is asked for
 
 
 def insert_stack(*task: *InsertTask) -> SessionResult:
     """Insert the novel entities of every session, each into Θ of the session before."""
     results = [result for _, result in insert_sessions(*task)]
+    vectors = np.concatenate([result.vectors for result in results], 1)
     runs, entities = (
         pd.concat(getattr(result, name) for result in results) for name in ("runs", "entities")
     )
-    return SessionResult(np.concatenate([result.vectors for result in results], 1), runs, entities)
+    return SessionResult(vectors, runs, entities, results[0].queries)
 
 
 def insert_sessions(
@@ -149,6 +155,8 @@ def insert_sessions(
         initial, entities = initialize(points, theta, words, config, number), []
         theta = with_vectors(theta, novel, initial.vectors)
         immediate = evaluate(theta, novel_query_set(session, novel, mask))
+        asks = config.breaks_down and number == 1
+        parts = [break_down(points, theta, config.initializer)] if asks else []
         for place, queries in enumerate(entity_query_sets(session, novel, mask)):
             fallback = pd.Series(
                 [FALLBACKS[code] for code in initial.fallback[:, place].tolist()], dtype="str"
@@ -165,10 +173,9 @@ def insert_sessions(
         )
         theta = finetune(points, theta, config, watch, number)
         runs = run_rows(points, number, [measure_rows(immediate), *watch.looks])
-        yield (
-            theta,
-            SessionResult(initial.vectors.cpu().numpy(), runs, run_rows(points, number, entities)),
-        )
+        of_entities = run_rows(points, number, entities)
+        by_kind = concat(parts, QUERY_BREAKDOWN)
+        yield theta, SessionResult(initial.vectors.cpu().numpy(), runs, of_entities, by_kind)
 
 
 def initialize(

@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from isi.errors import InputError, short
+from isi.errors import InputError
 from isi.evaluation.ranking import MEASURES
-from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, GraphTables, build_graph
 from isi.graph.sessions import (
@@ -121,9 +120,7 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
 
 @dataclass(frozen=True)
 class Store:
-    """Reads the files of one experiment, each table once;
-    InputError where two contradict each other.
-    """
+    """Reads the files of one experiment, each table once."""
 
     experiment: str
     #: those in memory are not read
@@ -173,14 +170,11 @@ class Store:
         if self.vectors is not None:
             return self.vectors
         (vectors,) = self._arrays(WORD_VECTORS, "vectors")
-        shape = (len(self.entities()), *vectors.shape[-1:])
-        agreement.has_shape(self._path(WORD_VECTORS), "vectors", vectors, shape)
         return vectors
 
     def splits(self) -> dict[int, np.ndarray]:
         """The split of each unique triple by seed, ``OUT`` for none; shapes: (T,), int8."""
         table, triples = self.table(SPLITS), len(self.table(TRIPLES))
-        agreement.ids_below(self._path(SPLITS), table, "triple", triples, "the graph's triples")
         codes = (
             table["split"]
             .astype(str)
@@ -194,12 +188,6 @@ class Store:
             splits[seed][rows["triple"]] = rows["code"]
         return splits
 
-    def insert_triples(self) -> pd.DataFrame:
-        given, graph, path = self.table(INSERT_TRIPLES), self.graph(), self._path(INSERT_TRIPLES)
-        agreement.ids_below(path, given, "triple", len(graph.triples), "the graph's triples")
-        agreement.insert_triples_fit(path, given, self.table(NOVEL), self.splits(), graph)
-        return given
-
     def grid(
         self, stack: int, size: int | None = None, seeds: int | None = None
     ) -> list[GridPoints]:
@@ -209,19 +197,15 @@ class Store:
         graph = self.graph()
         splits = self.splits()
         novel = self.table(NOVEL)
-        path = self._path(NOVEL)
-        agreement.ids_below(path, novel, "entity", len(graph.entities), "the graph's entities")
-        agreement.novel_sets_are_whole(path, novel, list(splits))
-        agreement.splits_are_whole(self._path(SPLITS), splits)
         chosen = novel if size is None else novel[novel["size"] == size]
         chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
             raise InputError(
-                path,
+                self._path(NOVEL),
                 "column 'size'",
                 f"expected rows of size {size} and seed below {seeds} (None: any)",
             )
-        given, grid = self.insert_triples(), []
+        given, grid = self.table(INSERT_TRIPLES), []
         for number in sorted(set(chosen["size"].tolist())):
             of_size = chosen[chosen["size"] == number]
             numbers = of_size["seed"].unique().tolist()
@@ -243,46 +227,31 @@ class Store:
 
     def theta0(self, points: GridPoints, model: Model) -> Embedding:
         """Θ⁰ of a stack of grid points."""
-        return self._embedding(THETA0, points, model, 0, "")
+        return self._embedding(THETA0, points, model, "")
 
     def joint(self, points: GridPoints, model: Model, session: int = 1) -> Embedding:
         """The joint models of a session of a stack of grid points."""
-        return self._embedding(JOINT, points, model, session, points.joint_prefix(session))
+        return self._embedding(JOINT, points, model, points.joint_prefix(session))
 
     def joint_models(self, points: GridPoints, model: Model) -> list[Embedding]:
         """The joint models of every session of a stack of grid points."""
         return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
 
     def _embedding(
-        self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str
+        self, file: TensorFile, points: GridPoints, model: Model, prefix: str
     ) -> Embedding:
-        """The models of a session at a stack of grid points, checked against graph and model."""
-        path, session = self._path(file, size=points.size), points.session(number)
-        names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
+        """The models of a session at a stack of grid points."""
+        names = [f"{prefix}{name}" for name in ("entity", "relation", "seed")]
         *tensors, seed = self._arrays(file, *names, size=points.size)
-        if seed.tolist() != self._seeds or any(len(tensor) != len(seed) for tensor in tensors):
-            raise InputError(
-                path, "", f"expected the sessions' seeds, {short(self._seeds)}, in every tensor"
-            )
-        entity, relation, known = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
-        shape, dimension = session.entities.shape, entity.shape[-1]
-        width = len(points.graph.relations), model.width(dimension)
-        agreement.has_shape(path, "entity", entity, (*shape, dimension))
-        agreement.has_shape(path, "relation", relation, (shape[0], *width))
-        agreement.has_shape(path, "known", known, shape, np.bool_)
-        agreement.known_are(path, points.seeds, known, session.entities.numpy(), entity)
+        entity, relation = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
         return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
         """The vectors that an initializer gave in session 1 at a stack of grid points;
         shape (M, size, d).
         """
-        path, name = self._path(INITIAL_VECTORS, initializer=initializer), f"size={points.size:02d}"
+        name = f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
-        dimension = THETA0.shape("entity", experiment=self.experiment, size=points.size)[-1:]
-        agreement.has_shape(
-            path, name, vectors, (len(self._seeds), points.sessions * points.size, *dimension)
-        )
         return vectors[np.isin(self._seeds, points.seeds), : points.size]
 
     def _path(self, file: DataFile, **names: str | int) -> Path:

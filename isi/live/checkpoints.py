@@ -131,14 +131,10 @@ def read_biggraph(folder: Path, options: Options, loss: Loss | None) -> Bundle:
         for part in range(settings.num_partitions):
             listed = _names(folder / f"entity_names_{kind}_{part}.json")
             files.append(folder / f"embeddings_{kind}_{part}.v{version}.h5")
-            arrays, shape = read_hdf5(files[-1], "embeddings"), (len(listed), config.dimension)
-            rows = _array(files[-1], arrays, "embeddings", shape)
-            if config.max_norm:  # of vectors when they are looked up
-                lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-                rows = rows * (config.max_norm / np.maximum(lengths, config.max_norm))
+            rows = _part_rows(files[-1], len(listed), config)
             if config.global_emb:
                 added = f"model/entities/{kind}/global_embedding"
-                rows = rows + _array(files[0], parameters, added, shape[1:])
+                rows = rows + _array(files[0], parameters, added, rows.shape[1:])
             tables.append(rows)
             names += listed
             kinds += [kind] * len(listed)
@@ -161,6 +157,17 @@ def read_biggraph(folder: Path, options: Options, loss: Loss | None) -> Bundle:
     labels = Labels("PyTorch-BigGraph", names, relation_names, triples, kinds)
     both = [np.concatenate(tables), relations]
     return of_tables(labels, model, options, both, files, loss or trained_with)
+
+
+def _part_rows(path: Path, number: int, config: BigGraphConfig) -> np.ndarray:
+    """The vectors of a part of the entities, as they are when they are looked up."""
+    shape = (number, config.dimension)
+    rows = _array(path, read_hdf5(path, "embeddings"), "embeddings", shape)
+    if not config.max_norm:
+        return rows
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    scaled: np.ndarray = rows * (config.max_norm / np.maximum(lengths, config.max_norm))
+    return scaled
 
 
 def read_hdf5(path: Path, name: str) -> Arrays:

@@ -24,7 +24,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from isi.columns import TRIPLE
-from isi.config import Count, Positive, Seed, check
+from isi.config import Count, Option, Positive, Seed, check
 from isi.errors import InputError, at
 from isi.evaluation.filtered import EndQueries, end_queries, random_ranks
 from isi.evaluation.ranking import padded_ids
@@ -346,6 +346,75 @@ def train_bundle(
     seed = check(seed, Seed, "", "argument 'seed'")
     dimension = check(dimension, Count, "", "argument 'dimension'")
     whole = build_graph(tables.entities, tables.triples)
+    plan = planned(whole, dimension, budget)
+    graph = plan.graph
+    with naming_argument("model"):
+        options_of = {
+            name: dict(MODELS.get(name).defaults)
+            for name in ([model] if model else compared_models())
+        }
+    rates = RATES if learning_rate is None else (learning_rate,)
+    configs = {
+        plan.config(name, options, rate, dimension, seed): name
+        for rate in rates
+        for name, options in options_of.items()
+    }
+    repeated = repeated_relations(graph)
+    groups = groups_of(graph, repeated)
+    splits = held_out(graph, groups, seed, max(1, min(DRAWS, DENSE_LIMIT // plan.cells)))
+    tries = int(budget / plan.seconds / len(splits))
+    config, epochs = compare(points_of(graph, splits), list(configs), tries)
+    tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
+    both = np.concatenate([tested, np.zeros_like(tested)])
+    final = train_final(points_of(graph, both), config, epochs)
+    of_train = select(final, torch.tensor([0]))
+    summary = TrainingSummary(
+        entities=len(graph.entities),
+        relations=len(graph.relations),
+        triples=len(graph.triples),
+        observations=int(whole.counts.sum()),
+        epoch_observations=int(graph.counts.sum()),
+        model=configs[config],
+        learning_rate=config.training.learning_rate,
+        dimension=dimension,
+        epochs=epochs,
+        batch_size=plan.batch_size,
+        repeated=[[graph.relations[relation] for relation in together] for together in repeated],
+        **test_measures(graph, groups, torch.from_numpy(tested), of_train),
+    )
+    options = options_of[summary.model]
+    whole_model = select(final, torch.tensor([1]))
+    return bundle_of(tables, whole, whole_model, summary, options, config), summary
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a graph is trained, so that one setting at least fits into a budget of seconds."""
+
+    graph: Graph  #: with counts that may be scaled down
+    batch_size: int
+    negatives: Negatives
+    cells: int  #: of a dense table of scores: R · E²
+    seconds: float  #: of an epoch of one model, by an estimate of its work
+
+    def config(
+        self, name: str, options: Mapping[str, Option], rate: float, dimension: int, seed: int
+    ) -> TrainConfig:
+        """How a model is trained when settings are compared."""
+        training = Training(
+            batch_size=self.batch_size,
+            learning_rate=rate,
+            weight_decay=DECAY / len(self.graph.entities),
+            max_epochs=LEAST,
+            evaluate_every=5,
+            patience=4,
+        )
+        model = checked_model(name, options, dimension)
+        return TrainConfig(seed, model, dimension, INIT_RANGE, self.negatives, training)
+
+
+def planned(whole: Graph, dimension: int, budget: float) -> Plan:
+    """Counts, batches and negatives by the size of a graph and the budget."""
     dense = is_dense(whole)
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")
     most = max(OBSERVED, PER_TRIPLE * len(whole.triples))
@@ -358,89 +427,49 @@ def train_bundle(
     batch_size = max(1, min(observed // 10, observed if dense else LARGEST_BATCH))
     updates = observed / batch_size
     listed = observed * (1 + 3 * ratio) + updates * (entities + relations)
-    seconds = updates * OVERHEAD + dimension * (
-        updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
-    )
+    work = updates * cells * 6 / DENSE_RATE if dense else listed / LIST_RATE
+    seconds = updates * OVERHEAD + dimension * work
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": pool}, Negatives, "", "")
-    with naming_argument("model"):
-        defaults = {
-            name: dict(MODELS.get(name).defaults)
-            for name in ([model] if model else compared_models())
-        }
-    configs = {
-        TrainConfig(
-            seed,
-            checked_model(name, options, dimension),
-            dimension,
-            INIT_RANGE,
-            negatives,
-            Training(
-                batch_size=batch_size,
-                learning_rate=rate,
-                weight_decay=DECAY / entities,
-                max_epochs=LEAST,
-                evaluate_every=5,
-                patience=4,
-            ),
-        ): name
-        for rate in (RATES if learning_rate is None else (learning_rate,))
-        for name, options in defaults.items()
-    }
-    repeated = repeated_relations(graph)
-    groups = groups_of(graph, repeated)
-    splits = held_out(graph, groups, seed, max(1, min(DRAWS, DENSE_LIMIT // cells)))
-    config, epochs = compare(
-        points_of(graph, splits), list(configs), int(budget / seconds / len(splits))
-    )
-    tested = np.where(splits[:1] == TEST, TEST, TRAIN).astype(np.int8)
-    final = train_final(
-        points_of(graph, np.concatenate([tested, np.zeros_like(tested)])), config, epochs
-    )
-    measures = test_measures(
-        graph, groups, torch.from_numpy(tested), select(final, torch.tensor([0]))
-    )
-    name, rate = configs[config], config.training.learning_rate
-    chosen = (
-        entities,
-        relations,
-        len(graph.triples),
-        int(whole.counts.sum()),
-        observed,
-        name,
-        rate,
-        dimension,
-        epochs,
-        batch_size,
-    )
-    names = [[graph.relations[relation] for relation in together] for together in repeated]
-    summary = TrainingSummary(*chosen, names, **measures)
+    return Plan(graph, batch_size, negatives, cells, seconds)
+
+
+def bundle_of(
+    tables: GraphTables,
+    graph: Graph,
+    trained: Embedding,
+    summary: TrainingSummary,
+    options: Mapping[str, Option],
+    config: TrainConfig,
+) -> Bundle:
+    """The bundle of one model that all triples of a graph have trained."""
     made = {
-        "seed": seed,
-        "weight_decay": DECAY / entities,
-        "init_range": INIT_RANGE,
-        "ratio": ratio,
+        "seed": config.root,
+        "weight_decay": config.training.weight_decay,
+        "init_range": config.init_range,
+        "ratio": config.negatives.ratio,
         **asdict(summary),
     }
     kinds = ["" if kind == ENTITY else kind for kind in tables.entities["kind"].astype(str)]
-    phrases, triples = list(tables.entities["phrase"].astype(str)), graph.triples.numpy()
+    phrases = list(tables.entities["phrase"].astype(str))
     # without the sentence model, a live embedding takes the words of its vocabulary
-    words, source = (
-        (np.stack(list(map(by_model, phrases))), OF_MODEL) if has_model() else (None, None)
+    words, source = None, None
+    if has_model():
+        words, source = np.stack(list(map(by_model, phrases))), OF_MODEL
+    manifest = Manifest(
+        model_name=summary.model, model_options=dict(options), words=source, made=made
     )
-    manifest = Manifest(model_name=name, model_options=defaults[name], words=source, made=made)
-    bundle = Bundle(
+    return Bundle(
         manifest,
-        final.entity[1].numpy(),
-        final.relation[1].numpy(),
+        trained.entity[0].numpy(),
+        trained.relation[0].numpy(),
         graph.entities,
         kinds,
         phrases,
         graph.relations,
-        triples,
+        graph.triples.numpy(),
         words,
-        whole.counts.numpy(),
+        graph.counts.numpy(),
     )
-    return bundle, summary
 
 
 def points_of(graph: Graph, splits: np.ndarray) -> GridPoints:

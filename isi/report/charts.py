@@ -150,19 +150,21 @@ def lines(
     if len(frame):
         low, high = float(frame[x].min()), float(frame[x].max())
         if high > 20 and low == 0:
-            axes.set_xscale("symlog", linthresh=10, linscale=1.2)
-            ticks = [tick for tick in (0, 2, 4, 6, 8, 10, 20, 50, 150) if tick <= high]
-            axes.set_xticks(ticks, list(map(str, ticks)))
-            axes.minorticks_off()
-            if high > 10:
-                axes.axvline(10, color=LINE, lw=1, zorder=0.5)
-                at_top = axes.get_xaxis_transform()
-                axes.text(
-                    10.4, 0.97, "scale changes", fontsize=FONT - 3, color=SOFT, transform=at_top
-                )
+            _widen_the_start(axes, high)
         axes.set_xlim(low, high if high > low else low + 1)
     _name_ends(made, ends, names)
     return made
+
+
+def _widen_the_start(axes: Axes, high: float) -> None:
+    """Scale x linearly to 10 and by its logarithm from there; a line says so."""
+    axes.set_xscale("symlog", linthresh=10, linscale=1.2)
+    ticks = [tick for tick in (0, 2, 4, 6, 8, 10, 20, 50, 150) if tick <= high]
+    axes.set_xticks(ticks, list(map(str, ticks)))
+    axes.minorticks_off()
+    axes.axvline(10, color=LINE, lw=1, zorder=0.5)
+    at_top = axes.get_xaxis_transform()
+    axes.text(10.4, 0.97, "scale changes", fontsize=FONT - 3, color=SOFT, transform=at_top)
 
 
 def _marked(at: np.ndarray) -> np.ndarray:

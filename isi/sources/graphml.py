@@ -32,18 +32,7 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
     a node has. A node without it is named by its id, and nodes that share a name by both.
     Attributes ``kind`` and ``phrase`` are those of the entity.
     """
-    import networkx as nx  # imported here: few calls need it
-
-    text = read_text(Path(path), "GraphML, which is read as a whole,")
-    try:
-        with warnings.catch_warnings(action="ignore"):  # of attributes without a type
-            graph: Any = nx.parse_graphml(text, force_multigraph=True)
-    except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
-        raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
-    if not graph.is_directed():
-        raise InputError(
-            path, "graph", "expected edgedefault directed: an edge leads from head to tail"
-        )
+    graph = _read(path)
     mining.name_entities = named = Naming()
     nodes: dict[str, dict[str, Any]] = dict(graph.nodes(data=True))
     if names not in (None, "id") and not any(names in attributes for attributes in nodes.values()):
@@ -77,6 +66,23 @@ def graphml(mining: Mining, path: str, names: str | None = None) -> Iterator[Obs
                 count = int(count)
             count = config.check(count, Count, "count", "")
         yield None, None, None, *triple.values(), count
+
+
+def _read(path: str) -> Any:
+    """The graph of a file; InputError unless it is GraphML with directed edges."""
+    import networkx as nx  # imported here: few calls need it
+
+    text = read_text(Path(path), "GraphML, which is read as a whole,")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of attributes without a type
+            graph: Any = nx.parse_graphml(text, force_multigraph=True)
+    except (nx.NetworkXError, ParseError, ValueError, KeyError, TypeError) as error:
+        raise InputError(path, "", f"expected GraphML ({cut(str(error), 120)})") from error
+    if not graph.is_directed():
+        raise InputError(
+            path, "graph", "expected edgedefault directed: an edge leads from head to tail"
+        )
+    return graph
 
 
 def _labels(nodes: dict[str, dict[str, Any]], names: str | None) -> dict[str, str]:

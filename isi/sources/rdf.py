@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Literal as Choice
@@ -55,86 +56,114 @@ def rdf(
     relations of one name.
     """
     with extra("rdf"):
-        from rdflib import OWL, RDF, RDFS, BNode, Literal
+        import rdflib  # noqa: F401
 
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # no warnings of invalid IRIs
-    no_facts = (str(RDF), str(RDFS), str(OWL), SHACL)
-    no_kinds = {OWL.NamedIndividual, OWL.Thing, RDFS.Resource}
     mining.name_entities = named = naming(entities, kinds, household, mining.counts)
-    iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by role and name
-    types: dict[str, dict[Node, str]] = {}  # places of types by IRI
-    above: dict[Node, set[Node]] = {}  # classes above a class
-    labels = dict[str, str]()  # by IRI
-    unusable = Counter[str]()  # number of labels by IRI
-    seen = set[Triple]()
+    graph = _Contents(path, names == "iri", mining.counts)
+    for place, nodes in _read_triples(Path(path)):
+        triple = graph.fact(place, *nodes)
+        if triple:
+            yield None, None, None, *triple, 1
+    if not graph.facts:
+        dropped = ", ".join(f"{number:,} {label}" for label, number in mining.counts.items())
+        raise InputError(
+            path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}"
+        )
+    graph.describe(named)
 
-    def name_of(place: str, node: Node, role: str = "") -> str:
+
+@dataclass
+class _Contents:
+    """What the triples of a graph say: facts, and types and labels by IRI."""
+
+    path: str
+    whole_iris: bool  #: whether a name is the whole IRI
+    counts: Counter[str]
+    facts: set[Triple] = field(default_factory=set)  #: in the clean form of names
+    #: IRIs by role and name
+    iris: dict[str, dict[str, str]] = field(default_factory=lambda: {"entity": {}, "relation": {}})
+    types: dict[str, dict[Node, str]] = field(default_factory=dict)  #: places of types by IRI
+    above: dict[Node, set[Node]] = field(default_factory=dict)  #: classes above a class
+    labels: dict[str, str] = field(default_factory=dict)
+    unusable: Counter[str] = field(default_factory=Counter)  #: number of labels by IRI
+
+    def fact(self, place: str, head: Node, relation: Node, tail: Node) -> Triple | None:
+        """The names of a triple of entities that is new; None for others, which are noted or
+        counted.
+        """
+        from rdflib import OWL, RDF, RDFS, BNode, Literal
+
+        if isinstance(head, BNode) or isinstance(tail, BNode):
+            self.counts[BLANK] += 1
+        elif relation == RDF.type:
+            if tail not in {OWL.NamedIndividual, OWL.Thing, RDFS.Resource}:
+                self.types.setdefault(clean(str(head)), {}).setdefault(tail, place)
+        elif relation == RDFS.label and isinstance(tail, Literal):
+            if (tail.language or "en").partition("-")[0] == "en":
+                self._note_label(clean(str(head)), clean(" ".join(str(tail).split())))
+        elif isinstance(tail, Literal):
+            self.counts[LITERALS] += 1
+        elif relation == OWL.sameAs:
+            self.counts[SAME] += 1
+        elif str(relation).startswith((str(RDF), str(RDFS), str(OWL), SHACL)):
+            self.counts[STRUCTURE] += 1
+            if relation == RDFS.subClassOf:
+                self.above.setdefault(head, set()).add(tail)
+        else:
+            ends = self._name_of(place, head, "entity"), self._name_of(place, tail, "entity")
+            triple = ends[0], self._name_of(place, relation, "relation"), ends[1]
+            form = clean(triple[0]), clean(triple[1]), clean(triple[2])
+            if form not in self.facts:
+                self.facts.add(form)
+                return triple
+            self.counts[REPEATED] += 1
+        return None
+
+    def _note_label(self, iri: str, label: str) -> None:
+        if name_fault(label):
+            self.unusable[iri] += 1
+        else:
+            self.labels.setdefault(iri, label)
+
+    def _name_of(self, place: str, node: Node, role: str = "") -> str:
         iri = str(node)
-        name = local_name(iri) if names == "local" else iri
+        name = iri if self.whole_iris else local_name(iri)
         if fault := name_fault(name):
-            raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
-        other = iris[role].setdefault(clean(name), iri) if role else iri
+            raise InputError(self.path, place, f"<{cut(iri, 40)}>: {fault}")
+        other = self.iris[role].setdefault(clean(name), iri) if role else iri
         if clean(other) != clean(iri):
             also = (
                 f"{short(name)} is also the name of <{cut(other)}>; set names: "
                 "iri to use whole IRIs as names"
             )
-            raise InputError(path, place, also)
+            raise InputError(self.path, place, also)
         return name
 
-    for place, (head, relation, tail) in _read_triples(Path(path)):
-        if isinstance(head, BNode) or isinstance(tail, BNode):
-            mining.counts[BLANK] += 1
-        elif relation == RDF.type:
-            if tail not in no_kinds:
-                types.setdefault(clean(str(head)), {}).setdefault(tail, place)
-        elif relation == RDFS.label and isinstance(tail, Literal):
-            label = clean(" ".join(str(tail).split()))
-            if (tail.language or "en").partition("-")[0] != "en":
-                continue
-            if name_fault(label):
-                unusable[clean(str(head))] += 1
-            else:
-                labels.setdefault(clean(str(head)), label)
-        elif isinstance(tail, Literal):
-            mining.counts[LITERALS] += 1
-        elif relation == OWL.sameAs:
-            mining.counts[SAME] += 1
-        elif str(relation).startswith(no_facts):
-            mining.counts[STRUCTURE] += 1
-            if relation == RDFS.subClassOf:
-                above.setdefault(head, set()).add(tail)
-        else:
-            ends = name_of(place, head, "entity"), name_of(place, tail, "entity")
-            triple = ends[0], name_of(place, relation, "relation"), ends[1]
-            form = clean(triple[0]), clean(triple[1]), clean(triple[2])
-            if form in seen:
-                mining.counts[REPEATED] += 1
-            else:
-                yield None, None, None, *triple, 1
-            seen.add(form)
-    if not seen:
-        dropped = ", ".join(f"{number:,} {label}" for label, number in mining.counts.items())
-        raise InputError(
-            path, "", f"expected triples between entities that have IRIs, got {dropped or 'none'}"
-        )
-    of_entities = {name: types.get(clean(iri), {}) for name, iri in iris["entity"].items()}
-    # entities of each type
-    number_of = Counter(node for nodes in of_entities.values() for node in nodes)
-    listed = set(named.kind_of)
-    for name, iri in iris["entity"].items():  # types and labels of relations are ignored
-        given = of_entities[name]
-        lowest = [
-            node for node in given if not any(_is_above(node, other, above) for other in given)
-        ] or list(given)
-        if lowest and name not in listed:
-            rarest = min(lowest, key=lambda node: (number_of[node], str(node)))
-            named.kind_of[name] = name_of(given[rarest], rarest)
-            mining.counts.update([MANY_TYPES] * (len(lowest) > 1))
-        if clean(iri) in labels:
-            named.phrase_of.setdefault(name, labels[clean(iri)].lower())
-        if dropped_labels := unusable[clean(iri)]:
-            mining.counts[UNUSABLE] += dropped_labels
+    def describe(self, named: Naming) -> None:
+        """Give kinds and phrases to the entities of facts; those of relations are ignored."""
+        iris = self.iris["entity"]
+        types_of = {name: self.types.get(clean(iri), {}) for name, iri in iris.items()}
+        entities_of = Counter(node for nodes in types_of.values() for node in nodes)
+        listed = set(named.kind_of)
+        for name, iri in iris.items():
+            types = types_of[name]
+            lowest = self._lowest(types)
+            if lowest and name not in listed:
+                rarest = min(lowest, key=lambda node: (entities_of[node], str(node)))
+                named.kind_of[name] = self._name_of(types[rarest], rarest)
+                self.counts.update([MANY_TYPES] * (len(lowest) > 1))
+            if clean(iri) in self.labels:
+                named.phrase_of.setdefault(name, self.labels[clean(iri)].lower())
+            if number := self.unusable[clean(iri)]:
+                self.counts[UNUSABLE] += number
+
+    def _lowest(self, types: Collection[Node]) -> list[Node]:
+        """Types that are above no other of them; all types where each is above another."""
+        above = {
+            node for node in types if any(_is_above(node, other, self.above) for other in types)
+        }
+        return [node for node in types if node not in above] or list(types)
 
 
 def _is_above(node: Node, other: Node, above: Mapping[Node, set[Node]]) -> bool:

@@ -3,7 +3,7 @@ the labelled rooms and places of objects.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,6 +60,23 @@ def _is_scene_graph(value: Any) -> bool:
     )
 
 
+def _above(path: str, nodes: Mapping[int, Any], edges: Iterable[Any]) -> Any:
+    """The directed graph of nodes, each with edges to those of higher layers."""
+    import networkx as nx  # imported here: few calls need it
+
+    above = nx.DiGraph()
+    above.add_nodes_from(nodes)
+    for number, edge in enumerate(edges):
+        if not {edge.source, edge.target} <= nodes.keys():
+            raise InputError(
+                path, f"edges.{number}", "expected the ids of two nodes as source and target"
+            )
+        low, high = sorted((edge.source, edge.target), key=lambda end: nodes[end].layer)
+        if nodes[low].layer < nodes[high].layer:
+            above.add_edge(low, high)
+    return above
+
+
 @reader("spark_dsg", household, path="path", reads_json=_is_scene_graph)
 def spark_dsg(
     mining: Mining,
@@ -80,17 +97,8 @@ def spark_dsg(
     layers = LAYERS | graph.layer_names
     spaces = graph.metadata.labelspaces if graph.metadata else {}
     label_of = {layers.get(key, key): dict(pairs) for key, pairs in spaces.items()}
-    nodes, above, located = {node.id: node for node in graph.nodes}, nx.DiGraph(), 0
-    above.add_nodes_from(nodes)
-    for number, edge in enumerate(graph.edges):
-        if not {edge.source, edge.target} <= nodes.keys():
-            raise InputError(
-                path, f"edges.{number}", "expected the ids of two nodes as source and target"
-            )
-        low, high = sorted((edge.source, edge.target), key=lambda end: nodes[end].layer)
-        if nodes[low].layer < nodes[high].layer:
-            above.add_edge(low, high)
-
+    nodes, located = {node.id: node for node in graph.nodes}, 0
+    above = _above(path, nodes, graph.edges)
     numbers = {node.attributes.semantic_label for node in graph.nodes}
     names_of_nodes = {node.attributes.name for node in graph.nodes}
     check_settings(Path(path), "labels", labels or {}, numbers)

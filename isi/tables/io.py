@@ -49,12 +49,6 @@ def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Te
     return tensors
 
 
-def shape_of(path: Path, name: str) -> tuple[int, ...]:
-    """The shape of a tensor of a safetensors file."""
-    with _opened(path) as file:
-        return tuple(file.get_slice(_tensor_of(path, file, name)).get_shape())
-
-
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None:
     """Write a safetensors file, atomically; metadata: ``stage``.
     InputError for NaN, infinity or a failed write.

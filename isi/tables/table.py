@@ -115,10 +115,6 @@ class TensorFile(DataFile):
         """Read ``tensors`` from the file whose path ``names`` complete (``io.read_tensors``)."""
         return io.read_tensors(self.path(**names), tensors)
 
-    def shape(self, tensor: str, **names: str | int) -> tuple[int, ...]:
-        """The shape of a tensor, without reading its numbers."""
-        return io.shape_of(self.path(**names), tensor)
-
     def read_file(self, path: Path) -> dict[str, Tensor]:
         return io.read_tensors(path)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from isi.extras.procthor_houses import INSTANCES, OUTSIDE
+from isi.sources.procthor_houses import INSTANCES, OUTSIDE
 from tests.procthor import house, thing
 from tools.benchmarks import FBINC_M
 from tools.benchmarks import LARGE as LARGE_GRAPH

@@ -13,13 +13,12 @@ from typing import Any
 import pandas as pd
 import pytest
 import torch
-from torch import Tensor
 
-from isi.evaluation.ranks import ahead, scores_of
+from isi.evaluation.filtered import end_ranks
 from isi.graph.graph import Graph
 from isi.graph.sessions import SPLIT_NAMES, TEST, VALID, Session, session_of
 from isi.models.model import make_model
-from isi.models.stack import Embedding, uniform
+from isi.models.stack import Embedding, select, uniform
 from isi.tables import paths
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Training, train_until_best
@@ -91,28 +90,10 @@ def measured(embedding: Embedding, session: Session, split: int) -> tuple[float,
     """MRR and Hits@10 of head and tail queries of a split, with all triples as filter;
     means over the models.
     """
-    ranks = filtered_ranks(
-        embedding, session.graph.triples, (session.splits[0] == split).nonzero()[:, 0]
-    )
-    return float((1 / ranks).mean()), float((ranks <= 10).float().mean())
-
-
-def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tensor:
-    """Filtered ranks of the tails, then of the heads, of the triples ``known[queried]``;
-    shape (M, 2Q).
-    """
-    models, entities = embedding.entity.shape[:2]
-    head, relation, tail = (column.expand(models, -1) for column in known[queried].T)
-    is_true = torch.zeros(len(embedding.relation[0]), entities, entities, dtype=torch.bool)
-    is_true[known[:, 1], known[:, 0], known[:, 2]] = True
-    tails, heads = is_true[relation[0], head[0]], is_true[relation[0], :, tail[0]]
-    parts = []
-    for scores, answer, barred in (
-        (embedding.score_tails(head, relation), tail, tails),
-        (embedding.score_heads(relation, tail), head, heads),
-    ):
-        parts.append(1 + ahead(scores, scores_of(answer, scores), ~barred))
-    return torch.cat(parts, 1)
+    queried = (session.splits[0] == split).nonzero()[:, 0]
+    alone = (select(embedding, torch.tensor([model])) for model in range(MODELS))
+    ranks = torch.stack([end_ranks(each, session.graph, queried) for each in alone])
+    return float((1 / ranks).mean()), float((ranks <= 10).double().mean())
 
 
 @pytest.mark.parametrize("name", SETTINGS)

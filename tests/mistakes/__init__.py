@@ -16,7 +16,6 @@ from tests import procthor
 from tools.fuzz import formats
 from tools.fuzz.formats import THINGS, Files
 
-MUG, SHELF, FORK, FLOOR = THINGS
 LOG = "head,relation,tail\nmug,atLocation,kitchen\n"
 LONG = "x" * 10_000
 
@@ -52,19 +51,17 @@ def of_file(format: str, file: str) -> Callable[..., Case]:
     return case
 
 
-def recording(*lines: object, header: object = FORMAT) -> bytes:
+def recording(*lines: object) -> bytes:
     """A recording in the format of ``make record``; lines that are text are written unchanged."""
     return gzip.compress(
         "\n".join(
-            one if isinstance(one, str) else json.dumps(one) for one in (header, *lines)
+            one if isinstance(one, str) else json.dumps(one) for one in (FORMAT, *lines)
         ).encode()
     )
 
 
-def spawned(
-    plan: str = "FloorPlan1", spawn: object = None, objects: object = THINGS
-) -> dict[str, object]:
-    return {"scene": plan, "spawn": spawn, "objects": objects}
+#: A scene in a recording.
+SPAWNED = {"scene": "FloorPlan1", "spawn": None, "objects": THINGS}
 
 
 def house(*objects: object, **others: object) -> str:

@@ -8,13 +8,13 @@ from tests import procthor
 from tests.mistakes import (
     LOG,
     LONG,
+    SPAWNED,
     Case,
     house,
     listed,
     log,
     of_file,
     recording,
-    spawned,
     vectors,
 )
 from tools.fuzz.formats import FORMATS, HOME, THINGS, small_scene_graph
@@ -57,8 +57,8 @@ SCENE_CASES = [
 ]
 
 RECORDING_CASES = [
-    of_recording("cut short", recording(spawned())[:-12], "line 2"),
-    of_recording("damaged", recording(spawned()) + b"????"),
+    of_recording("cut short", recording(SPAWNED)[:-12], "line 2"),
+    of_recording("damaged", recording(SPAWNED) + b"????"),
     of_recording("a line that is no JSON", recording("["), "line 2"),
     of_recording(
         "a line in UTF-16", gzip.compress(json.dumps(FORMAT).encode() + b"\n\xff\xfe{\0"), "line 2"

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from isi.errors import short
 from isi.models.distance import TransE
@@ -27,11 +26,6 @@ def wrong(argument: str, *values: Any, place: str = "", **others: Any) -> list[C
     return [
         Called(f"{argument} {short(value)}", {argument: value, **others}, names) for value in values
     ]
-
-
-def frame_of(*columns: str) -> pd.DataFrame:
-    """The triples in columns of other names."""
-    return pd.DataFrame(TRIPLES, columns=list(columns))
 
 
 INSERT_CASES = [
@@ -73,10 +67,6 @@ INSERT_CASES = [
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
     *wrong("triples", {"cup": ["e1"]}, {"cup": 5}, place="'cup'"),
     *wrong("triples", {"cup": {"IN": "e1"}}, place="did you mean 'in'"),
-    *wrong("triples", pd.DataFrame({"head": ["cup"], "tail": ["e1"]}), place="columns"),
-    *wrong("triples", frame_of("a", "b", "c"), place="columns|'a'|'b'|'c'"),
-    *wrong("triples", frame_of("head", "tail", "weight"), place="columns|'head'|'weight'"),
-    *wrong("triples", frame_of("from", "to", "from"), place="columns|'from'|'to'"),
     *wrong("triples", [*TRIPLES, ("cup", "inn", "e1")], place="triple 4|new_relations"),
     *wrong("confidence", [1.0], [0.0] * 99, [1.5], np.ones((1, 3)), [np.nan]),
     *wrong("validation", [("e0", "in", "cup")], [("e0", "under", "e1")], [(12, 0, 1)], 5),

@@ -21,8 +21,6 @@ import pyarrow.parquet as pq
 import yaml
 
 from isi.errors import InputError, at
-from isi.extras import procthor_houses
-from isi.extras.recorder import Recording
 from isi.graph.files import read_graph
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
@@ -30,7 +28,8 @@ from isi.live.embedding import LiveEmbedding
 from isi.live.stream import answer
 from isi.live.train import tables_of
 from isi.names import name_fault
-from isi.sources import KINDS, OBSERVATIONS, Source
+from isi.recorder import Recording
+from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
 from isi.sources.recordings import ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables

@@ -183,15 +183,15 @@ class Experiment(Runs):
         initializers = params.initializers_of(name)
         settings = params.experiments[name]
         runs = of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
-        breakdown = Path(f"data/analyses/query_breakdown/{name}.parquet")
-        ran = name in params.query_breakdown.experiments
+        breakdown = f"data/analyses/query_breakdown/{name}/{{}}.parquet"
+        has_queries = name in params.query_breakdown.experiments
         return cls(
             name=name,
             title=settings.title,
             models=models,
             initializers=initializers,
             runs=runs,
-            queries=read(breakdown) if ran else None,
+            queries=of_models(breakdown, [*initializers, JOINT]) if has_queries else None,
             margin=params.convergence.margin,
             max_epochs=params.finetuning.max_epochs,
             finetuned=[each for each in initializers if each not in settings.immediate_only],

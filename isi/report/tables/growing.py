@@ -13,6 +13,7 @@ import pandas as pd
 from isi import config
 from isi.report.tables.data import BASELINE, Models, read
 from isi.report.tables.estimates import ENDS, Line, Names, named, over_seeds, where
+from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.registry import Frames, table
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ Chain = tuple[str, str]  #: Keys of an initializer and a strategy in params.
 RUN = [*CHAIN, "seed"]  #: Columns that name one chain.
 #: Measures of ``GrownRuns.measures`` with their headers.
 MEASURES = {
-    "at_once": "new tests, at once",
+    "inserted": "new tests, at once",
     "trained": "new tests, after training",
     "base_before": "base test, before",
     "base": "base test, in the end",
@@ -168,7 +169,7 @@ class GrownRuns:
         base = where(self.trained, j=0)
         later = where(self.trained, i=last)
         tests = {
-            MEASURES["at_once"]: where(new, phase="inserted"),
+            MEASURES["inserted"]: where(new, phase="inserted"),
             MEASURES["trained"]: where(new, phase="trained"),
             MEASURES["base_before"]: where(base, i=0),
             MEASURES["base"]: where(base, i=last),
@@ -214,10 +215,10 @@ def read_runs(experiments: Mapping[str, "ContinualExperiment"], models: Models) 
 
 #: Columns of ``carried``: title, chain and measure.
 CARRIED = [
-    ("new tests: class mean", ("class_mean", "insert"), MEASURES["at_once"]),
-    ("new tests: ERAvg", ("er_avg", "insert"), MEASURES["at_once"]),
-    ("new tests: soft RS", ("soft_rs", "insert"), MEASURES["at_once"]),
-    ("new tests: default", (DEFAULT, "insert"), MEASURES["at_once"]),
+    ("new tests: class mean", ("class_mean", "insert"), MEASURES["inserted"]),
+    ("new tests: ERAvg", ("er_avg", "insert"), MEASURES["inserted"]),
+    ("new tests: soft RS", ("soft_rs", "insert"), MEASURES["inserted"]),
+    ("new tests: default", (DEFAULT, "insert"), MEASURES["inserted"]),
     ("new tests: soft RS, new rows trained", ("soft_rs", "new_rows"), MEASURES["trained"]),
     ("base test: before", (DEFAULT, "insert"), MEASURES["base_before"]),
     ("base test: soft RS", ("soft_rs", "insert"), MEASURES["base"]),
@@ -266,7 +267,9 @@ TIMED = ("new_rows", "new_rows_and_earlier", "replay")
 @table("continual")
 def frontier(results: Sequence[GrownRuns]) -> pd.DataFrame:
     """Use against harm: the test sets of later snapshots in the end, and that of the first one."""
-    return _points(results, _dial)
+    points = _points(results, _dial)
+    points.attrs[ANY_SIZE] = ["value"]
+    return points
 
 
 def _dial(runs: GrownRuns, chain: Chain) -> Place | None:

@@ -147,7 +147,7 @@ def training(results: Results) -> pd.DataFrame:
                 row[f"validation {title}"] = 100 * best[column].mean()
             row["std"] = 100 * best["mrr_star"].std(ddof=1)
             if name == JOINT and experiment.queries is not None:
-                used = experiment.table("data/analyses/query_breakdown/{}.used.parquet")
+                used = experiment.table("data/embeddings/{}/joint.used.parquet")
                 sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
                 shares = 100 * sums["used"] / sums["of"]
                 row |= {f"{part} in use %": share for part, share in shares.items()}

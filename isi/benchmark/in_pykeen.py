@@ -26,15 +26,15 @@ from pykeen.triples import TriplesFactory
 from torch.optim import Adagrad, Adam
 
 from isi.benchmark import HiddenSplit, hide
+from isi.benchmark.study import Hidden, HiddenTraining
+from isi.config import check_names
 from isi.errors import InputError, at
 from isi.experiment.grid import GridPoints
-from isi.extras.hidden_entities import Hidden, HiddenTraining
 from isi.graph.graph import Graph
 from isi.graph.vocabulary import Vocabulary
 from isi.insertion.inverses import both_ways
 from isi.insertion.result import with_vectors
 from isi.models.losses import loss_named
-from isi.params import check_names
 from isi.pykeen import EnlargedModel, insert, read_model, warm
 from isi.pykeen.reading import loss_of, relation_tables_of, stored, table_rows, tables_of
 from isi.tables import paths

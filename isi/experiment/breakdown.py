@@ -1,22 +1,15 @@
-"""Measures right after insertion by relation, hidden slot and role of the novel entity;
-ranks for Table 3.
-"""
+"""Measures right after insertion by relation, hidden slot and role of the novel entity."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
-from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import torch
-from pydantic import Field
 from torch import Tensor
 
-from isi.config import EachOnce, Study
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Queries, RankedQueries, make_queries, observations, rank_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints
-from isi.experiment.insert import with_vectors
 from isi.experiment.store import SCOPES, SESSION, SIZE_AND_SEED
 from isi.experiment.train import run_rows
 from isi.graph.sessions import TEST, TRAIN, VALID, membership
@@ -72,12 +65,12 @@ def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -
     )
 
 
-#: The query breakdown of every model right after insertion.
-QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
+#: The query breakdown of an initializer right after insertion, or of the joint model.
+QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}/{model}.parquet")
 #: ``used``: number of the ``of`` coordinates (scalars or blocks) that ``relation`` uses (null: at
 #: least one relation).
 USED_COORDINATES = Table(
-    "data/analyses/query_breakdown/{experiment}.used.parquet",
+    "data/embeddings/{experiment}/joint.used.parquet",
     {
         "seed": FROM_0,
         "model": NAME,
@@ -88,35 +81,19 @@ USED_COORDINATES = Table(
     },
     key=["seed", "model", "relation", "part"],
 )
-#: Rank of each answer to (entity, relation, ?) right after insertion.
-AFFORDANCES = Table(
-    "data/analyses/affordances/{experiment}.parquet",
-    {"initializer": NAME, "seed": FROM_0, "entity": FROM_0, "answer": FROM_0, "rank": FROM_1},
-)
 
 
-class Affordances(Study):
-    """``affordances`` in params: the experiments, the relation that is queried,
-    and the entities of Table 3.
-    """
-
-    relation: str
-    entities: Annotated[list[str], Field(min_length=1), EachOnce]
+def write_queries(queries: pd.DataFrame, stage: str, experiment: str, model: str) -> None:
+    """Write the breakdown of a model, by size and seed."""
+    rows = queries.sort_values(["size", "seed"], kind="stable")
+    QUERY_BREAKDOWN.write(rows, stage, experiment=experiment, model=model)
 
 
-def break_down(
-    points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
-) -> pd.DataFrame:
-    """Rows of ``QUERY_BREAKDOWN`` for Θ⁰ with inserted vectors (M, n, d) by initializer,
-    and for the joint model.
-    """
+def break_down(points: GridPoints, embedding: Embedding, model: str) -> pd.DataFrame:
+    """Rows of ``QUERY_BREAKDOWN`` for an embedding of session 1, called ``model``."""
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
-    models = {
-        name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()
-    }
-    cases = product({**models, JOINT_MODEL: joint}.items(), query_sets_with_filters(points))
-    for (name, embedding), query_sets in cases:
+    for query_sets in query_sets_with_filters(points):
         pieces = [
             {key: query_terms(ranked, is_novel) for key, ranked in piece.items()}
             for piece in rank_queries(embedding, query_sets)
@@ -124,7 +101,7 @@ def break_down(
         for scope, which in query_sets:
             terms = pd.concat(piece[scope, which] for piece in pieces).groupby(GROUP)
             means = terms.mean().assign(queries=terms.size()).reset_index()
-            groups.append(means.assign(model=name, scope=scope, filter=which))
+            groups.append(means.assign(model=model, scope=scope, filter=which))
     table = pd.concat(groups)
     columns = {
         "relation": np.array(points.graph.relations)[table["relation"]],
@@ -201,36 +178,3 @@ def used_coordinates(
             )
         )
     return concat(parts, USED_COORDINATES).query("of > 0")
-
-
-def rank_answers(
-    points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
-) -> pd.DataFrame:
-    """Rows of ``AFFORDANCES``: entities of D¹ ranked for (novel, relation, ?),
-    with novel vectors (M, n, d).
-    """
-    session, novel = points.session(1), points.novel_in(1)
-    embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
-    scores = embedding.score_tails(novel, torch.full_like(novel, relation))
-    rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
-    model, place, answer = rank.nonzero()
-    columns = {
-        "seed": np.array(points.seeds)[model],
-        "entity": points.novel[model, 0, place],
-        "answer": answer,
-    }
-    return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(
-        initializer=initializer
-    )
-
-
-def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
-    """Rank of each candidate in its row, from 1; ties go to the lower id; 0 for other entities;
-    shapes (..., E).
-    """
-    order = (
-        scores.masked_fill(~candidates, -torch.inf)
-        .sort(dim=-1, descending=True, stable=True)
-        .indices
-    )
-    return (order.argsort(-1) + 1) * candidates

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -108,7 +108,13 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
             f"the header counts {expected[wrong]} records {wrong}, the file has {counts[wrong]}"
         )
         raise InputError(path, f"line {header}", problem)
-    tallies: list[Tally] = []
+    return house, list(_objects(path, house, numbered))
+
+
+def _objects(
+    path: Path, house: str, numbered: Mapping[str, Mapping[int, list[Any]]]
+) -> Iterator[Tally]:
+    """Objects of a house, from its records (line, then values) by kind and number."""
     for number, (line, *ends) in numbered["O"].items():
         names = []
         for kind, end in zip("RC", ends, strict=True):
@@ -119,8 +125,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
                     f"missing or has no valid name: {fault}"
                 )
                 raise InputError(path, f"line {line}", problem)
-        tallies.append((house, str(number), names[0], names[1], 1))
-    return house, tallies
+        yield house, str(number), names[0], names[1], 1
 
 
 def _integer(text: str) -> int:

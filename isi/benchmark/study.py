@@ -6,12 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from isi.config import Count, Fraction, Name, NotNegative, Positive, Section, check
+from isi.config import Count, Fraction, Name, NotNegative, Positive, Section, check, check_names
 from isi.errors import at
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS
 from isi.models.losses import LOSSES
-from isi.params import check_names
 from isi.tables import paths
 from isi.tables.rules import FROM_0, FROM_1, NAME, REAL, SHARE, one_of
 from isi.tables.table import Table

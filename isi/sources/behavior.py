@@ -1,7 +1,7 @@
 """Observations of BEHAVIOR-1K's scenes: the rooms and the affordances of objects."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -74,12 +74,7 @@ def behavior(
     room_types = {room.rpartition("_")[0] for rooms in scenes.values() for room in rooms}
     check_settings(path, "synset or type of room", names, {*synset_of.values(), *room_types})
     synset_named: dict[str, str] = {}
-    for scene, room, model, count in (
-        (scene, room, model, count)
-        for scene, rooms in scenes.items()
-        for room, models in rooms.items()
-        for model, count in models.items()
-    ):
+    for scene, room, model, count in _objects(scenes):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:
             expected = f"expected a category in {CATEGORIES} with a synset in {PROPERTIES}"
@@ -103,6 +98,16 @@ def behavior(
         yield from observed(
             scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count
         )
+
+
+def _objects(
+    scenes: Mapping[str, Mapping[str, Mapping[str, int]]],
+) -> Iterator[tuple[str, str, str, int]]:
+    """Scene, room, model and number of each kind of object."""
+    for scene, rooms in scenes.items():
+        for room, models in rooms.items():
+            for model, count in models.items():
+                yield scene, room, model, count
 
 
 def _words(key: str) -> str:
