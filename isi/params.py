@@ -93,7 +93,6 @@ class Params(Section):
     trajectory: Trajectories
     compare_models: ModelComparison
     affordances: Affordances
-    query_breakdown: Study
     compute: Compute
     recorder: Recorder
     final_model: Study
