@@ -93,7 +93,6 @@ class Params(Section):
     trajectory: Trajectories
     compare_models: ModelComparison
     affordances: Affordances
-    query_breakdown: Study
     compute: Compute
     recorder: Recorder
     final_model: Study
@@ -176,7 +175,7 @@ class Params(Section):
 
     def reading_config(self, case: ReadingCase) -> ReadingConfig:
         """The config of an entry of ``readings``; these params include its changes."""
-        names = [*case.initializers, *case.immediate_only]
+        names = [*case.initializers, *case.controls]
         inserted = [(self.insert_config(name), 0) for name in names]
         for name, numbers in case.indicators.items():
             for k in numbers:
@@ -306,7 +305,7 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
         key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
         yield f"{key}.graph.source", [experiment.graph.source], params.sources
         yield f"{key}.graph.extend.source", [extend.source] if extend else [], params.sources
-        yield f"{key}.immediate_only", experiment.immediate_only, known
+        yield f"{key}.controls", experiment.immediate_only, known
         lists = {
             "initializers": experiment.initializers,
             "full_curves.initializers": curves.initializers,
@@ -371,7 +370,7 @@ def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
         f"{key}.graph.extend.source",
     )
     check_names(case.initializers, params.initializers, f"{key}.initializers")
-    check_names(case.immediate_only, params.initializers, f"{key}.immediate_only")
+    check_names(case.controls, params.initializers, f"{key}.controls")
     check_names(case.indicators, params.initializers, f"{key}.indicators")
     for name, numbers in case.indicators.items():
         options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")

@@ -1,8 +1,7 @@
 """Insert novel entities into Θ⁰ with one initializer, measure right after insertion, and fine-tune.
 
-Where ``query_breakdown`` lists the experiment, the measures right after insertion are also taken by
-kind of query. An initializer that the experiment does not list leaves tables without rows; one in
-``immediate_only`` is not fine-tuned.
+The measures right after insertion are also taken by kind of query. An initializer that the
+experiment does not list leaves tables without rows; one in ``immediate_only`` is not fine-tuned.
 """
 
 from dataclasses import replace
@@ -28,7 +27,7 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
         full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
         config = params.insert_config(initializer, full_curves)
         config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
-        config = replace(config, breaks_down=experiment in params.query_breakdown.experiments)
+        config = replace(config, breaks_down=True)
         tasks = insert_tasks(store, params.model_of(), grid, config)
         results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     else:

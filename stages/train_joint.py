@@ -1,12 +1,11 @@
 """Train the joint models of every session, and measure each of them in all scopes of its session.
 
-Where ``query_breakdown`` lists the experiment, that of session 1 is measured by kind of query, too.
+That of session 1 is measured by kind of query, too.
 """
 
 import pandas as pd
 
 from isi.experiment.breakdown import (
-    QUERY_BREAKDOWN,
     USED_COORDINATES,
     break_down,
     used_coordinates,
@@ -17,7 +16,6 @@ from isi.experiment.runner import run, stack_height
 from isi.experiment.store import JOINT, TRAINING_LOG, Store, write_runs
 from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_stack, warn_of_batch
 from isi.stage import StageContext, stage
-from isi.tables.table import concat
 
 
 @stage
@@ -39,11 +37,9 @@ def train_joint(context: StageContext, experiment: str) -> None:
     log = pd.concat(result.log for _, session, result in results if not session)
     TRAINING_LOG.write(log, context.stage, experiment=experiment, model=JOINT_MODEL)
     write_runs(runs, context.stage, experiment, JOINT_MODEL)
-    parts = list[pd.DataFrame]()
-    if experiment in context.params.query_breakdown.experiments:
-        first = [(points, models[0], JOINT_MODEL) for points, models in joint]
-        parts = run(break_down, first, compute, f"{experiment}, joint, queries")
-    write_queries(concat(parts, QUERY_BREAKDOWN), context.stage, experiment, JOINT_MODEL)
+    first = [(points, models[0], JOINT_MODEL) for points, models in joint]
+    parts = pd.concat(run(break_down, first, compute, f"{experiment}, joint, queries"))
+    write_queries(parts, context.stage, experiment, JOINT_MODEL)
     relation, seed = JOINT.read(["relation", "seed"], experiment=experiment).values()
     used = used_coordinates(config.model, relation, seed.tolist(), store.graph().relations)
     USED_COORDINATES.write(used, context.stage, experiment=experiment)

@@ -47,7 +47,6 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
         "cross_validation": {},
         "compare_models": {"seeds": 2},
         "affordances": {"entities": ["fan"]},
-        "query_breakdown": {},
         "finetune_only": {},
         "final_model": {},
         "explorer": {"size": 2, "seed": 0},

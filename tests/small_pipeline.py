@@ -27,7 +27,6 @@ SMALL: dict[str, Any] = {
     "finetuning.max_epochs": 3,
     "compute.stack": 2,
     "finetune_only.experiments": ["ai2thor"],
-    "query_breakdown.experiments": ["ai2thor"],
     "sweep.initializers": {"es": {}, "ers": {"candidates": 30}},
     "sweep.k": [1, 8],
     "sweep.size": 2,

@@ -28,7 +28,7 @@ from isi.initializers.api import (
     without_weights,
 )
 from isi.insertion.arguments import triples_of
-from isi.insertion.engine import FEW, Method, NovelEntities, insert
+from isi.insertion.engine import FEW, Method, NovelEntities, batches, insert
 from isi.models.bilinear import DistMult
 from isi.models.distance import RotatE
 from isi.models.losses import Loss
@@ -344,6 +344,23 @@ def test_indicators_are_of_the_kind_of_each_new_entity(name: str) -> None:
         np.testing.assert_allclose(both[1], free[1], atol=1e-6)
         assert {KNOWN[row] for row in np.flatnonzero(both[0])} <= set(of_kind)
         np.testing.assert_allclose(both[0].sum(), 1, atol=1e-5)
+
+
+def test_batches_are_of_similar_numbers_of_triples_and_of_limited_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    number = [5, 3, 100, 0, 40, 33, 70]
+    triples = np.array(
+        [(10 + place, 0, 1) for place, times in enumerate(number) for _ in range(times)]
+    )
+    assert [part.tolist() for part in batches(torch.arange(10, 17), triples, 2, 1)] == [
+        [10, 11],
+        [13],
+        [14, 15],
+        [12, 16],
+    ]
+    monkeypatch.setattr("isi.insertion.engine.BUDGET", 3 * 64 * 8)
+    assert [len(part) for part in batches(torch.arange(10, 17), triples, 9, 8)] == [3, 2, 1, 1]
 
 
 def test_vectors_of_a_batch_fit_into_its_budget_where_entities_are_wider_than_relations(

@@ -33,7 +33,6 @@ CHANGES: dict[str, Any] = stage_run.SMALL | {
             "trajectory",
             "compare_models",
             "affordances",
-            "query_breakdown",
             "final_model",
             "explorer",
         )

@@ -58,6 +58,19 @@ def test_what_a_bundle_holds_is_exported_and_read_again(
     assert name in observe("table", written(tmp_path / "a.csv", table)).kind_of()
 
 
+def test_graphml_refuses_what_xml_cannot_hold_and_other_formats_write_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    home_of(Path("home"), small(entity_names=["a\ufffe", *NAMES[1:]]))
+    arguments = ["export", "--home", "home", "--out", "out", "--format"]
+    with pytest.raises(SystemExit):
+        main([*arguments, "graphml"])
+    assert not Path("out").exists()
+    main([*arguments, "turtle"])
+    assert "%EF%BF%BE" in Path("out").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     "name", ["", " ", "\u00a0", "\u200b", "a\tb", "a\u2028b", "a\x00", "x" * 1001]
 )

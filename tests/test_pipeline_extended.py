@@ -38,7 +38,6 @@ STUDIES = [
         "trajectory",
         "compare_models",
         "affordances",
-        "query_breakdown",
         "explorer",
         "finetune_only",
     )

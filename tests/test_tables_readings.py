@@ -32,7 +32,7 @@ PAPER = yaml.safe_load((ROOT / "data/raw/paper/values.yaml").read_text("utf-8"))
 def case_of(**changed: Any) -> Any:
     sizes = changed.pop("sizes", [2, 3])
     sessions = SimpleNamespace(seeds=2, sizes=sizes)
-    usual: dict[str, Any] = {"initializers": [*FIVE], "immediate_only": [], "finetuned": sizes}
+    usual: dict[str, Any] = {"initializers": [*FIVE], "controls": [], "finetuned": sizes}
     usual |= {"finetuned_seeds": 2, "curves": [3], "indicators": {}, "changes": {}}
     return SimpleNamespace(sessions=sessions, **usual | changed)
 
@@ -178,7 +178,7 @@ def small_cases() -> dict[str, CaseRuns]:
         numbers = {"indicators": {of: [1, 4] for of in ("es", "rs", "ers")}}
         control = [] if "extended" in name or name == "decay" else ["mean"]
         changes = {"finetuning.weight_decay": 0.1} if name == "decay" else {}
-        case = case_of(immediate_only=control, changes=changes, **numbers)
+        case = case_of(controls=control, changes=changes, **numbers)
         keys = [(model, k, size) for model in FIVE for k in (0, 1, 4) for size in (2, 3)]
         keys += [(model, 0, size) for model in (*control, "joint") for size in (2, 3)]
         of_mrr = {key: rng.uniform(20, 90, (2, len(READINGS))) for key in keys}

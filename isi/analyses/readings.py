@@ -104,14 +104,18 @@ class ReadingCase(Section):
             lambda case: case.finetuned_seeds <= case.sessions.seeds,
             "expected finetuned_seeds to be at most sessions.seeds",
         ),
+        (
+            lambda case: set(case.initializers).isdisjoint(case.controls),
+            "expected controls other than the initializers",
+        ),
     )
     title: str  #: in the report
     graph: GraphOf
     sessions: Annotated[SessionsOf, ensure(lambda sessions: sessions.steps == 1, "one step")]
     initializers: Annotated[Names, Field(min_length=1)]
     #: further ones, which are measured right after insertion alone
-    immediate_only: Annotated[Names, Field(default_factory=list)]
-    #: sizes that are fine-tuned; the others only measured at once
+    controls: Annotated[Names, Field(default_factory=list)]
+    #: sizes that are fine-tuned; the others are measured right after insertion alone
     finetuned: Annotated[list[Count], EachOnce]
     #: how many seeds of these sizes are fine-tuned, the first ones
     finetuned_seeds: Count
@@ -185,7 +189,7 @@ def measure(case: ReadingCase, config: ReadingConfig, store: Store) -> ReadingTa
         joint = joint_of[tuple(points.seeds)]
         finetuned = case.finetuned_seeds if points.size in case.finetuned else 0
         for initializer, k in config.initializers:
-            goes_on = initializer.initializer not in case.immediate_only
+            goes_on = initializer.initializer not in case.controls
             measurement = Measurement(
                 (initializer, k),
                 finetuned if goes_on else 0,

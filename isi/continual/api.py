@@ -12,11 +12,11 @@ import torch
 from torch import Tensor
 
 from isi.benchmark.evaluation import NamedEmbedding, read
-from isi.config import Count, Seed, check, keywords
+from isi.config import Count, Seed, check, check_names, keywords
 from isi.continual.along import Along, Step
 from isi.continual.chain import Growth, check_classes
 from isi.continual.classes import CLASS_MEAN
-from isi.continual.experiment import ChainTraining, check_name
+from isi.continual.experiment import ChainTraining
 from isi.continual.measures import continual_measures
 from isi.continual.strategies import STRATEGIES
 from isi.continual.timeline import Timeline
@@ -152,7 +152,7 @@ class RunnableTimeline(Timeline):
         settings = {**TRAINING, **options_by_name(training, "training")}
         checked = check(settings, ChainTraining, "", "argument 'training'")
         chosen = options_by_name(strategy_options, "strategy_options")
-        check_name(strategy, STRATEGIES, "argument 'strategy'")
+        check_names([strategy], STRATEGIES, "argument 'strategy'")
         keywords(STRATEGIES[strategy], chosen, "argument 'strategy_options'")
         with naming_argument("initializer"):
             if initializer not in (None, CLASS_MEAN):

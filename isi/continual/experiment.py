@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
-from isi.config import Count, Name, Names, Positive, Section, keywords
+from isi.config import Count, Name, Names, Positive, Section, check_names, keywords
 from isi.continual.chain import Growth
 from isi.continual.classes import CLASS_MEAN
 from isi.continual.matrix import HITS, PROTOCOLS, SQUARE
@@ -204,15 +204,9 @@ def check_experiment(entry: ContinualExperiment, key: str) -> None:
             raise InputError("", place, expected)
     for name in entry.strategies:
         strategy, options = entry.strategy_of(name)
-        check_name(strategy, STRATEGIES, f"{key}.strategies")
+        check_names([strategy], STRATEGIES, f"{key}.strategies")
         keywords(STRATEGIES[strategy], options, f"{key}.strategies.{name}")
     for name in entry.pairs if entry.pairs != "all" else ():
-        check_name(name, entry.initializers, f"{key}.pairs")
+        check_names([name], entry.initializers, f"{key}.pairs")
         for strategy in entry.strategies_of(name):
-            check_name(strategy, entry.strategies, f"{key}.pairs.{name}")
-
-
-def check_name(name: str, known: Mapping[str, Any], key: str) -> None:
-    if name not in known:
-        close = suggestion(name, known)
-        raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{close}")
+            check_names([strategy], entry.strategies, f"{key}.pairs.{name}")

@@ -346,7 +346,7 @@ def train_bundle(
     seed = check(seed, Seed, "", "argument 'seed'")
     dimension = check(dimension, Count, "", "argument 'dimension'")
     whole = build_graph(tables.entities, tables.triples)
-    plan = planned(whole, dimension, budget)
+    plan = plan_of(whole, dimension, budget)
     graph = plan.graph
     with naming_argument("model"):
         options_of = {
@@ -413,7 +413,7 @@ class Plan:
         return TrainConfig(seed, model, dimension, INIT_RANGE, self.negatives, training)
 
 
-def planned(whole: Graph, dimension: int, budget: float) -> Plan:
+def plan_of(whole: Graph, dimension: int, budget: float) -> Plan:
     """Counts, batches and negatives by the size of a graph and the budget."""
     dense = is_dense(whole)
     mode, ratio, pool = ("expected", 9, "unseen") if dense else ("sampled", SAMPLED, "all")

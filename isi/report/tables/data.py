@@ -184,14 +184,13 @@ class Experiment(Runs):
         settings = params.experiments[name]
         runs = of_models(f"data/runs/{name}/{{}}.parquet", [*initializers, JOINT])
         breakdown = f"data/analyses/query_breakdown/{name}/{{}}.parquet"
-        has_queries = name in params.query_breakdown.experiments
         return cls(
             name=name,
             title=settings.title,
             models=models,
             initializers=initializers,
             runs=runs,
-            queries=of_models(breakdown, [*initializers, JOINT]) if has_queries else None,
+            queries=of_models(breakdown, [*initializers, JOINT]),
             margin=params.convergence.margin,
             max_epochs=params.finetuning.max_epochs,
             finetuned=[each for each in initializers if each not in settings.immediate_only],

@@ -146,7 +146,7 @@ def training(results: Results) -> pd.DataFrame:
             for column, title in HALVES.items():
                 row[f"validation {title}"] = 100 * best[column].mean()
             row["std"] = 100 * best["mrr_star"].std(ddof=1)
-            if name == JOINT and experiment.queries is not None:
+            if name == JOINT:
                 used = experiment.table("data/embeddings/{}/joint.used.parquet")
                 sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
                 shares = 100 * sums["used"] / sums["of"]

@@ -84,7 +84,7 @@ class CaseRuns:
     @property
     def models(self) -> list[str]:
         """The initializers, then the joint model."""
-        return [*self.case.initializers, *self.case.immediate_only, JOINT]
+        return [*self.case.initializers, *self.case.controls, JOINT]
 
     def at(self, others: Sequence["CaseRuns"]) -> "CaseRuns":
         """The measures at the sizes that others have, too."""
