@@ -121,7 +121,7 @@ def with_others(table: pd.DataFrame) -> pd.DataFrame:
     """The table with the rows of other graphs that the file has."""
     path = BENCHMARKS / f"{NAME}.csv"
     others = pd.read_csv(path) if path.exists() else table
-    return pd.concat([others[~others["graph"].isin(table["graph"])], table])
+    return pd.concat([others[~others["graph"].isin(table["graph"])], table])[table.columns]
 
 
 def inserted(case: Case, seed: int) -> tuple[list[dict[str, Any]], list[pd.DataFrame]]:
@@ -144,6 +144,7 @@ def inserted(case: Case, seed: int) -> tuple[list[dict[str, Any]], list[pd.DataF
                 initializer=name,
                 trained_with="softmax",
                 seed=seed,
+                allow_without_facts=True,  # the label may have no known word
             )
             known = KnownEmbedding(
                 theta.entity[0], theta.relation[0], theta.model, triples=split.ids.triples
