@@ -5,7 +5,7 @@ and checks across their sections.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import Field
 
@@ -17,10 +17,10 @@ from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.readings import ReadingCase, ReadingConfig
 from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
-from isi.config import Name, Names, Section, Seed, Study, check_names, distinct
+from isi.config import Count, EachOnce, Name, Section, Seed, Study, check_names, distinct
 from isi.continual.experiment import ContinualExperiment, check_experiment
 from isi.errors import InputError, at
-from isi.experiment.insert import Convergence, FullCurves, InitializerList, InsertConfig, is_listed
+from isi.experiment.insert import Convergence, Finetuned, InitializerList, InsertConfig, is_listed
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainConfig
 from isi.graph.graph import GraphOf
@@ -38,6 +38,8 @@ S = TypeVar("S", bound=Section)
 
 #: Maximum number of settings in cross-validation; a setting trains one model per fold.
 MOST_SETTINGS = 13
+#: Sections that an experiment may replace for itself.
+CONDITIONS = ("negatives", "training", "finetuning")
 
 
 class ExperimentOf(Section):
@@ -50,18 +52,27 @@ class ExperimentOf(Section):
         ),
         (
             lambda entry: (
-                not entry.graph.extend
-                or entry.sessions.steps * max(entry.sessions.sizes) <= entry.graph.extend.candidates
+                not entry.graph.extend or max(entry.sessions.sizes) <= entry.graph.extend.candidates
             ),
-            "sessions: expected steps × max(sizes) ≤ graph.extend.candidates",
+            "sessions: expected max(sizes) ≤ graph.extend.candidates",
+        ),
+        (
+            lambda entry: set(entry.full_curves) <= set(entry.sessions.sizes),
+            "full_curves: expected sizes among sessions.sizes",
         ),
     )
     title: str
     graph: GraphOf
     sessions: SessionsOf
     initializers: InitializerList
-    immediate_only: Names  #: initializers that are not fine-tuned
-    full_curves: FullCurves
+    finetuned: Finetuned
+    #: sizes that are fine-tuned for all epochs, for the learning curves; the others until they
+    #: converge
+    full_curves: Annotated[list[Count], EachOnce]
+    #: conditions that replace those of the general sections; None: none do
+    negatives: dict[str, Any] | None
+    training: dict[str, Any] | None
+    finetuning: dict[str, Any] | None
 
 
 class Plots(Section):
@@ -86,6 +97,7 @@ class Params(Section):
     convergence: Convergence
     initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
     plots: Plots
+    measure_changes: Study
     finetune_only: Study
     sweep: Sweep
     cross_validation: CrossValidation
@@ -111,6 +123,15 @@ class Params(Section):
         rates = self.training.model_dump(include={"learning_rate", "weight_decay"})
         choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
         return self.cross_validation.settings(choice)
+
+    def of(self, experiment: str) -> Self:
+        """These params with an experiment's own conditions in place of the general ones."""
+        entry, changes = self.experiments[experiment], dict[str, Any]()
+        for section in CONDITIONS:
+            for key, value in (getattr(entry, section) or {}).items():
+                changes[f"{section}.{key}"] = value
+        with at("", f"experiments.{experiment}"):
+            return variants.changed(self, changes)
 
     def initializers_of(self, experiment: str) -> list[str]:
         """The initializers that an experiment runs, in the order of params."""
@@ -257,6 +278,8 @@ def check_params(params: Params) -> None:
         )
     for key, listed, known in _listed_names(params):
         check_names(listed, known, key)
+    for name in params.experiments:
+        params.of(name)
     for name, study in params.studies.items():
         _check_study(study, params, name)
     for name, settings in params.sources.items():
@@ -302,13 +325,12 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
         if studies[study].experiments:
             yield f"{study}.{place}", listed, names
     for name, experiment in params.experiments.items():
-        key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
+        key, extend = f"experiments.{name}", experiment.graph.extend
         yield f"{key}.graph.source", [experiment.graph.source], params.sources
         yield f"{key}.graph.extend.source", [extend.source] if extend else [], params.sources
-        yield f"{key}.controls", experiment.immediate_only, known
         lists = {
             "initializers": experiment.initializers,
-            "full_curves.initializers": curves.initializers,
+            "finetuned.initializers": experiment.finetuned.initializers,
         }
         yield from (
             (f"{key}.{place}", [] if names == "all" else names, known)

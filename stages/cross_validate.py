@@ -18,7 +18,8 @@ from isi.stage import StageContext, stage
 
 @stage
 def cross_validate(context: StageContext, experiment: str) -> None:
-    params, graph, config = context.params, Store(experiment).graph(), context.params.train_config()
+    params, graph = context.params.of(experiment), Store(experiment).graph()
+    config = params.train_config()
     number, height = params.cross_validation.folds, stack_height(params.compute)
     grid = fold_points(experiment, graph, params.seed, number, height)
     cases = [(points, setting) for setting in params.settings for points in grid]

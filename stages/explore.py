@@ -31,7 +31,7 @@ def explore(context: StageContext, graph: str) -> None:
         )
     variant = settings.variant(graph)
     config = changed(params, variant.changes).variant_config(variant)
-    runs, answers = results(variant, config, [store], graph)
+    runs, answers = results(variant, [(store, config)], graph)
     for table, rows in (
         (GRAPH_ENTITIES, tables.entities),
         (GRAPH_TRIPLES, tables.triples),

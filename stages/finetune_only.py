@@ -1,6 +1,6 @@
 """Fine-tune Θ⁰ on D⁰ without an insertion, and measure it after every epoch.
 
-Sizes and epochs are those of the learning curves after insertion (``full_curves``).
+Sizes, seeds and epochs are those of the learning curves after insertion (``full_curves``).
 """
 
 from isi.analyses import finetuning
@@ -13,12 +13,12 @@ from isi.tables.table import concat
 
 @stage
 def finetune_only(context: StageContext, experiment: str) -> None:
-    params, store, model = context.params, Store(experiment), context.params.model_of()
-    sizes = params.experiments[experiment].full_curves.sizes
+    params, store = context.params.of(experiment), Store(experiment)
+    model, entry = params.model_of(), params.experiments[experiment]
     tasks = [
         (points, store.theta0(points, model), params.seed, params.negatives, params.finetuning)
-        for points in store.grid(stack_height(params.compute))
-        if points.size in sizes
+        for size in entry.full_curves
+        for points in store.grid(stack_height(params.compute), size, entry.finetuned.seeds)
     ]
     runs = run(finetuning.finetune_only, tasks, params.compute, f"{experiment}, nothing inserted")
     FINETUNE_ONLY.write(concat(runs, FINETUNE_ONLY), context.stage, experiment=experiment)

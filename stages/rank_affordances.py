@@ -11,7 +11,8 @@ from isi.tables.table import concat
 
 @stage
 def rank_affordances(context: StageContext, experiment: str) -> None:
-    params, store, model = context.params, Store(experiment), context.params.model_of()
+    params, store = context.params.of(experiment), Store(experiment)
+    model = params.model_of()
     grid, relations = store.grid(stack_height(params.compute)), store.graph().relations
     name = params.affordances.relation
     if name not in relations:

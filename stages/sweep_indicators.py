@@ -2,12 +2,14 @@
 and fine-tune until convergence.
 """
 
+from dataclasses import replace
+
 import pandas as pd
 
 from isi.analyses.finetuning import INDICATOR_SWEEP
 from isi.errors import InputError
-from isi.experiment.insert import insert_stack, insert_tasks
-from isi.experiment.runner import run, stack_height
+from isi.experiment.insert import insert_over, insert_tasks
+from isi.experiment.runner import stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -15,7 +17,8 @@ from isi.tables import paths
 
 @stage
 def sweep_indicators(context: StageContext, experiment: str, initializer: str) -> None:
-    params, sweep, store = context.params, context.params.sweep, Store(experiment)
+    params, store = context.params.of(experiment), Store(experiment)
+    sweep = params.sweep
     options = sweep.initializers[initializer]
     # a larger k selects all candidates
     sizes = [k for k in sweep.k if k <= options.get("candidates", k)]
@@ -26,14 +29,13 @@ def sweep_indicators(context: StageContext, experiment: str, initializer: str) -
             f"expected a k up to sweep.initializers.{initializer}.candidates",
         )
     grid = store.grid(stack_height(params.compute), sweep.size, sweep.seeds)
-    configs = [params.insert_config(initializer, options={**options, "k": k}) for k in sizes]
-    model = params.model_of()
-    tasks = [task for config in configs for task in insert_tasks(store, model, grid, config)]
-    results = run(insert_stack, tasks, params.compute, f"indicator sets, {initializer}")
-    runs = (
-        result.runs.assign(k=task[-1].options["k"])
-        for task, result in zip(tasks, results, strict=True)
-    )
+    model, runs = params.model_of(), list[pd.DataFrame]()
+    for k in sizes:
+        config = params.insert_config(initializer, options={**options, "k": k})
+        config = replace(config, finetuned=sweep.finetuned_seeds)
+        tasks = insert_tasks(store, model, grid, config)
+        result = insert_over(tasks, params.compute, f"{experiment}, {initializer}, k = {k}")
+        runs.append(result.runs.assign(k=k))
     INDICATOR_SWEEP.write(
         pd.concat(runs), context.stage, experiment=experiment, initializer=initializer
     )

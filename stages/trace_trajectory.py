@@ -13,7 +13,8 @@ from isi.tables import paths
 
 @stage
 def trace_trajectory(context: StageContext, experiment: str) -> None:
-    params, settings, store = context.params, context.params.trajectory, Store(experiment)
+    params, store = context.params.of(experiment), Store(experiment)
+    settings = params.trajectory
     points = next(
         (points for points in store.grid(1, settings.size) if points.seeds == [settings.seed]), None
     )
@@ -39,7 +40,7 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
         )
         for name in names
     ]
-    entity = torch.from_numpy(points.novel[0, 0, place : place + 1])
+    entity = torch.from_numpy(points.novel[0, place : place + 1])
     tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
     for name, (path, indicators) in zip(names, traces, strict=True):

@@ -15,7 +15,7 @@ from isi.tables.table import as_text
 
 @stage
 def train_final(context: StageContext, experiment: str) -> None:
-    params, store = context.params, Store(experiment)
+    params, store = context.params.of(experiment), Store(experiment)
     entities, graph, words = as_text(store.entities()), store.graph(), params.words
     epochs = final_model.usual_epochs(TRAINING_LOG.read(experiment=experiment, model=JOINT_MODEL))
     tasks = [(final_model.whole_graph(experiment, graph), params.train_config(), epochs)]

@@ -1,48 +1,56 @@
-"""Train the joint models of every session, and measure each of them in all scopes of its session.
-
-That of session 1 is measured by kind of query, too.
-"""
+"""Train the joint models of D¹, and measure them in all scopes, and by kind of query."""
 
 import pandas as pd
 
-from isi.experiment.breakdown import (
-    USED_COORDINATES,
-    break_down,
-    used_coordinates,
-    write_queries,
-)
-from isi.experiment.grid import JOINT_MODEL
+from isi.evaluation.changes import change_rows, with_weighted_changes
+from isi.evaluation.query_sets import SCOPES, with_weighted
+from isi.experiment.breakdown import break_down, write_queries
+from isi.experiment.grid import JOINT_MODEL, known_shares
 from isi.experiment.runner import run, stack_height
-from isi.experiment.store import JOINT, TRAINING_LOG, Store, write_runs
-from isi.experiment.train import as_tensors, evaluate_stack, joint_tasks, train_stack, warn_of_batch
+from isi.experiment.store import JOINT, MEASURE_CHANGES, RUNS, TRAINING_LOG, Store
+from isi.experiment.train import (
+    as_tensors,
+    evaluate_stack,
+    joint_points,
+    train_stack,
+    warn_of_batch,
+)
 from isi.stage import StageContext, stage
+from isi.tables.table import concat
 
 
 @stage
 def train_joint(context: StageContext, experiment: str) -> None:
-    store = Store(experiment)
-    config = context.params.train_config()
-    compute = context.params.compute
+    params, store = context.params.of(experiment), Store(experiment)
+    config, compute = params.train_config(), params.compute
     grid = store.grid(stack_height(compute))
+    shares = known_shares(grid)
+    names = {"experiment": experiment, "model": JOINT_MODEL}
     warn_of_batch(grid[0], config)
-    tasks = joint_tasks(grid, config)
+    of_joint = joint_points(grid, store.shares_split)
+    tasks = [(points, config) for points in of_joint]
     trained = run(train_stack, tasks, compute, f"{experiment}, joint")
-    results = [
-        (points, session, result)
-        for (points, _, session), result in zip(tasks, trained, strict=True)
-    ]
-    JOINT.write(as_tensors(results), context.stage, experiment=experiment)
-    joint = [(points, store.joint_models(points, config.model)) for points in grid]
-    runs = pd.concat(run(evaluate_stack, joint, compute, f"{experiment}, joint, measured"))
-    log = pd.concat(result.log for _, session, result in results if not session)
-    TRAINING_LOG.write(log, context.stage, experiment=experiment, model=JOINT_MODEL)
-    write_runs(runs, context.stage, experiment, JOINT_MODEL)
+    JOINT.write(as_tensors(zip(of_joint, trained, strict=True)), context.stage, **names)
+    TRAINING_LOG.write(pd.concat([each.log for each in trained]), context.stage, **names)
+    joint = [(points, store.joint(points, config.model)) for points in grid]
+    with_changes = experiment in params.measure_changes.experiments
+    measured = pd.concat(
+        run(
+            evaluate_stack,
+            [(*each, with_changes) for each in joint],
+            compute,
+            f"{experiment}, joint, measured",
+        )
+    )
+    runs = measured[measured["scope"].isin(list(SCOPES))]
+    RUNS.write(with_weighted(runs, shares), context.stage, **names)
+    changes = concat(list[pd.DataFrame](), MEASURE_CHANGES)
+    if with_changes:
+        changes = with_weighted_changes(change_rows(measured), shares)
+    MEASURE_CHANGES.write(changes, context.stage, **names)
     first = [(points, models[0], JOINT_MODEL) for points, models in joint]
     parts = pd.concat(run(break_down, first, compute, f"{experiment}, joint, queries"))
     write_queries(parts, context.stage, experiment, JOINT_MODEL)
-    relation, seed = JOINT.read(["relation", "seed"], experiment=experiment).values()
-    used = used_coordinates(config.model, relation, seed.tolist(), store.graph().relations)
-    USED_COORDINATES.write(used, context.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

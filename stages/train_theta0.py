@@ -11,9 +11,8 @@ from isi.tables import io
 
 @stage
 def train_theta0(context: StageContext, experiment: str) -> None:
-    store = Store(experiment)
-    config = context.params.train_config()
-    compute = context.params.compute
+    params, store = context.params.of(experiment), Store(experiment)
+    config, compute = params.train_config(), params.compute
     grid = store.grid(stack_height(compute))
     warn_of_batch(grid[0], config)
     trained = run(
@@ -22,7 +21,7 @@ def train_theta0(context: StageContext, experiment: str) -> None:
     sizes = sorted({points.size for points in grid})
     for size in sizes:
         results = [
-            (points, 0, result)
+            (points, result)
             for points, result in zip(grid, trained, strict=True)
             if points.size == size
         ]

@@ -2,7 +2,13 @@
 fine-tune unless ``finetuned`` is false.
 """
 
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
+from isi.analyses.variants import (
+    VARIANT_QUERIES,
+    VARIANT_RUNS,
+    VariantConfig,
+    changed,
+    results,
+)
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
 
@@ -10,9 +16,11 @@ from isi.stage import StageContext, stage
 @stage
 def vary(context: StageContext, variant: str) -> None:
     settings = context.beyond.variants[variant]
-    params = changed(context.params, settings.changes)
-    stores = [Store(name) for name in settings.experiments]
-    runs, answers = results(settings, params.variant_config(settings), stores, variant)
+    parts = list[tuple[Store, VariantConfig]]()
+    for name in settings.experiments:
+        params = changed(context.params.of(name), settings.changes)
+        parts.append((Store(name), params.variant_config(settings)))
+    runs, answers = results(settings, parts, variant)
     VARIANT_RUNS.write(runs, context.stage, variant=variant)
     VARIANT_QUERIES.write(answers, context.stage, variant=variant)
 

@@ -8,7 +8,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from isi.config import EachOnce, Study
+from isi.config import EachOnce, Name, Study
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import with_vectors
 from isi.models.stack import Embedding
@@ -24,11 +24,17 @@ AFFORDANCES = Table(
 
 class Affordances(Study):
     """``affordances`` in params: the experiments, the relation that is queried,
-    and the entities of Table 3.
+    and the entities of Table 3, by experiment.
     """
 
+    rules = (
+        (
+            lambda section: set(section.experiments) <= set(section.entities),
+            "entities: expected a list for each of the experiments",
+        ),
+    )
     relation: str
-    entities: Annotated[list[str], Field(min_length=1), EachOnce]
+    entities: dict[Name, Annotated[list[str], Field(min_length=1), EachOnce]]
 
 
 def rank_answers(
@@ -37,14 +43,14 @@ def rank_answers(
     """Rows of ``AFFORDANCES``: entities of D¹ ranked for (novel, relation, ?),
     with novel vectors (M, n, d).
     """
-    session, novel = points.session(1), points.novel_in(1)
+    session, novel = points.session(1), points.novel_ids
     embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, relation))
     rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
     model, place, answer = rank.nonzero()
     columns = {
         "seed": np.array(points.seeds)[model],
-        "entity": points.novel[model, 0, place],
+        "entity": points.novel[model, place],
         "answer": answer,
     }
     return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(

@@ -63,7 +63,7 @@ class Explored:
         if not (isinstance(model, BlockModel) and model.linear):
             return None
         points = store.grid(1, size, seed + 1)[-1]
-        theta0, joint = store.theta0(points, model), store.joint(points, model)
+        theta0, joint = store.theta0(points, model), store.joint(points, model)[0]
         return cls(points, theta0, joint, store.words())
 
     @property
@@ -74,7 +74,7 @@ class Explored:
     @property
     def novel(self) -> list[int]:
         """The new entities, ascending."""
-        return sorted(map(int, self.points.novel[0, 0]))
+        return sorted(map(int, self.points.novel[0]))
 
     @property
     def first(self) -> int:
@@ -259,15 +259,15 @@ def insert_triples(points: GridPoints, root: int, fraction: float) -> dict[str, 
     """Insert triples by entity: of novel ones those of the run,
     of known ones drawn by the same rule.
     """
-    session, rows = points.session(0), points.insert_triples_in(1)
+    session, rows = points.session(0), points.insert_triples
     splits, seed = session.splits[0].numpy(), points.seeds[0]
     triples = {
         int(entity): rows[rows[:, 1] == place, 2].tolist()
-        for place, entity in enumerate(points.novel[0, 0])
+        for place, entity in enumerate(points.novel[0])
     }
     for entity in np.flatnonzero(session.entities[0]):
-        alone = np.array([[entity]])
-        drawn = sample_insert_triples(points.graph, splits, alone, 1, root, seed, fraction)
+        alone = np.array([entity])
+        drawn = sample_insert_triples(points.graph, splits, alone, root, seed, fraction)
         triples[int(entity)] = [triple for _, triple in drawn]
     return {str(entity): listed for entity, listed in sorted(triples.items())}
 

@@ -6,7 +6,7 @@ import pandas as pd
 from pydantic import Field
 
 from isi.config import Count, EachOnce, Name, Option, Positive, Study, ensure
-from isi.evaluation.query_sets import epoch_query_sets
+from isi.evaluation.query_sets import query_sets
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
 from isi.experiment.train import run_rows
@@ -43,6 +43,7 @@ class Sweep(Study):
     ]
     size: Count
     seeds: Count
+    finetuned_seeds: Annotated[int, Field(ge=0)]  #: of these, the first ones
 
 
 class RateSweep(Study):
@@ -66,8 +67,8 @@ def finetune_only(
     """Fine-tune Θ⁰ on D⁰; rows of ``FINETUNE_ONLY``:
     measures in ``SCOPE`` before training and after every epoch.
     """
-    queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
-    watch = ConvergenceWatch(queries, {}, full_curves=True)
+    every = query_sets(points.session(1), points.novel_ids, points.insert_mask)
+    watch = ConvergenceWatch([{SCOPE: every[SCOPE]}], {}, full_curves=True)
     data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)
     train(theta0, data, negatives, optimizer, root, watch)
-    return run_rows(points, 1, watch.looks)
+    return run_rows(points, watch.looks)

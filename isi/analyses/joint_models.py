@@ -4,12 +4,11 @@ from dataclasses import replace
 from typing import Annotated
 
 import pandas as pd
-import torch
 from pydantic import Field
 
 from isi.config import Count, Name, NotNegative, Positive, Section, Study
 from isi.errors import InputError
-from isi.evaluation.query_sets import epoch_query_sets
+from isi.evaluation.query_sets import query_sets
 from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import MEASURE_COLUMNS
@@ -138,13 +137,9 @@ def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
     test measures, epochs trained, best validation MRR*.
     """
     trained = train_stack(points, config)
-    no_novel = torch.empty(len(points.seeds), 0, dtype=torch.int64)
-    results = evaluate(
-        trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]}
-    )
+    every = query_sets(points.session(1), points.novel_ids, points.insert_mask)
+    results = evaluate(trained.theta, {"held_out": every["held_out"]})
     by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
     epochs = by_seed["epoch"].max().rename("epochs")
     valid = best["mrr_star"].last().rename("valid_mrr_star")
-    return (
-        run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
-    )
+    return run_rows(points, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")

@@ -50,7 +50,7 @@ def trace_trajectory(
     """Vectors of the novel entity at ``place`` at epochs 0, 1, ..., (epochs + 1, d),
     and its indicators, (E,) bool.
     """
-    novel = points.novel_in(1)
+    novel = points.novel_ids
     initial = initialize(points, theta, words, config)
     path = list[Tensor]()
 
@@ -74,5 +74,5 @@ def place_of_traced(
     """
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
-    places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
+    places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0]] == kind).to_numpy())
     return int(places[0]) if len(places) else None

@@ -16,13 +16,15 @@ from pydantic import Field
 
 from isi.config import Count, Name, Option, Section, check, ensure
 from isi.errors import InputError
+from isi.evaluation.changes import change_rows
+from isi.evaluation.query_sets import with_weighted
 from isi.experiment.breakdown import break_down, breakdown_table
-from isi.experiment.grid import JOINT_MODEL, GridPoints
+from isi.experiment.grid import JOINT_MODEL, GridPoints, known_shares
 from isi.experiment.insert import InsertConfig, insert_stack, joint_targets, with_vectors
 from isi.experiment.runner import Compute, run, stack_height
 from isi.experiment.store import Store, runs_table
-from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, train_stack
-from isi.graph.sessions import SessionsOf, later_key
+from isi.experiment.train import TrainConfig, evaluate_stack, measured_sets, train_stack
+from isi.graph.sessions import SessionsOf
 from isi.graph.words import Words, load_vectors, look_up
 from isi.models.stack import Embedding
 from isi.random import stream
@@ -133,25 +135,26 @@ def changed(params: S, changes: Mapping[str, Any]) -> S:
 
 
 def results(
-    variant: Variant, config: VariantConfig, stores: Sequence[Store], name: str
+    variant: Variant, parts: Sequence[tuple[Store, VariantConfig]], name: str
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant on experiments, and its query breakdown right after insertion."""
-    parts = [
-        [frame.assign(experiment=store.experiment) for frame in frames]
-        for store in stores
-        for frames in run(
-            run_variant,
-            tasks(variant, config, store),
-            config.compute,
-            f"{name}, {store.experiment}",
-        )
-    ]
-    runs, answers = (pd.concat(frames) for frames in zip(*parts, strict=True))
-    ordered = runs.sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
+    """Runs of a variant on experiments, each with its config, and its query breakdown right after
+    insertion.
+    """
+    runs_of, answers_of = list[pd.DataFrame](), list[pd.DataFrame]()
+    for store, config in parts:
+        of_store = tasks(variant, config, store)
+        results = run(run_variant, of_store, config.compute, f"{name}, {store.experiment}")
+        shares = known_shares(points for points, *_ in of_store)
+        measured = with_weighted(pd.concat([runs for runs, _ in results]), shares)
+        answered = pd.concat([answers for _, answers in results])
+        runs_of.append(measured.assign(experiment=store.experiment))
+        answers_of.append(answered.assign(experiment=store.experiment))
+    runs, answers = pd.concat(runs_of), pd.concat(answers_of)
+    ordered = runs.sort_values(["experiment", "model", "size", "seed", "epoch", "scope"])
     return ordered, answers.sort_values(["experiment", "size", "seed"], kind="stable")
 
 
-Models = tuple[Embedding, list[Embedding]]  #: Θ⁰ and the joint model of each session.
+Models = tuple[Embedding, list[Embedding]]  #: Θ⁰ and the joint models.
 #: Arguments of ``run_variant``.
 VariantTask = tuple[
     GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None
@@ -164,15 +167,16 @@ def tasks(variant: Variant, config: VariantConfig, store: Store) -> list[Variant
         words = store.words()
     else:
         words = look_up(load_vectors(config.words), list(store.entities()["phrase"])).vectors
-    inserted = config.initializers
-    if not variant.finetuned:
-        inserted = {name: each.training(max_epochs=0) for name, each in inserted.items()}
+    finetuned = variant.seeds if variant.finetuned else 0
+    inserted = {
+        name: replace(each, finetuned=finetuned) for name, each in config.initializers.items()
+    }
     trains = variant.trained or variant.changes_one_of(*LEARNED)
     model, listed = config.training.model, list[VariantTask]()
     for points in store.grid(stack_height(config.compute), variant.size, variant.seeds):
         start: Models | TrainConfig = config.training
         if not trains:
-            start = store.theta0(points, model), store.joint_models(points, model)
+            start = store.theta0(points, model), store.joint(points, model)
         listed.append((points, start, words, inserted, variant.max_insert_triples))
     return listed
 
@@ -184,39 +188,36 @@ def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
-    targets = joint_targets(measured, points)
+    targets = joint_targets(change_rows(measured), points)
     runs, answers = [measured.assign(model=JOINT_MODEL)], []
-    novel = points.novel_in(1)
     for name, config in configs.items():
         seen = replace(points, insert_triples=limit_insert_triples(points, most, config.root))
-        result = insert_stack(seen, theta0, words, targets, config)
-        runs.append(result.runs.assign(model=name))
         # the queries of all variants of an experiment are the same
-        vectors = torch.from_numpy(result.vectors[:, : points.size])
-        answers.append(break_down(points, with_vectors(theta0, novel, vectors), name))
+        queries = measured_sets(points, with_changes=False)
+        result = insert_stack(seen, theta0, words, targets, config, queries)
+        runs.append(result.runs.assign(model=name))
+        vectors = torch.from_numpy(result.vectors)
+        theta = with_vectors(theta0, points.novel_ids, vectors)
+        answers.append(break_down(points, theta, name))
     answers.append(break_down(points, joint[0], JOINT_MODEL))
     return pd.concat(runs), pd.concat(answers)
 
 
 def train_models(points: GridPoints, config: TrainConfig) -> Models:
-    """Train Θ⁰, and the joint model of each session, at grid points."""
-    last, *earlier = joint_tasks([points], config)
-    theta0, *joint = (train_stack(*task).theta for task in ((points, config, 0), *earlier, last))
-    return theta0, joint
+    """Train Θ⁰ and the joint model at grid points."""
+    return train_stack(points, config).theta, [train_stack(points.all_known, config).theta]
 
 
 def limit_insert_triples(points: GridPoints, most: int | None, root: int) -> np.ndarray:
-    """At most ``most`` (None: all) random insert triples per novel entity, (I, 4);
+    """At most ``most`` (None: all) random insert triples per novel entity, (I, 3);
     a lower limit gives a subset.
     """
     triples = points.insert_triples
     if most is None or not len(triples):
         return triples
-    slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)
+    slots, number = np.unique(triples[:, :2], axis=0, return_counts=True)
     orders = [
-        stream(
-            root, "told", points.size, points.seeds[model], place, *later_key(session)
-        ).permutation(count)
-        for (session, model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
+        stream(root, "told", points.size, points.seeds[model], place).permutation(count)
+        for (model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
     ]
     return triples[np.concatenate(orders) < most]

@@ -1,105 +1,126 @@
-"""Query sets: the triples that are queried, with filter and candidates,
-for earlier knowledge and for novel entities.
+"""The paper's measure: which triples are queried about known and about novel entities, with which
+filter and candidates, and when fine-tuning has converged.
 
-Two of them say when fine-tuning has converged: when Θ¹ is about as good as the joint model
-(section 6.2).
+Its words are those of section 6.1, "the weighted average MRR* across all queries in D¹"; how the
+groups are made, weighed and filtered is what the program of its authors does (docs/method.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from isi.evaluation.ranking import Queries, make_queries, padded_ids
+from isi.evaluation.ranking import MEASURES, Queries, make_queries, padded_ids
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Query sets in which a run has to converge.
-CONVERGING = ("all", "novel_heldout")
+#: Titles of scopes. Known: test triples between known entities. Novel: every triple with a novel
+#: entity, a training triple as often as it was observed. Weighted: both, by numbers of triples.
+#: Held out: the test triples of D¹; of novel entities, their validation and test triples.
+SCOPES = {
+    "known": "earlier knowledge",
+    "novel": "novel entities",
+    "weighted": "weighted",
+    "held_out": "held-out triples",
+    "novel_held_out": "novel entities, held-out triples",
+    "known_closed": "earlier knowledge, known candidates only",
+}
+GROUPS = ("known", "novel")  #: Scopes in which a run has to converge, at one epoch.
+MEASURE = "mrr"  #: The measure that decides: every other true triple is left out.
 
 
 def validation(session: Session) -> dict[str, Queries]:
     """Query set ``valid`` of early stopping: the validation triples,
     filtered by train and valid.
     """
-    valid = session.members(VALID)
-    queries = make_queries(
-        session, padded_ids(valid), valid, session.members(TRAIN, VALID), session.entities
-    )
-    return {"valid": queries}
+    valid, seen = session.members(VALID), session.members(TRAIN, VALID)
+    triples = padded_ids(valid)
+    return {"valid": make_queries(session, triples, valid, seen, seen, session.entities)}
 
 
-def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Query sets of a session that are measured at every epoch, by scope;
-    ``novel``: ids, shape (M, n).
+def query_sets(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
+    """The query sets of D¹ by scope, all but ``weighted``.
+
+    Args:
+        session: D¹ of each model.
+        novel: ids of the novel entities, (M, n).
+        inserted: mask of the insert triples, (M, T), which no query asks for.
     """
     is_novel = membership(novel, session.entities.shape[1])
-    new = touches(session.graph, is_novel)
-    test, heldout = session.members(TEST), session.members(VALID, TEST) & new
-    triples = padded_ids(test | heldout)
-    old, learned, everyone = test & ~new, session.members(TRAIN, VALID), session.entities
+    new, everyone = touches(session.graph, is_novel), session.entities
+    test, true = session.members(TEST), session.members(TRAIN, VALID, TEST)
+    triples = padded_ids((test & ~new) | (true & new))
+    learned = session.members(TRAIN, VALID)
+    learned_before = learned & ~new
+    asked = test & ~inserted
+    asked_of_novel = session.members(VALID, TEST) & new & ~inserted
+    known = session, triples, test & ~new, learned_before, true
+    of_novel = times_observed(session) * (new & ~inserted)
+    train = session.members(TRAIN)
     return {
-        "all": make_queries(session, triples, test, learned, everyone),
-        "known": make_queries(session, triples, old, learned, everyone),
-        "known_closed": make_queries(session, triples, old, learned, everyone & ~is_novel),
-        "novel_heldout": make_queries(session, triples, heldout, session.members(TRAIN), everyone),
+        "known": make_queries(*known, everyone),
+        "novel": make_queries(session, triples, of_novel, learned_before, true, everyone),
+        "held_out": make_queries(session, triples, asked, learned, true, everyone),
+        "novel_held_out": make_queries(session, triples, asked_of_novel, train, true, everyone),
+        "known_closed": make_queries(*known, everyone & ~is_novel),
     }
 
 
-def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
-    """Query set ``novel``: a session's triples with a novel entity, ids (M, n),
-    minus insert triples, a mask (M, T).
+def times_observed(session: Session) -> Tensor:
+    """How often the files of splits hold each triple: a training triple as often as it was
+    observed, any other one once; shape (M, T), int64.
     """
-    return {"novel": _at_insertion(session, novel, novel, inserted)}
+    once = session.members(VALID, TEST).long()
+    return torch.where(session.splits == TRAIN, session.graph.counts, once)
 
 
-def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list[Queries]:
-    """Query set ``novel`` by entity: for each column of ``novel``, (M, n),
-    the triples with this novel entity.
+def with_weighted(runs: pd.DataFrame, shares: Mapping[int, float]) -> pd.DataFrame:
+    """Runs with rows of scope ``weighted``: w · known + (1 - w) · novel, with w by size.
+
+    A row has no queries and no value where one of the groups has none.
     """
-    return [_at_insertion(session, novel, of, inserted) for of in torch.split(novel, 1, 1)]
+    import pandas as pd
 
-
-def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> Queries:
-    """Queries of uninserted triples with entities ``of``;
-    filter: ``inserted``, and train, valid without ``novel``.
-    """
-    graph, entities = session.graph, session.entities.shape[1]
-    new, of_entities = (touches(graph, membership(ids, entities)) for ids in (novel, of))
-    queried = session.members(TRAIN, VALID, TEST) & of_entities & ~inserted
-    filtered = (session.members(TRAIN, VALID) & ~new) | inserted
-    return make_queries(session, padded_ids(queried), queried, filtered, session.entities)
+    measured = [*MEASURES, "queries"]
+    keys = [name for name in runs if name not in (*measured, "scope")]
+    known, novel = (runs[runs["scope"] == group].set_index(keys)[measured] for group in GROUPS)
+    novel = novel.reindex(known.index)
+    share = known.index.get_level_values("size").map(shares).to_numpy()[:, None]
+    values = share * known[list(MEASURES)] + (1 - share) * novel[list(MEASURES)]
+    both = (known["queries"] > 0) & (novel["queries"] > 0)
+    values["queries"] = (known["queries"] + novel["queries"]).where(both, 0)
+    rows = values.assign(scope="weighted").reset_index()
+    return pd.concat([runs, rows[list(runs)]], ignore_index=True)
 
 
 def epochs_to_convergence(
-    runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
+    runs: pd.DataFrame,
+    joint: pd.DataFrame,
+    margin: float,
+    max_epochs: int,
+    by: Sequence[str],
+    measure: str = MEASURE,
 ) -> pd.DataFrame:
-    """The first epoch at which each run is within the margin of the joint model of the same scope,
-    size and seed.
+    """The first epoch at which both groups of each run are within the margin of the joint model,
+    of the same size and seed.
 
-    Both tables: rows of ``RUNS``; columns ``by`` distinguish runs of one grid point. Runs that do
-    not converge have ``max_epochs``; runs without queries have no row. Columns: ``by``, scope,
-    size, seed, epochs, converged, queries.
+    Both tables: rows of ``RUNS``, from epoch 0; columns ``by`` distinguish runs of one grid point.
+    Runs that do not converge have ``max_epochs``; a group without queries decides nothing. Columns:
+    ``by``, size, seed, epochs, converged.
     """
-    keys = ["scope", "size", "seed"]
-    target = joint[joint["scope"].isin(CONVERGING)].set_index(keys)["mrr_star"] - margin
-    measured = (
-        runs[runs["scope"].isin(CONVERGING)]
-        .join(target.rename("target"), on=keys)
-        .dropna(subset=["mrr_star"])
-    )
-    groups = [*by, *keys]
-    reached = (
-        measured[measured["mrr_star"] >= measured["target"]]
-        .groupby(groups, observed=True)["epoch"]
-        .min()
-    )
-    table = measured.groupby(groups, observed=True)["queries"].first().to_frame()
-    table["converged"] = table.index.isin(reached.index)
+    target = joint.set_index(["scope", "size", "seed"])[measure] - margin
+    groups = runs[runs["scope"].isin(GROUPS)].dropna(subset=[measure])
+    groups = groups.join(target.rename("target"), on=["scope", "size", "seed"])
+    within = groups[measure] >= groups["target"]
+    run = [*by, "size", "seed"]
+    at_once = within.groupby([groups[name] for name in [*run, "epoch"]], observed=True).all()
+    reached = at_once[at_once].reset_index().groupby(run, observed=True)["epoch"].min()
+    table = groups.groupby(run, observed=True).size().to_frame("epochs")
     table["epochs"] = reached.reindex(table.index).fillna(max_epochs)
+    table["converged"] = table.index.isin(reached.index)
     return table.reset_index()

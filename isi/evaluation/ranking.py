@@ -1,14 +1,17 @@
-"""Filtered ranks and MRR* (equation 7).
+"""Filtered ranks, MRR, and MRR* (equation 7).
 
 A query hides one slot of a triple. Its candidates are the entities of the session
 (or the relations), except those that make a triple of the filter. The true answer always stays.
+
+MRR leaves out every other true triple. MRR* has a filter of its own, and compares the rank by
+score with the rank by number of observations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
@@ -16,18 +19,17 @@ from torch import Tensor
 
 from isi.evaluation.ranks import parts, scores_of, wins
 from isi.graph.graph import RELATION, Graph
-from isi.graph.sessions import TRAIN, Session
+from isi.graph.sessions import Session
 from isi.models.stack import Embedding
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
-
-#: Which observations order the true answers of a query. ``all``: those of the graph. ``split``:
-#: those of the split of the queried triple, where a training triple counts all its observations and
-#: any other one counts once.
-Truth = Literal["all", "split"]
+#: Each with its halves: entity prediction and relation prediction.
+MEASURES = (
+    *("mrr_star", "mrr_star_entity", "mrr_star_relation"),
+    *("mrr", "mrr_entity", "mrr_relation"),
+)
 K = TypeVar("K")
 
 
@@ -41,7 +43,7 @@ class Competitors:
     answer: Tensor  #: ids; shape: (M, Q)
     #: ids of all answers to each query in the graph's triples, padded to X; shape: (M, Q, X)
     known: Tensor
-    #: 1 for each candidate of ``known`` left out of the plain rank; shape: (M, Q, X), float32
+    #: 1 for each candidate of ``known`` left out of the rank of MRR; shape: (M, Q, X), float32
     excluded: Tensor
     #: the same for R_P, a rank by score without candidates of equal count; shape: (M, Q, X)
     excluded_or_equal: Tensor
@@ -56,9 +58,10 @@ class QueryRows:
 
     #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
     slots: tuple[Competitors, Competitors, Competitors]
-    #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
+    #: share of head queries, then of tail queries, in entity prediction; shape: (M, 2Q)
     entity_weight: Tensor
-    relation_weight: Tensor  #: share of a relation query in ``mrr_star_relation``; shape: (M, Q)
+    relation_weight: Tensor  #: share of a relation query in relation prediction; shape: (M, Q)
+    times: Tensor  #: how often each triple is queried, 0 for padding; shape: (M, Q), int64
 
     @property
     def ids(self) -> list[Tensor]:
@@ -72,10 +75,12 @@ class Queries:
 
     session: Session
     triples: Tensor  #: ids of the triples that have a row, -1 for padding; shape: (M, Q)
-    queried: Tensor  #: triples that are queried; shape: (M, T), bool
-    filtered: Tensor  #: triples of the filter; shape: (M, T), bool
+    queried: Tensor  #: how often each triple is queried; shape: (M, T), int64
+    filtered: Tensor  #: triples of the filter of MRR*; shape: (M, T), bool
+    true: Tensor  #: triples of the filter of MRR; shape: (M, T), bool
     candidates: Tensor  #: entities that may answer; shape: (M, E), bool
-    truth: Truth = "all"
+    #: whether each query for an entity weighs alike, not each relation by its observations
+    alike: bool = False
     #: computed once if they fit into ``BUDGET``, else by piece in each ranking
     rows: QueryRows | None = None
 
@@ -85,8 +90,7 @@ class Ranks:
     """Ranks of the answers of the queries that hide one slot; shapes: (M, Q)."""
 
     closeness: Tensor  #: 1 / (|R_G - R_P| + 1), the term of MRR* (equation 7)
-    rank: Tensor  #: the plain rank
-    tied: Tensor  #: number of competitors tied with the answer in R_P
+    rank: Tensor  #: the rank of MRR
 
 
 @dataclass(frozen=True)
@@ -101,9 +105,8 @@ class RankedQueries:
 class Result:
     """Measures of each model of a stack; NaN where it has no queries."""
 
-    measures: Tensor  #: in the order of ``MEASURES``; shape: (M, 4), float64
-    queries: Tensor  #: number of queried triples; shape: (M,)
-    ties: Tensor  #: number of competitors tied with the answer in R_P; shape: (M,)
+    measures: Tensor  #: in the order of ``MEASURES``; shape: (M, 6), float64
+    queries: Tensor  #: number of queried triples, each counted once; shape: (M,)
 
 
 def measure_rows(
@@ -117,11 +120,9 @@ def measure_rows(
     frames = []
     for scope, result in results.items():
         columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
-        counts = {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()}
+        columns["queries"] = result.queries.cpu().numpy()
         places = np.arange(len(result.queries)) if models is None else models.cpu().numpy()
-        frames.append(
-            pd.DataFrame({**columns, **counts, "place": places, "epoch": epoch, "scope": scope})
-        )
+        frames.append(pd.DataFrame({**columns, "place": places, "epoch": epoch, "scope": scope}))
     return pd.concat(frames)
 
 
@@ -137,13 +138,14 @@ def make_queries(
     triples: Tensor,
     queried: Tensor,
     filtered: Tensor,
+    true: Tensor,
     candidates: Tensor,
-    truth: Truth = "all",
+    alike: bool = False,
 ) -> Queries:
     """A query set; its ``rows`` are computed here if all scores fit into ``BUDGET``, else None;
-    shapes: ``Queries``.
+    shapes: ``Queries``; ``queried`` may be a mask.
     """
-    queries = Queries(session, triples, queried, filtered, candidates, truth)
+    queries = Queries(session, triples, queried.long(), filtered, true, candidates, alike)
     return replace(queries, rows=_rows(queries, triples)) if len(_pieces(queries)) == 1 else queries
 
 
@@ -162,16 +164,16 @@ def _rows(queries: Queries, triples: Tensor) -> QueryRows:
     head, relation, tail = (
         _competitors(queries, ids, slot, listed) for slot, listed in enumerate(candidates)
     )
-    counted = (triples >= 0) & queries.queried.gather(1, ids)
+    times = queries.queried.gather(1, ids).masked_fill(triples < 0, 0)
     # weight of a query: its relation's share of observations, divided by the relation's number of
     # queries
     number = by_relation(session.graph, queries.queried)
+    total = number.sum(1, keepdim=True).clamp(min=1)
     observed = observations(session) * (number > 0)
     shares = observed / observed.sum(1, keepdim=True).clamp(min=1) / number.clamp(min=1)
-    entity_weight = torch.cat([shares.gather(1, relation.answer) * counted] * 2, 1) / 2
-    return QueryRows(
-        (head, relation, tail), entity_weight, counted / number.sum(1, keepdim=True).clamp(min=1)
-    )
+    of_triple = 1 / total if queries.alike else shares.gather(1, relation.answer)
+    entity_weight = torch.cat([of_triple * times] * 2, 1) / 2
+    return QueryRows((head, relation, tail), entity_weight, times / total, times)
 
 
 def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor) -> Competitors:
@@ -182,19 +184,19 @@ def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor
     known, answer = graph.triples[:, slot][ids], graph.triples[:, slot][triple]
     models = torch.arange(len(triple))[:, None, None]
     may_answer = candidates[models, known] & (alike >= 0)
+    is_answer = ids == triple[..., None]
     counts, answer_count = graph.counts[ids], graph.counts[triple][..., None]
-    if queries.truth == "split":
-        splits = queries.session.splits
-        split, answer_split = splits[models, ids], splits[models[..., 0], triple][..., None]
-        counts = torch.where(split == TRAIN, counts, 1) * (split == answer_split)
-        answer_count = torch.where(answer_split == TRAIN, answer_count, 1)
-    excluded = queries.filtered[models, ids] | (ids == triple[..., None])
-    higher = (may_answer & ~excluded & (counts > answer_count)).sum(-1)
-    left_out = (
-        (may_answer & excluded).float(),
-        (may_answer & (excluded | (counts == answer_count))).float(),
+    not_true = ~(queries.true[models, ids] | is_answer)
+    left = ~(queries.filtered[models, ids] | is_answer)
+    higher = (may_answer & left & (counts > answer_count)).sum(-1)
+    return Competitors(
+        candidates=candidates.float(),
+        answer=answer,
+        known=known,
+        excluded=(may_answer & ~not_true).float(),
+        excluded_or_equal=(may_answer & (~left | (counts == answer_count))).float(),
+        true_rank=1 + higher,
     )
-    return Competitors(candidates.float(), answer, known, *left_out, 1 + higher)
 
 
 def observations(session: Session) -> Tensor:
@@ -212,20 +214,15 @@ def by_relation(graph: Graph, values: Tensor) -> Tensor:
 
 def evaluate(embedding: Embedding, query_sets: Mapping[str, Queries]) -> dict[str, Result]:
     """Measures over query sets with the same ``Queries.triples``."""
-    sums = [
-        {name: _measure(ranked) for name, ranked in piece.items()}
-        for piece in rank_queries(embedding, query_sets)
-    ]
+    sums = dict[str, Tensor]()
+    for piece in rank_queries(embedding, query_sets):
+        for name, ranked in piece.items():
+            part = _measure(ranked)
+            sums[name] = sums[name] + part if name in sums else part
     results = {}
     for name, queries in query_sets.items():
-        measures, ties = (
-            torch.stack(values).sum(0)
-            for values in zip(*(part[name] for part in sums), strict=True)
-        )
-        number = queries.queried.sum(1)
-        results[name] = Result(
-            measures.masked_fill((number == 0)[:, None], torch.nan), number, ties.long()
-        )
+        number = (queries.queried > 0).sum(1)
+        results[name] = Result(sums[name].masked_fill((number == 0)[:, None], torch.nan), number)
     return results
 
 
@@ -254,28 +251,25 @@ def rank_queries(
 def _ranks(won: Tensor, competitors: Competitors) -> Ranks:
     """Ranks of the answers from ``wins``."""
     known, everyone = won.gather(-1, competitors.known), competitors.candidates[..., None]
-    total, all_tied = (won @ everyone)[..., 0], ((won == 0.5).float() @ everyone)[..., 0]
+    total = (won @ everyone)[..., 0]
     predicted_rank = 1 + total - (known * competitors.excluded_or_equal).sum(-1)
     rank = 1 + total - (known * competitors.excluded).sum(-1)
-    tied = all_tied - ((known == 0.5) * competitors.excluded_or_equal).sum(-1)
-    return Ranks(1 / ((competitors.true_rank - predicted_rank).abs() + 1), rank, tied)
+    return Ranks(1 / ((competitors.true_rank - predicted_rank).abs() + 1), rank)
 
 
-def _measure(ranked: RankedQueries) -> tuple[Tensor, Tensor]:
-    """Contribution of a piece to measures, (M, 4), and ties, (M,);
+def _measure(ranked: RankedQueries) -> Tensor:
+    """Contribution of a piece to the measures, (M, 6);
     summed in order, so padding changes no bit.
     """
-    (head, relation, tail), star, plain = ranked.slots, [], []
-    ties = torch.zeros(len(head.rank))
+    head, relation, tail = ranked.slots
+    star, plain = list[Tensor](), list[Tensor]()
     for weight, slots in (
         (ranked.rows.entity_weight, (head, tail)),
         (ranked.rows.relation_weight, (relation,)),
     ):
-        star.append(
-            (weight * torch.cat([ranks.closeness for ranks in slots], 1)).double().cumsum(1)[:, -1]
-        )
-        plain.append(
-            (weight / torch.cat([ranks.rank for ranks in slots], 1)).double().cumsum(1)[:, -1]
-        )
-        ties += (torch.cat([ranks.tied for ranks in slots], 1) * (weight > 0)).sum(1)
-    return torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1), ties  # type: ignore[list-item]
+        closeness = torch.cat([ranks.closeness for ranks in slots], 1)
+        rank = torch.cat([ranks.rank for ranks in slots], 1)
+        star.append((weight * closeness).double().cumsum(1)[:, -1])
+        plain.append((weight / rank).double().cumsum(1)[:, -1])
+    halves = [(sum(half) / 2, *half) for half in (star, plain)]
+    return torch.stack([*halves[0], *halves[1]], 1)  # type: ignore[list-item]

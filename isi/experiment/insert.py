@@ -1,12 +1,9 @@
-"""Insertion over the grid: each session inserts novel entities into Θ,
-measures it and fine-tunes it.
-"""
+"""Insertion over the grid: novel entities are inserted into Θ⁰, which is measured and fine-tuned."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Annotated, Literal
 
 import numpy as np
@@ -17,30 +14,24 @@ from torch import Tensor
 
 from isi.config import Count, Fraction, Names, Option, Section
 from isi.errors import InputError
-from isi.evaluation.query_sets import (
-    CONVERGING,
-    entity_query_sets,
-    epoch_query_sets,
-    novel_query_set,
-)
-from isi.evaluation.ranking import evaluate, measure_rows
+from isi.evaluation.changes import CHANGES, change_rows, with_weighted_changes
+from isi.evaluation.query_sets import SCOPES, with_weighted
+from isi.evaluation.ranking import Queries
 from isi.experiment.breakdown import QUERY_BREAKDOWN, break_down
-from isi.experiment.grid import JOINT_MODEL, GridPoints
-from isi.experiment.store import RUNS, Store
-from isi.experiment.train import run_rows
-from isi.graph.sessions import later_key
-from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.experiment.grid import JOINT_MODEL, GridPoints, known_shares
+from isi.experiment.runner import Compute, run
+from isi.experiment.store import MEASURE_CHANGES, RUNS, Store
+from isi.experiment.train import measured_sets, run_rows
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult
 from isi.insertion.engine import context_in_session
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.tables.table import concat
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
-from isi.training.trainer import ConvergenceWatch, Optimizer, Watch
+from isi.training.trainer import ConvergenceWatch, Optimizer, Target, Watch
 
 InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of an experiment.
-#: MRR* by session and scope; NaN without queries; (M,).
-JointTargets = Mapping[tuple[int, str], np.ndarray]
 
 
 def is_listed(listed: InitializerList, initializer: str) -> bool:
@@ -48,13 +39,13 @@ def is_listed(listed: InitializerList, initializer: str) -> bool:
     return listed == "all" or initializer in listed
 
 
-class FullCurves(Section):
-    """``full_curves`` of an experiment: the runs that go on to the last epoch;
-    others stop at convergence.
+class Finetuned(Section):
+    """``finetuned`` of an experiment: initializers that are fine-tuned after insertion, and in how
+    many of the seeds, the first ones; the others are measured right after insertion alone.
     """
 
-    sizes: list[Count]
-    initializers: InitializerList = "all"
+    initializers: InitializerList
+    seeds: Count
 
 
 class Convergence(Section):
@@ -72,17 +63,16 @@ class InsertConfig:
     root: int  #: seed of all random streams
     negatives: Negatives
     optimizer: Optimizer
-    margin: float  #: how far below the MRR* of the joint model counts as converged
+    margin: float  #: how far below the joint model counts as converged
+    finetuned: int = 0  #: seeds below this number are fine-tuned
     #: sizes fine-tuned for all epochs; the others stop at convergence
     full_curves: Sequence[int] = ()
-    #: whether session 1 is measured by kind of query right after insertion
-    breaks_down: bool = False
-
-    def training(self, **changed: float) -> InsertConfig:
-        """This config with other settings of the optimizer."""
-        return replace(self, optimizer=self.optimizer.model_copy(update=changed))
+    breaks_down: bool = False  #: whether it is measured by kind of query right after insertion
+    changes: bool = False  #: whether changes of the measure are measured, too
 
 
+#: What the joint models reach: for each change of the measure and each of its scopes, (M,).
+JointTargets = Mapping[str, Mapping[str, np.ndarray]]
 #: Arguments of ``insert_stack``.
 InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]
 
@@ -93,7 +83,10 @@ def insert_tasks(
     """Tasks of insertion with one initializer, and fine-tuning,
     at grid points of the store's experiment.
     """
-    words, joint = store.words(), RUNS.read(experiment=store.experiment, model=JOINT_MODEL)
+    words = store.words()
+    joint = change_rows(RUNS.read(experiment=store.experiment, model=JOINT_MODEL))
+    if config.changes:
+        joint = MEASURE_CHANGES.read(experiment=store.experiment, model=JOINT_MODEL)
     return [
         (points, store.theta0(points, model), words, joint_targets(joint, points), config)
         for points in grid
@@ -101,113 +94,127 @@ def insert_tasks(
 
 
 def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
-    """MRR* of the joint models by session and scope,
-    or an ``InputError`` where their runs lack one.
+    """The values of the joint models, from rows of ``MEASURE_CHANGES``;
+    or an ``InputError`` where a row is missing.
     """
     rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
-    mrr_star = rows.set_index(["session", "scope", "seed"])["mrr_star"].to_dict()
-    slots = list(product(range(1, points.sessions + 1), CONVERGING))
-    for (session, scope), seed in product(slots, points.seeds):
-        if (session, scope, seed) not in mrr_star:
-            where = f"size {points.size}, session {session}, scope {scope}"
-            expected = f"expected a row of seed {seed} at epoch 0"
-            raise InputError(
-                RUNS.path(experiment=points.experiment, model=JOINT_MODEL), where, expected
-            )
-    return {slot: np.array([mrr_star[*slot, seed] for seed in points.seeds]) for slot in slots}
+    values = rows.set_index(["change", "scope", "seed"])["value"]
+    targets = dict[str, dict[str, np.ndarray]]()
+    for change in rows["change"].unique() if len(rows) else ["none"]:
+        for scope in CHANGES[change].query_sets:
+            try:
+                of_scope = values.loc[change, scope].loc[points.seeds]
+            except KeyError as error:
+                expected = f"expected a row of each seed of size {points.size} at epoch 0"
+                file = RUNS.path(experiment=points.experiment, model=JOINT_MODEL)
+                raise InputError(file, f"scope {scope}", expected) from error
+            targets.setdefault(str(change), {})[scope] = of_scope.to_numpy()
+    return targets
 
 
 @dataclass(frozen=True)
-class SessionResult:
+class StackResult:
     """Results of insertion at a stack of grid points."""
 
-    vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
-    runs: pd.DataFrame  #: in the columns of ``RUNS``
-    entities: pd.DataFrame  #: in the columns of ``INSERTED``, without ``kind``
-    queries: pd.DataFrame  #: in the columns of ``QUERY_BREAKDOWN``; no rows unless it is asked for
+    vectors: np.ndarray  #: as inserted; shape: (M, size, d)
+    fallbacks: int  #: novel entities whose initializer lacked the data that it needs
+    runs: pd.DataFrame  #: in the columns of ``RUNS``, without scope ``weighted``
+    changes: pd.DataFrame  #: in those of ``MEASURE_CHANGES``, likewise
+    queries: pd.DataFrame  #: in those of ``QUERY_BREAKDOWN``
 
 
-def insert_stack(*task: *InsertTask) -> SessionResult:
-    """Insert the novel entities of every session, each into Θ of the session before."""
-    results = [result for _, result in insert_sessions(*task)]
-    vectors = np.concatenate([result.vectors for result in results], 1)
-    runs, entities = (
-        pd.concat(getattr(result, name) for result in results) for name in ("runs", "entities")
-    )
-    return SessionResult(vectors, runs, entities, results[0].queries)
-
-
-def insert_sessions(
+def insert_stack(
     points: GridPoints,
     theta0: Embedding,
     words: np.ndarray,
     joint: JointTargets,
     config: InsertConfig,
-) -> Iterator[tuple[Embedding, SessionResult]]:
-    """Insert and fine-tune session by session: yields each Θ and its measures, from epoch 0;
-    ``words``: (E, w).
+    queries: list[dict[str, Queries]] | None = None,
+) -> StackResult:
+    """Insert the novel entities and fine-tune, measuring from epoch 0; ``words``: (E, w);
+    ``queries``: None: those of ``measured_sets``.
     """
-    theta = theta0
-    for number in range(1, points.sessions + 1):
-        session = points.session(number)
-        novel = points.novel_in(number)
-        mask = points.insert_mask(number)
-        initial, entities = initialize(points, theta, words, config, number), []
-        theta = with_vectors(theta, novel, initial.vectors)
-        immediate = evaluate(theta, novel_query_set(session, novel, mask))
-        asks = config.breaks_down and number == 1
-        parts = [break_down(points, theta, config.initializer)] if asks else []
-        for place, queries in enumerate(entity_query_sets(session, novel, mask)):
-            fallback = pd.Series(
-                [FALLBACKS[code] for code in initial.fallback[:, place].tolist()], dtype="str"
-            )
-            rows = measure_rows(evaluate(theta, {"novel": queries}))
-            entities.append(
-                rows.assign(entity=points.novel[:, number - 1, place], fallback=fallback)
-            )
-        targets = {
-            scope: torch.as_tensor(joint[number, scope]) - config.margin for scope in CONVERGING
-        }
-        watch = ConvergenceWatch(
-            epoch_query_sets(session, novel), targets, points.size in config.full_curves
-        )
-        theta = finetune(points, theta, config, watch, number)
-        runs = run_rows(points, number, [measure_rows(immediate), *watch.looks])
-        of_entities = run_rows(points, number, entities)
-        by_kind = concat(parts, QUERY_BREAKDOWN)
-        yield theta, SessionResult(initial.vectors.cpu().numpy(), runs, of_entities, by_kind)
+    initial = initialize(points, theta0, words, config)
+    theta = with_vectors(theta0, points.novel_ids, initial.vectors)
+    parts = [break_down(points, theta, config.initializer)] if config.breaks_down else []
+    watch = ConvergenceWatch(
+        measured_sets(points, config.changes) if queries is None else queries,
+        targets_below(joint, config.margin),
+        torch.tensor(points.seeds) < config.finetuned,
+        points.size in config.full_curves,
+    )
+    finetune(points, theta, config, watch)
+    measured = run_rows(points, watch.looks)
+    return StackResult(
+        initial.vectors.cpu().numpy(),
+        int((initial.fallback > 0).sum()),
+        measured[measured["scope"].isin(list(SCOPES))],
+        change_rows(measured) if config.changes else concat([], MEASURE_CHANGES),
+        concat(parts, QUERY_BREAKDOWN),
+    )
+
+
+def targets_below(joint: JointTargets, margin: float) -> dict[str, list[Target]]:
+    """The targets of fine-tuning, by change of the measure."""
+    targets = dict[str, list[Target]]()
+    for name, scopes in joint.items():
+        change = CHANGES[name]
+        targets[name] = [
+            Target(change.query_sets[scope], change.measure, torch.as_tensor(values) - margin)
+            for scope, values in scopes.items()
+        ]
+    return targets
+
+
+@dataclass(frozen=True)
+class Inserted:
+    """Results of insertion with one config over a grid."""
+
+    vectors: dict[int, Tensor]  #: as inserted, by size; shapes: (S, size, d)
+    runs: pd.DataFrame  #: in the columns of ``RUNS``
+    changes: pd.DataFrame  #: in those of ``MEASURE_CHANGES``
+    queries: pd.DataFrame  #: in those of ``QUERY_BREAKDOWN``
+
+
+def insert_over(tasks: Sequence[InsertTask], compute: Compute, name: str) -> Inserted:
+    """Run tasks of one experiment and one config, and join their results."""
+    results = run(insert_stack, tasks, compute, name)
+    grid = [points for points, *_ in tasks]
+    shares = known_shares(grid)
+    vectors = dict[int, list[Tensor]]()
+    for points, result in zip(grid, results, strict=True):
+        vectors.setdefault(points.size, []).append(torch.from_numpy(result.vectors))
+    fallbacks = sum(result.fallbacks for result in results)
+    if fallbacks:
+        print(f"{name}: {fallbacks} novel entities lacked words or insert triples; they fell back")
+    runs = with_weighted(concat([result.runs for result in results], RUNS), shares)
+    changes = concat([result.changes for result in results], MEASURE_CHANGES)
+    if len(changes):
+        changes = with_weighted_changes(changes, shares)
+    queries = concat([result.queries for result in results], QUERY_BREAKDOWN)
+    return Inserted({n: torch.cat(parts) for n, parts in vectors.items()}, runs, changes, queries)
 
 
 def initialize(
-    points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, session: int = 1
+    points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig
 ) -> InitResult:
-    """Vectors of the novel entities of a session by the initializer (equation 8)."""
+    """Vectors of the novel entities by the initializer (equation 8)."""
     initializer = INITIALIZERS.get(config.initializer, f"initializers.{config.initializer}")
-    context = init_context(points, theta, words, config.root, session)
+    context = init_context(points, theta, words, config.root)
     return initializer.initialize(context, config.options)
 
 
-def init_context(
-    points: GridPoints, theta: Embedding, words: np.ndarray, root: int, session: int = 1
-) -> InitContext:
-    """The input of an initializer in a session that inserts into Θ."""
-    rows = torch.as_tensor(points.insert_triples_in(session))
-    keys = points.keys(*later_key(session))
-    before, novel = points.session(session - 1), points.novel_in(session)
-    words_of = torch.as_tensor(words)
-    return context_in_session(theta, before, novel, rows, words_of, root, keys)
+def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: int) -> InitContext:
+    """The input of an initializer that inserts into Θ."""
+    rows, words_of = torch.as_tensor(points.insert_triples), torch.as_tensor(words)
+    before, novel = points.session(0), points.novel_ids
+    return context_in_session(theta, before, novel, rows, words_of, root, points.keys())
 
 
-def finetune(
-    points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch, session: int = 1
-) -> Embedding:
-    """Fine-tune Θ, with a session's novel entities in it, on the session;
-    ``watch`` as in ``train`` (section 5.2).
-    """
-    keys, pool = points.keys(*later_key(session)), config.negatives.head_pool
-    data = training_data(
-        points.session(session), "fine-tuning", keys, pool, points.novel_in(session)
-    )
+def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch) -> Embedding:
+    """Fine-tune Θ, with the novel entities in it, on D¹; ``watch`` as in ``train`` (section 5.2)."""
+    pool, novel = config.negatives.head_pool, points.novel_ids
+    data = training_data(points.session(1), "fine-tuning", points.keys(), pool, novel)
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

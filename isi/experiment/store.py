@@ -12,6 +12,8 @@ import pandas as pd
 import torch
 
 from isi.errors import InputError
+from isi.evaluation.changes import CHANGES
+from isi.evaluation.query_sets import GROUPS, SCOPES
 from isi.evaluation.ranking import MEASURES
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, GraphTables, build_graph
@@ -28,17 +30,12 @@ from isi.graph.sessions import (
 from isi.graph.words import WORD_VECTORS, Words, load_vectors, look_up
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, ColumnType, null_without, one_of
+from isi.tables.rules import FROM_0, FROM_1, SHARE, ColumnType, null_without, one_of
 from isi.tables.table import DataFile, Table, TensorFile
 
-SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
-#: Methods for entities without the data that their initializer needs.
-FALLBACK_NAMES = ("es", "rs", "centroid")
-
-#: Columns of measures, null without queries; of a grid point; and of a session.
+#: Columns of measures, null without queries; and of a grid point.
 MEASURE_COLUMNS = dict.fromkeys(MEASURES, SHARE.optional)
 SIZE_AND_SEED = {"size": FROM_1, "seed": FROM_0}
-SESSION = {"session": FROM_1}
 
 
 def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Table:
@@ -52,9 +49,8 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
             "scope": one_of(*SCOPES),
             **MEASURE_COLUMNS,
             "queries": FROM_0,
-            **SESSION,
         },
-        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"],
+        key=[*(by or {}), "size", "seed", "epoch", "scope"],
         ordered=True,
         checks=[null_without("queries", *MEASURES)],
     )
@@ -63,7 +59,7 @@ def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Tab
 #: For S seeds: ``entity`` (S, E, d), ``relation`` (S, R, w), ``known`` (S, E), ``seed`` (S,); zeros
 #: unless known.
 THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
-#: The same tensors, by session (``GridPoints.joint_prefix``); ``known``: entities of that session.
+#: The same tensors of D¹; ``known``: its entities.
 JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 #: Validation measures of ``model``, theta0 or joint (size 0), during training; ``kept``: MRR* is
 #: the best so far.
@@ -85,37 +81,19 @@ RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
 #: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order
 #: of ``NOVEL``.
 INITIAL_VECTORS = TensorFile("data/runs/{experiment}/{initializer}.safetensors")
-#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and its
-#: fallback.
-INSERTED = Table(
-    "data/runs/{experiment}/{initializer}.inserted.parquet",
+#: The measure, and each change of it (``isi.evaluation.changes``). One group: scope ``weighted``.
+MEASURE_CHANGES = Table(
+    "data/analyses/measure/{experiment}/{model}.parquet",
     {
         **SIZE_AND_SEED,
-        "entity": FROM_0,
-        "kind": NAME,
-        "fallback": one_of(*FALLBACK_NAMES).optional,
-        **MEASURE_COLUMNS,
-        "queries": FROM_0,
-        "ties": FROM_0,
-        **SESSION,
+        "epoch": FROM_0,
+        "change": one_of(*CHANGES),
+        "scope": one_of(*GROUPS, "weighted"),
+        "value": SHARE.optional,
     },
-    key=["size", "seed", "session", "entity"],
-    ordered=True,
-    checks=[null_without("queries", *MEASURES)],
-)
-#: Number of candidates whose score is tied with the answer's, summed over queries, at epoch 0.
-TIES = Table(
-    "data/runs/{experiment}/{model}.ties.parquet",
-    {**SIZE_AND_SEED, "scope": one_of(*SCOPES), "ties": FROM_0, **SESSION},
-    key=["size", "seed", "session", "scope"],
+    key=["size", "seed", "epoch", "change", "scope"],
     ordered=True,
 )
-
-
-def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> None:
-    """Write the measures of a model at every epoch, and its ties at epoch 0."""
-    TIES.write(runs[runs["epoch"] == 0], stage, experiment=experiment, model=model)
-    RUNS.write(runs, stage, experiment=experiment, model=model)
 
 
 @dataclass(frozen=True)
@@ -211,11 +189,11 @@ class Store:
             numbers = of_size["seed"].unique().tolist()
             for part in (numbers[first : first + stack] for first in range(0, len(numbers), stack)):
                 rows = of_size[of_size["seed"].isin(part)]
-                drawn = rows["entity"].to_numpy(np.int64, copy=True).reshape(len(part), -1, number)
-                place = rows.groupby(["seed", "session"]).cumcount()
+                drawn = rows["entity"].to_numpy(np.int64, copy=True).reshape(len(part), number)
+                place = rows.groupby("seed").cumcount()
                 rows = rows.assign(model=rows["seed"].map(part.index), place=place)
-                joined = given.merge(rows, on=["size", "seed", "session", "entity"])
-                triples = joined[["session", "model", "place", "triple"]].to_numpy(np.int64)
+                joined = given.merge(rows, on=["size", "seed", "entity"])
+                triples = joined[["model", "place", "triple"]].to_numpy(np.int64)
                 triples = triples[np.lexsort(triples.T[::-1])]
                 codes = np.stack([splits[seed] for seed in part])
                 grid.append(GridPoints(self.experiment, graph, number, part, codes, drawn, triples))
@@ -227,32 +205,38 @@ class Store:
 
     def theta0(self, points: GridPoints, model: Model) -> Embedding:
         """Θ⁰ of a stack of grid points."""
-        return self._embedding(THETA0, points, model, "")
+        entity, relation, seed = self._arrays(
+            THETA0, "entity", "relation", "seed", size=points.size
+        )
+        chosen = np.isin(seed, points.seeds)
+        tables = torch.from_numpy(entity[chosen]), torch.from_numpy(relation[chosen])
+        return Embedding(*tables, model)
 
-    def joint(self, points: GridPoints, model: Model, session: int = 1) -> Embedding:
-        """The joint models of a session of a stack of grid points."""
-        return self._embedding(JOINT, points, model, points.joint_prefix(session))
+    def joint(self, points: GridPoints, model: Model) -> list[Embedding]:
+        """The joint models of a stack of grid points: one of each seed, or, where all seeds share
+        a few, each of these for all.
+        """
+        entity, relation, seed = self._arrays(JOINT, "entity", "relation", "seed")
+        if self.shares_split:
+            places = [np.full(len(points.seeds), place) for place in range(len(seed))]
+        else:
+            places = [np.flatnonzero(np.isin(seed, points.seeds))]
+        return [
+            Embedding(torch.from_numpy(entity[place]), torch.from_numpy(relation[place]), model)
+            for place in places
+        ]
 
-    def joint_models(self, points: GridPoints, model: Model) -> list[Embedding]:
-        """The joint models of every session of a stack of grid points."""
-        return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
-
-    def _embedding(
-        self, file: TensorFile, points: GridPoints, model: Model, prefix: str
-    ) -> Embedding:
-        """The models of a session at a stack of grid points."""
-        names = [f"{prefix}{name}" for name in ("entity", "relation", "seed")]
-        *tensors, seed = self._arrays(file, *names, size=points.size)
-        entity, relation = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
-        return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
+    @property
+    def shares_split(self) -> bool:
+        """Whether all seeds have one D¹ with one split."""
+        first, *others = self.splits().values()
+        return bool(others) and all(np.array_equal(first, other) for other in others)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
-        """The vectors that an initializer gave in session 1 at a stack of grid points;
-        shape (M, size, d).
-        """
+        """The vectors that an initializer gave at a stack of grid points; shape (M, size, d)."""
         name = f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
-        return vectors[np.isin(self._seeds, points.seeds), : points.size]
+        return vectors[np.isin(self._seeds, points.seeds)]
 
     def _path(self, file: DataFile, **names: str | int) -> Path:
         return file.path(experiment=self.experiment, **names)

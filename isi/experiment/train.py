@@ -7,15 +7,16 @@ from __future__ import annotations
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.evaluation import query_sets
-from isi.evaluation.ranking import evaluate, measure_rows
+from isi.evaluation.changes import changed_query_sets
+from isi.evaluation.query_sets import query_sets
+from isi.evaluation.ranking import MEASURES, Queries, Result, evaluate, measure_rows
 from isi.experiment.grid import GridPoints
 from isi.models.model import Model
 from isi.models.stack import Embedding, uniform
@@ -58,70 +59,81 @@ def warn_of_batch(points: GridPoints, config: TrainConfig) -> None:
         print(f"warning: training.batch_size {size:,} is not below {advice}", file=sys.stderr)
 
 
-def training_start(
-    points: GridPoints, config: TrainConfig, number: int = 0
-) -> tuple[Embedding, TrainingData]:
-    """The initial embedding and the training data of a session."""
-    session, keys = points.session(number), points.keys(*([number] if number else []))
+def training_start(points: GridPoints, config: TrainConfig) -> tuple[Embedding, TrainingData]:
+    """The initial embedding and the training data of D⁰."""
+    session, keys = points.session(0), points.keys()
     shape = len(points.graph.relations), config.model, config.dimension, config.init_range
     start = uniform(session.entities, *shape, config.root, keys)
     return start, training_data(session, "training", keys, config.negatives.head_pool)
 
 
-def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> TrainResult:
-    """Train on D of a session until validation MRR* stops improving:
-    Θ⁰ on D⁰, a joint model later (section 5.3).
+def train_stack(points: GridPoints, config: TrainConfig) -> TrainResult:
+    """Train on D⁰ until validation MRR* stops improving: Θ⁰, or, at points where all entities are
+    known, the joint model (section 5.3).
     """
-    start, data = training_start(points, config, session)
+    start, data = training_start(points, config)
     best, looks = trainer.train_until_best(
         start, data, config.negatives, config.training, config.root
     )
-    return TrainResult(best, data.session.entities.cpu().numpy(), run_rows(points, session, looks))
+    return TrainResult(best, data.session.entities.cpu().numpy(), run_rows(points, looks))
 
 
-def joint_tasks(
-    grid: Sequence[GridPoints], config: TrainConfig
-) -> list[tuple[GridPoints, TrainConfig, int]]:
-    """Tasks that train the joint models of every session;
-    all sizes share the last session's, one per seed.
+#: Number of joint models whose measures are averaged where all seeds share one split, as the
+#: paper's authors do.
+JOINT_MODELS = 5
+
+
+def joint_points(grid: Sequence[GridPoints], shares_split: bool) -> list[GridPoints]:
+    """Points at which the joint models are trained: those of every seed, for all sizes; or those
+    of the first seeds, where all share one split.
     """
-    last = [(points.all_known, config, 0) for points in grid if points.size == grid[0].size]
-    return [
-        *last,
-        *((points, config, session) for points in grid for session in range(1, points.sessions)),
-    ]
+    every = [points.all_known for points in grid if points.size == grid[0].size]
+    if not shares_split:
+        return every
+    first = every[0]
+    seeds = [seed for points in every for seed in points.seeds][:JOINT_MODELS]
+    splits = np.repeat(first.splits[:1], len(seeds), 0)
+    novel = first.novel[:1].repeat(len(seeds), 0)
+    return [replace(first, seeds=seeds, splits=splits, novel=novel)]
 
 
-def as_tensors(trained: Iterable[tuple[GridPoints, int, TrainResult]]) -> dict[str, Tensor]:
-    """Trained embeddings, each of a session of grid points,
-    as the tensors of a file (``GridPoints.joint_prefix``).
-    """
+def as_tensors(trained: Iterable[tuple[GridPoints, TrainResult]]) -> dict[str, Tensor]:
+    """Trained embeddings, each of grid points, as the tensors of a file."""
     parts = defaultdict[str, list[Tensor]](list)
-    for points, session, result in trained:
-        tensors = {"entity": result.theta.entity, "relation": result.theta.relation}
-        tensors |= {"known": torch.from_numpy(result.known), "seed": torch.tensor(points.seeds)}
-        for name, tensor in tensors.items():
-            parts[f"{points.joint_prefix(session) if session else ''}{name}"].append(tensor)
+    for points, result in trained:
+        parts["entity"].append(result.theta.entity)
+        parts["relation"].append(result.theta.relation)
+        parts["known"].append(torch.from_numpy(result.known))
+        parts["seed"].append(torch.tensor(points.seeds))
     return {name: torch.cat(tensors) for name, tensors in parts.items()}
 
 
-def evaluate_stack(points: GridPoints, joint: Sequence[Embedding]) -> pd.DataFrame:
-    """Measures of the joint model of each session in all scopes of that
-    session (``RUNS``, epoch 0).
+def evaluate_stack(
+    points: GridPoints, joint: Sequence[Embedding], with_changes: bool = False
+) -> pd.DataFrame:
+    """Measures of joint models on D¹ in all query sets (``RUNS``, epoch 0), the mean over models;
+    ``with_changes``: in those of changes of the measure, too.
     """
-    rows = []
-    for number, theta in enumerate(joint, 1):
-        session, novel = points.session(number), points.novel_in(number)
-        results = evaluate(theta, query_sets.epoch_query_sets(session, novel))
-        results |= evaluate(
-            theta, query_sets.novel_query_set(session, novel, points.insert_mask(number))
-        )
-        rows.append(run_rows(points, number, [measure_rows(results)]))
-    return pd.concat(rows)
+    measured = measured_sets(points, with_changes)
+    frames = list[pd.DataFrame]()
+    for theta in joint:
+        results = dict[str, Result]()
+        for sharing in measured:
+            results |= evaluate(theta, sharing)
+        frames.append(run_rows(points, [measure_rows(results)]))
+    means = sum(frame[list(MEASURES)] for frame in frames) / len(frames)
+    return frames[0].assign(**means)
 
 
-def run_rows(points: GridPoints, session: int, looks: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Rows of measures with size, seed and session (``RUNS``, ``TIES``)."""
-    rows = pd.concat(looks)
+def measured_sets(points: GridPoints, with_changes: bool) -> list[dict[str, Queries]]:
+    """The query sets of D¹, and those of changes of the measure."""
+    given = points.session(1), points.novel_ids, points.insert_mask
+    changed = [changed_query_sets(*given)] if with_changes else []
+    return [query_sets(*given), *changed]
+
+
+def run_rows(points: GridPoints, looks: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Rows of measures with size and seed (``RUNS``)."""
+    rows = pd.concat(looks, ignore_index=True)
     seeds = np.array(points.seeds)[rows["place"]]
-    return rows.drop(columns="place").assign(size=points.size, seed=seeds, session=session)
+    return rows.drop(columns="place").assign(size=points.size, seed=seeds)

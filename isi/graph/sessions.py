@@ -14,12 +14,12 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from isi.config import Count, EachOnce, Fraction, Names, Section
+from isi.config import Count, EachOnce, Fraction, Section
 from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import FROM_0, FROM_1, one_of, unique
+from isi.tables.rules import FROM_0, FROM_1, one_of
 from isi.tables.table import Table
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 #: Split of a triple in a session; ``OUT`` where it takes no part.
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
 SPLIT_NAMES = ("train", "valid", "test")
-NEVER = 2**31 - 1  #: Arrival of an entity that takes part in no session.
 
 SPLITS = Table(
     "data/sessions/{experiment}/splits.parquet",
@@ -36,18 +35,16 @@ SPLITS = Table(
     key=["seed", "triple"],
     ordered=True,
 )
-#: ``session``: number of the session that inserts the entity, from 1; Θ⁰ is trained in session 0.
 NOVEL = Table(
     "data/sessions/{experiment}/novel.parquet",
-    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "session": FROM_1},
-    key=["size", "seed", "session", "entity"],
+    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0},
+    key=["size", "seed", "entity"],
     ordered=True,
-    checks=[unique("size", "seed", "entity")],
 )
 INSERT_TRIPLES = Table(
     "data/sessions/{experiment}/insert_triples.parquet",
-    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "triple": FROM_0, "session": FROM_1},
-    key=["size", "seed", "session", "entity", "triple"],
+    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "triple": FROM_0},
+    key=["size", "seed", "entity", "triple"],
     ordered=True,
 )
 
@@ -70,19 +67,16 @@ class Session:
 
 
 def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Session:
-    """The graph D of session ``number``: entities and triples that have arrived by then
-    (section 5.2); 0 gives D⁰.
+    """D⁰, the graph without the novel entities (``number`` 0), or D¹, with them (section 5.2).
 
-    A novel entity arrives in its session, any other in session 0, a triple with its later end. An
-    entity without triples in ``splits``, (M, T), never arrives. ``novel``: ids of the n entities of
-    each session, (M, S, n).
+    An entity without triples in ``splits``, (M, T), takes part in neither. ``novel``: ids, (M, n).
     """
-    arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
-    for session in range(novel.shape[1]):
-        arrival.scatter_(1, novel[:, session], session + 1)
-    arrival.masked_fill_(~ends(graph, splits != OUT), NEVER)
-    later = torch.maximum(arrival[:, graph.triples[:, 0]], arrival[:, graph.triples[:, 2]])
-    return Session(graph, arrival <= number, splits.masked_fill(later > number, OUT))
+    takes_part = ends(graph, splits != OUT)
+    if number:
+        return Session(graph, takes_part, splits)
+    is_novel = membership(novel, len(graph.entities))
+    without = splits.masked_fill(touches(graph, is_novel), OUT)
+    return Session(graph, takes_part & ~is_novel, without)
 
 
 def session_of(graph: Graph, splits: Tensor) -> Session:
@@ -128,9 +122,16 @@ class Shares(Section):
     insert_fraction: Annotated[float, Field(gt=0, le=1)]
 
 
+class Split(Section):
+    """``sessions.split`` of an experiment: a published fold, whose triples keep their split."""
+
+    from_: Literal["published"] = Field(alias="from")
+    fold: Annotated[int, Field(ge=0, lt=5)]
+
+
 class SessionsOf(Section):
-    """``sessions`` of one experiment: candidates for novel entities, set sizes,
-    numbers of seeds and of sessions.
+    """``sessions`` of one experiment: candidates for novel entities, set sizes, and number of
+    seeds; how triples are split, and from which splits insert triples are drawn.
     """
 
     rules = (
@@ -142,10 +143,11 @@ class SessionsOf(Section):
             ),
         ),
     )
-    novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
+    novel: Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
     seeds: Count
-    steps: Count = 1
+    split: Split | None = None  #: None: drawn for each seed
+    insert_from: Literal["train", "all"] = "train"
 
 
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
@@ -157,6 +159,33 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
     splits = np.full(len(graph.triples), TRAIN, dtype=np.int8)
     splits[free[:tests]] = TEST
     splits[free[tests : tests + valids]] = VALID
+    return splits
+
+
+def published_split(
+    graph: Graph, fold: int, root: int, seed: int, valid: float, test: float
+) -> np.ndarray:
+    """The split of the paper's authors; triples that are not among theirs, those of another source,
+    are split at random with the given shares; (T,), int8.
+    """
+    import pandas as pd
+
+    text = {"dtype": str, "keep_default_na": False}
+    names = pd.read_csv(paths.PUBLISHED_PHRASES, **text).set_index("synset")["entity"]
+    folds = pd.read_csv(paths.PUBLISHED_FOLDS, **text)
+    ends = [folds[end].map(names) for end in ("head", "tail")]
+    codes = folds[f"fold_{fold}"].map(SPLIT_NAMES.index)
+    code_of = dict(zip(zip(ends[0], folds["relation"], ends[1], strict=True), codes, strict=True))
+    splits = np.full(len(graph.triples), OUT, dtype=np.int8)
+    for row, (head, relation, tail) in enumerate(graph.triples.tolist()):
+        triple = (graph.entities[head], graph.relations[relation], graph.entities[tail])
+        splits[row] = code_of.get(triple, OUT)
+    others = np.flatnonzero(splits == OUT)
+    if not len(others) < len(splits):
+        expected = "expected split: {from: published} with the graph of source published alone"
+        raise InputError(paths.PARAMS, "sessions.split", expected)
+    if len(others):
+        splits[others] = split(graph.part(others), root, seed, valid, test)
     return splits
 
 
@@ -197,38 +226,34 @@ def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
     return np.delete(order, np.union1d(first_of_entity, first_of_relation))
 
 
-def sample_novel(
-    candidates: np.ndarray, root: int, size: int, seed: int, steps: int = 1
-) -> np.ndarray:
-    """Draw the novel entities of a (size, seed) uniformly, sorted within each session;
-    shape (steps, size).
-    """
-    drawn = stream(root, "novel", size, seed).choice(len(candidates), steps * size, replace=False)
-    return np.sort(candidates[drawn.reshape(steps, size)], axis=1)
+def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int) -> np.ndarray:
+    """Draw the novel entities of a (size, seed) uniformly, sorted; shape (size,)."""
+    drawn = stream(root, "novel", size, seed).choice(len(candidates), size, replace=False)
+    return np.sort(candidates[drawn])
 
 
 def sample_insert_triples(
     graph: Graph,
     splits: np.ndarray,
     novel: np.ndarray,
-    session: int,
     root: int,
     seed: int,
     fraction: float,
+    insert_from: Literal["train", "all"] = "train",
 ) -> list[tuple[int, int]]:
-    """Draw the insert triples of a session's novel entities, as pairs of ids (entity, triple);
-    sessions count from 1.
+    """Draw the insert triples of novel entities, (size,), as pairs of ids (entity, triple).
 
-    An entity with n > 0 unique training triples to known entities gets max(1, ⌊fraction · n⌋) of
-    them; with n = 0, none. ``novel``: ids of the novel entities of all sessions; shape
-    (steps, size).
+    Of the n > 0 unique triples of an entity whose other end is known, training triples or those of
+    all splits, it gets max(1, ⌊fraction · n⌋); with n = 0, none.
     """
-    triples, inserted = graph.triples.numpy(), novel[session - 1]
-    heads, tails = (np.isin(triples[:, slot], novel[session - 1 :]) for slot in (0, 2))
-    usable = (splits == TRAIN) & (heads ^ tails)
-    rng = stream(root, "insert triples", len(inserted), seed, *later_key(session))
+    triples = graph.triples.numpy()
+    heads, tails = (np.isin(triples[:, slot], novel) for slot in (0, 2))
+    usable = heads ^ tails
+    if insert_from == "train":
+        usable &= splits == TRAIN
+    rng = stream(root, "insert triples", len(novel), seed)
     pairs: list[tuple[int, int]] = []
-    for entity in inserted:
+    for entity in novel:
         of_entity = np.flatnonzero(usable & (triples[:, [0, 2]] == entity).any(1))
         count = max(1, math.floor(fraction * len(of_entity))) if len(of_entity) else 0
         pairs.extend(
@@ -236,13 +261,6 @@ def sample_insert_triples(
             for triple in np.sort(rng.choice(of_entity, count, replace=False))
         )
     return pairs
-
-
-def later_key(session: int) -> tuple[int, ...]:
-    """Key that a session adds to the keys of its random streams:
-    none for session 1, else its number.
-    """
-    return (session,) if session > 1 else ()
 
 
 def session_tables(
@@ -256,41 +274,43 @@ def session_tables(
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
-    of_kinds = np.flatnonzero(entities["kind"].isin(list(settings.novel)))
-    candidates = {"any": np.arange(len(entities)), "added": added}.get(
-        str(settings.novel), of_kinds
-    )
-    if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
+    is_added = settings.novel == "added"
+    candidates = added if is_added else np.arange(len(entities))
+    if max(settings.sizes) > len(candidates) - (not is_added):
         few = (
-            f"expected a lower size · steps: {len(candidates)} candidates; "
+            f"expected a smaller size: {len(candidates)} candidates; "
             "one must stay known unless novel: added"
         )
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
     splits = list[pd.DataFrame]()
-    drawn_rows: dict[Table, list[tuple[int, ...]]] = {NOVEL: [], INSERT_TRIPLES: []}
+    novel_rows = list[tuple[int, int, int]]()
+    insert_rows = list[tuple[int, int, int, int]]()
     for size, seed in product(sorted(settings.sizes), range(settings.seeds)):
-        drawn = sample_novel(candidates, root, size, seed, settings.steps)
-        absent = np.setdiff1d(added, drawn) if settings.novel == "added" else added[:0]
+        novel = sample_novel(candidates, root, size, seed)
+        absent = np.setdiff1d(added, novel) if is_added else added[:0]
         triples = np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), absent).any(1))
         part = graph.part(triples)
-        codes = split(part, root, seed, shares.valid, shares.test)
-        check_held_out(codes, shares.valid, shares.test)
+        codes = _codes(part, settings, shares, root, seed)
         if size == min(settings.sizes):  # once for each seed
-            splits.append(
-                pd.DataFrame(
-                    {"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}
-                )
-            )
-        for session, inserted in enumerate(drawn, 1):
-            drawn_rows[NOVEL] += [(size, seed, entity, session) for entity in inserted]
-            pairs = sample_insert_triples(
-                part, codes, drawn, session, root, seed, shares.insert_fraction
-            )
-            drawn_rows[INSERT_TRIPLES] += [
-                (size, seed, entity, int(triples[row]), session) for entity, row in pairs
-            ]
-    rows = {
-        table: pd.DataFrame(listed, columns=list(table.columns))
-        for table, listed in drawn_rows.items()
+            columns = {"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}
+            splits.append(pd.DataFrame(columns))
+        novel_rows += [(size, seed, entity) for entity in novel]
+        pairs = sample_insert_triples(
+            part, codes, novel, root, seed, shares.insert_fraction, settings.insert_from
+        )
+        insert_rows += [(size, seed, entity, int(triples[row])) for entity, row in pairs]
+    return {
+        SPLITS: pd.concat(splits),
+        NOVEL: pd.DataFrame(novel_rows, columns=list(NOVEL.columns)),
+        INSERT_TRIPLES: pd.DataFrame(insert_rows, columns=list(INSERT_TRIPLES.columns)),
     }
-    return {SPLITS: pd.concat(splits), **rows}
+
+
+def _codes(graph: Graph, settings: SessionsOf, shares: Shares, root: int, seed: int) -> np.ndarray:
+    """The split of each triple of a seed's D¹; shape (T,), int8."""
+    if settings.split:
+        fold = settings.split.fold
+        return published_split(graph, fold, root, seed, shares.valid, shares.test)
+    codes = split(graph, root, seed, shares.valid, shares.test)
+    check_held_out(codes, shares.valid, shares.test)
+    return codes

@@ -19,6 +19,7 @@ MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"
 MP3D_TALLIES = RAW / "mp3d" / "room_object_counts.csv"
 PUBLISHED_TRIPLES = RAW / "published" / "triples.csv"
+PUBLISHED_FOLDS = RAW / "published" / "folds.csv"  #: Its authors' splits.
 PUBLISHED_PHRASES = RAW / "published" / "phrases.csv"
 DEFINITIONS = RAW / "words" / "definitions.csv"
 PAPER = RAW / "paper" / "values.yaml"

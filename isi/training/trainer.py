@@ -2,7 +2,7 @@
 and when it stops.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
-from isi.evaluation.ranking import Queries, evaluate, measure_rows
+from isi.evaluation.ranking import MEASURES, Queries, Result, evaluate, measure_rows
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.scoring import DenseTriples, padded, spaced
@@ -259,33 +259,60 @@ def train_until_best(
     return watch.best, watch.looks
 
 
-class ConvergenceWatch:
-    """Measures each embedding at every epoch; stops it once it has reached its target in
-    each query set with a target.
+@dataclass(frozen=True)
+class Target:
+    """A value of one measure of a query set at which an embedding is as good as the joint model."""
 
-    A target, (M,), is the MRR* at which an embedding counts as converged; NaN for no target. With
-    ``full_curves`` every embedding trains to the last epoch.
+    query_set: str
+    measure: str
+    value: Tensor  #: NaN: none; shape: (M,)
+
+
+class ConvergenceWatch:
+    """Measures each embedding at every epoch; stops it once it has converged.
+
+    Args:
+        query_sets: what is measured, in mappings whose query sets share their triples.
+        targets: by name. An embedding has converged once it has reached, for each name, all of
+            its targets at one epoch.
+        trained: embeddings that are trained at all, (M,), bool; the others end at epoch 0. None:
+            all.
+        full_curves: train to the last epoch, converged or not.
     """
 
     def __init__(
-        self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool
+        self,
+        query_sets: list[dict[str, Queries]],
+        targets: dict[str, list[Target]],
+        trained: Tensor | None = None,
+        full_curves: bool = False,
     ) -> None:
         self.looks = list[pd.DataFrame]()
         self.query_sets, self.targets, self.full_curves = query_sets, targets, full_curves
-        self.reached = {name: torch.isnan(target) for name, target in targets.items()}
+        self.trained = trained
+        self.reached = dict[str, Tensor]()
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        results = evaluate(embedding, self.query_sets)
+        results = dict[str, Result]()
+        for sharing in self.query_sets:
+            results |= evaluate(embedding, sharing)
         self.looks.append(measure_rows(results, epoch, models))
-        for name, target in self.targets.items():
-            self.reached[name] |= results[name].measures[:, 0] >= target
-        if self.full_curves:
-            return never_stop(epoch, embedding, models)
-        going_on = ~torch.stack(list(self.reached.values())).all(0)
+        for name, targets in self.targets.items():
+            now = torch.stack([_is_reached(results, target) for target in targets]).all(0)
+            self.reached[name] = self.reached[name] | now if epoch else now
+        going_on = never_stop(epoch, embedding, models)
+        if self.trained is not None and not epoch:
+            going_on = self.trained
+        if not self.full_curves:
+            going_on = going_on & ~torch.stack(list(self.reached.values())).all(0)
         if not going_on.all():
-            self.query_sets, self.targets = (
-                select(self.query_sets, going_on),
-                select(self.targets, going_on),
-            )
+            self.query_sets = select(self.query_sets, going_on)
+            self.targets = select(self.targets, going_on)
             self.reached = select(self.reached, going_on)
         return going_on
+
+
+def _is_reached(results: Mapping[str, Result], target: Target) -> Tensor:
+    """Where a target is reached, or there is none; shape (M,), bool."""
+    values = results[target.query_set].measures[:, MEASURES.index(target.measure)]
+    return (values >= target.value) | target.value.isnan()

@@ -1,0 +1,90 @@
+"""Changes of the paper's measure, one at a time: what each part of its definition decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from torch import Tensor
+
+from isi.evaluation.query_sets import GROUPS, times_observed
+from isi.evaluation.ranking import Queries, make_queries, padded_ids
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the measure: query sets by group, and the measure that is taken of them."""
+
+    title: str
+    measure: str
+    suffix: str = ""  #: of the groups' names in ``changed_query_sets``
+
+    @property
+    def query_sets(self) -> dict[str, str]:
+        """The query set of each group; the whole of D¹ is one group, as good as ``weighted``."""
+        if self.suffix == ALL:
+            return {"weighted": ALL}
+        return {group: f"{group}{self.suffix}" for group in GROUPS}
+
+
+ALL = "d1"  #: The query set of all triples of D¹.
+#: Query sets whose two filters are exchanged, and those whose triples weigh alike.
+EXCHANGED, ALIKE = "_exchanged", "_alike"
+
+CHANGES = {
+    "none": Change("the measure", "mrr"),
+    "counts": Change("counts for truth values (equation 7)", "mrr_star", EXCHANGED),
+    "filter": Change("the paper's filter", "mrr", EXCHANGED),
+    "one_group": Change("all of D¹ in place of the two groups", "mrr", ALL),
+    "triples_alike": Change("triples alike, whatever their relation", "mrr", ALIKE),
+    "entities_alone": Change("entity prediction alone", "mrr_entity"),
+}
+
+
+def changed_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
+    """Query sets of ``CHANGES`` besides those of scopes; arguments: those of ``query_sets``."""
+    new = touches(session.graph, membership(novel, session.entities.shape[1]))
+    true, learned = session.members(TRAIN, VALID, TEST), session.members(TRAIN, VALID) & ~new
+    triples, everyone = padded_ids(true), session.entities
+    times = times_observed(session) * ~inserted
+    queried = {"known": session.members(TEST) & ~new, "novel": times * new}
+    sets = {ALL: make_queries(session, triples, times * true, true, true, everyone)}
+    for group, asked in queried.items():
+        sets[f"{group}{EXCHANGED}"] = make_queries(session, triples, asked, true, learned, everyone)
+        sets[f"{group}{ALIKE}"] = make_queries(
+            session, triples, asked, true, true, everyone, alike=True
+        )
+    return sets
+
+
+def change_rows(measured: pd.DataFrame) -> pd.DataFrame:
+    """Rows of ``MEASURE_CHANGES``, with the columns change, scope and value in place of the
+    measures, from measures of the scopes and of ``changed_query_sets``.
+    """
+    import pandas as pd
+
+    parts = list[pd.DataFrame]()
+    keys = [name for name in ("size", "seed", "epoch", "place") if name in measured]
+    for name, change in CHANGES.items():
+        for scope, query_set in change.query_sets.items():
+            rows = measured[measured["scope"] == query_set]
+            values = rows[keys].assign(change=name, scope=scope, value=rows[change.measure])
+            parts.append(values)
+    return pd.concat(parts, ignore_index=True)
+
+
+def with_weighted_changes(rows: pd.DataFrame, shares: Mapping[int, float]) -> pd.DataFrame:
+    """``change_rows`` with rows of scope ``weighted``, as ``with_weighted`` of runs."""
+    import pandas as pd
+
+    keys = [name for name in rows if name not in ("scope", "value")]
+    known, novel = (rows[rows["scope"] == group].set_index(keys)["value"] for group in GROUPS)
+    share = known.index.get_level_values("size").map(shares).to_numpy()
+    values = share * known + (1 - share) * novel.reindex(known.index)
+    weighted = values.rename("value").reset_index().assign(scope="weighted")
+    return pd.concat([rows, weighted[list(rows)]], ignore_index=True)
