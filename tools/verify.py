@@ -372,10 +372,10 @@ def immediate_mrr_star(
 
 
 def check_epochs(experiment: Experiment, suffix: str, params: Values, check: Check) -> None:
-    """Compare mean epochs and unconverged shares of the runs with Table 2 and the table by size."""
+    """Compare mean epochs and unconverged shares of the runs with Table 2."""
     margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
-    names, scopes = ("table2_convergence", "convergence_by_size"), ["all", "novel_heldout"]
-    table2, by_size = (pd.read_csv(f"reports/tables/{name}{suffix}.csv") for name in names)
+    scopes = ["all", "novel_heldout"]
+    table2 = pd.read_csv(f"reports/tables/table2_convergence{suffix}.csv")
     tuned = [model for model in experiment.initializers if experiment.runs[model]["epoch"].any()]
     titled = zip(table2["initializer"], tuned, strict=True)
     runs = pd.concat({title: experiment.runs[model] for title, model in titled})
@@ -388,12 +388,10 @@ def check_epochs(experiment: Experiment, suffix: str, params: Values, check: Che
     epochs = converged.groupby(level=[0, 1, 2, 3, 4])["epoch"].min().reindex(measured)
     each = pd.DataFrame({"mean": epochs.fillna(most), "unconverged %": 100 * epochs.isna()})
     of_all = each.groupby(["scope", "initializer"]).mean()
-    of_size = each.groupby(["scope", "size", "initializer"]).mean()
     for scope in scopes:
         columns = {f"{scope}: {name}": name for name in each}
         shown = table2.set_index("initializer")[list(columns)].rename(columns=columns)
         check.compare(f"{experiment.name}, scope {scope}", of_all.loc[scope], shown)
-    check.compare(f"{experiment.name}, by size", of_size, by_size.set_index(of_size.index.names))
 
 
 # MRR* under every reading of the metric, from the terms of single queries
