@@ -180,7 +180,8 @@ def rows_of(results: Results, experiment: Experiment) -> pd.DataFrame:
     """
     paper, ours = results.paper, _ours(results, experiment)
     best = dict.fromkeys(paper["indicators"], paper["indicators_degrade_after"])
-    theirs, labels = paper | {"best_indicators": best}, results.models.labels
+    theirs: dict[str, Any] = {**paper, "best_indicators": best}
+    labels = results.models.labels
     first, rows = results.standalone[0].title, list[tuple[str, str, float, float]]()
     for section, titles, key in config.read(_ROWS):
         named = value_of(theirs, key)
