@@ -183,7 +183,7 @@ def rows_of(results: Results, experiment: Experiment) -> pd.DataFrame:
     theirs: dict[str, Any] = {**paper, "best_indicators": best}
     labels = results.models.labels
     first, rows = results.standalone[0].title, list[tuple[str, str, float, float]]()
-    for section, titles, key in config.read(_ROWS):
+    for section, titles, key in config.read(_ROWS)["rows"]:
         named = value_of(theirs, key)
         names = list(named) if isinstance(named, dict) else [""]
         parts = titles if isinstance(titles, dict) else {"": titles}
