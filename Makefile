@@ -44,7 +44,6 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@python -m stages.check_params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
-	@python tools/repro.py --force --single-item tables report   # they show what the readings gave
 	@python -m tools.hidden
 
 continual: $(CHECKED)  ## run the third pipeline, which needs no other: graphs that grow, with a page of its own (BENCHMARKS="FBinc-S entity_transe" for some, BENCHMARKS=all for all)
@@ -87,7 +86,7 @@ mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about a
 	mutmut run $(ARGS)
 	python -m tools.mutants
 
-verify: $(INSTALLED)  ## recompute vectors, MRR*, its readings, epochs and R[i, j] of the last runs from their tables, with independent code, and compare
+verify: $(INSTALLED)  ## recompute vectors, MRR*, epochs and R[i, j] of the last runs from their tables, with independent code, and compare
 	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about twelve minutes (installs the extra `benchmark`), into docs/benchmarks

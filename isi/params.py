@@ -199,7 +199,6 @@ class Beyond(Section):
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
     hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.benchmark.study``
-    readings: dict[Name, Any] = Field(default_factory=dict)
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 

@@ -231,11 +231,6 @@ class Experiment(Runs):
         """The unique triples with their counts."""
         return self.table("data/graph/{}/triples.parquet")
 
-    @cached_property
-    def inserted(self) -> pd.DataFrame:
-        """The inserted entities of each initializer, with what was measured about each."""
-        return of_models(f"data/runs/{self.name}/{{}}.inserted.parquet", self.initializers)
-
     @property
     def curve_size(self) -> int | None:
         """The first size of ``full_curves`` that was run; None if none was."""

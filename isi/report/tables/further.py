@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 
 from isi import config
-from isi.evaluation.query_sets import CONVERGING
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Models, Runs, read
-from isi.report.tables.estimates import Line, combined, difference, named, over_seeds, where, wide
+from isi.report.tables.estimates import Line, combined, difference, named, where, wide
 from isi.report.tables.registry import Frames, table
-from isi.report.tables.results import by_label, in_rows, table2
+from isi.report.tables.results import by_label
 from isi.tables import paths
 
 if TYPE_CHECKING:
@@ -199,31 +198,6 @@ def _mrr_star(runs: Runs, measure: str = "mrr_star") -> pd.Series:
     return 100 * means
 
 
-def _with_curves(results: Further) -> list[VariantRuns]:
-    causes = results.variants_of("causes")
-    return [runs for runs in causes if runs.variant.full_curves]
-
-
-@table("beyond")
-def convergence(results: Further) -> Frames:
-    """Table 2 of the variants with full curves, beside the paper's."""
-    paper = results.paper["convergence"]["epochs"]
-    return {
-        f"convergence_{runs.key}_{runs.name}": table2(runs, paper) for runs in _with_curves(results)
-    }
-
-
-@table("beyond")
-def curves(results: Further) -> Frames:
-    """Figure 3b of the variants with full curves: MRR* (points) by epoch of fine-tuning."""
-    frames = dict[str, pd.DataFrame]()
-    for runs in _with_curves(results):
-        shown = where(runs.runs, scope=CONVERGING)
-        means = over_seeds(shown, ["model", "scope", "epoch"], {"mrr_star": "MRR*"})
-        frames[f"curves_{runs.key}_{runs.name}"] = in_rows(means, runs.models, runs.rows)
-    return frames
-
-
 # Other initializers, fewer insert triples, other words
 
 
@@ -264,53 +238,35 @@ def n_insert_triples(results: Further) -> pd.DataFrame:
 @table("beyond")
 def other_words(results: Further) -> pd.DataFrame:
     """Entity MRR* with the novel entity given by graph and kind of word vectors."""
-    return _by_graph(results.variants_of("words"), "given", "words")
+    return _by_graph(results.variants_of("words"), "words")
 
 
 # Other embedding models and graphs
 
 
-#: Measures of the tables by graph, by the end of the table's name.
-_MEASURES = {"immediate": "novel", "novel_given": "given", "epochs": "epochs"}
-
-
-def _means(runs: Runs, measure: str) -> pd.DataFrame:
-    """MRR* in a scope by model, or epochs to convergence on held-out triples of the novel entities
-    by initializer.
-    """
-    if measure != "epochs":
-        return runs.means(measure)
-    return runs.epochs("novel_heldout").reindex(runs.initializers).dropna(subset="mean")
-
-
-def _by_graph(listed: Sequence[Runs], measure: str, variant: str = "") -> pd.DataFrame:
-    """A row of means by model for each of the runs, those of a graph below each other; the column
-    ``variant`` has the title of the variant.
+def _by_graph(listed: Sequence[Runs], variant: str = "") -> pd.DataFrame:
+    """Entity MRR* with the novel entity given: a row by model for each of the runs, those of a
+    graph below each other; the column ``variant`` has the title of the variant.
     """
     names, rows = list(dict.fromkeys(runs.name for runs in listed)), list[Line]()
     for runs in sorted(listed, key=lambda runs: names.index(runs.name)):
         row: Line = {"graph": runs.title}
         if isinstance(runs, VariantRuns) and variant:
             row[variant] = runs.variant.title
-        rows.append(row | wide(_means(runs, measure), "mean", runs.models.labels))
+        rows.append(row | wide(runs.means("given"), "mean", runs.models.labels))
     return pd.DataFrame(rows)
 
 
 @table("beyond")
-def embeddings(results: Further) -> Frames:
-    """Other embedding models: MRR* and epochs by graph and model."""
-    variants = results.variants_of("embeddings")
-    return {
-        f"embeddings_{name}": _by_graph(variants, measure, "embedding")
-        for name, measure in _MEASURES.items()
-    }
+def embeddings_novel_given(results: Further) -> pd.DataFrame:
+    """Other embedding models, by graph."""
+    return _by_graph(results.variants_of("embeddings"), "embedding")
 
 
 @table("beyond")
-def graphs_by(results: Further) -> Frames:
-    """MRR* and epochs on all graphs, with sessions of the same size."""
-    compared = results.compared
-    return {f"graphs_{name}": _by_graph(compared, measure) for name, measure in _MEASURES.items()}
+def graphs_novel_given(results: Further) -> pd.DataFrame:
+    """All graphs, with sessions of the same size."""
+    return _by_graph(results.compared)
 
 
 @table("beyond")
@@ -355,14 +311,3 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
     """Number of unique triples: a row for each kind of tail, a column for each relation."""
     kinds = triples["tail"].map(entities.set_index("entity")["kind"])
     return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
-
-
-@table("beyond")
-def graphs_shared(results: Further) -> pd.DataFrame:
-    """The number of entity phrases that two graphs share."""
-    phrases = {graph.title: set(graph.entities["phrase"]) for graph in results.all_graphs}
-    rows = list[Line]()
-    for title, here in phrases.items():
-        shared = {other: len(here & there) for other, there in phrases.items()}
-        rows.append({"graph": title} | shared)
-    return pd.DataFrame(rows)

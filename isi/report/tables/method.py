@@ -1,7 +1,6 @@
 """The graphs, the choices of this run against others, and what was run and left out."""
 
 import platform
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
@@ -15,13 +14,11 @@ from safetensors.numpy import load_file
 
 from isi.analyses.projection import Projection
 from isi.evaluation.query_sets import CONVERGING
-from isi.report.tables.data import JOINT, Experiment, Results, of_models, read
+from isi.report.tables.data import Results, read
 from isi.report.tables.estimates import HALVES, Line, over_seeds, where
 from isi.report.tables.forms import ANY_SIZE
-from isi.report.tables.registry import Frames, of_each, table
-from isi.report.tables.results import TITLES, by_label, in_order
-from isi.tables import paths
-from isi.tables.io import opening
+from isi.report.tables.registry import table
+from isi.report.tables.results import in_order
 
 #: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls
 #: by at least EPOCHS and MRR*, in [0, 1], is at most LOSS below the best.
@@ -47,18 +44,21 @@ Setting = Mapping[str, float]
 
 
 @table("report")
-@of_each("standalone")
-def graph_totals(results: Results, experiment: Experiment) -> pd.DataFrame:
-    """Counts of the graph beside the paper's."""
-    paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
+def graph_totals(results: Results) -> pd.DataFrame:
+    """Counts of the first graph beside the paper's."""
+    first, paper = results.standalone[0], results.paper["graph"]
+    entities, triples = first.entities, first.triples
     kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
     ours = {
         "observations": int(triples["count"].sum()),
         "unique_triples": len(triples),
         "entities": len(entities),
-        **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds},
+        **{kind: int((entities["kind"] == kind).sum()) for kind in kinds},
     }
-    rows = [(name.replace("_", " "), number, paper.get(name)) for name, number in ours.items()]
+    titles = {name: name.replace("_", " ") for name in ours} | {
+        kind: f"{kind} entities" for kind in kinds
+    }
+    rows = [(titles[name], number, paper.get(name)) for name, number in ours.items()]
     return pd.DataFrame(rows, columns=["", "this run", "paper"])
 
 
@@ -94,65 +94,7 @@ def table1(
     return frame.dropna(axis=1, how="all").reset_index()
 
 
-@table("report")
-def definition_leaks(results: Results) -> pd.DataFrame:
-    """Triples that word vectors could leak: the definition of one end names the other end."""
-    with opening(paths.DEFINITIONS, "columns phrase and definition", ValueError):
-        columns = ["phrase", "definition"]
-        defined = pd.read_csv(paths.DEFINITIONS, usecols=columns, dtype=str, keep_default_na=False)
-    meaning = dict(zip(defined["phrase"], defined["definition"], strict=True))
-    triple, parts = ["source", "head", "relation", "tail", "count"], list[pd.DataFrame]()
-    for experiment in results.experiments:
-        triples = experiment.triples
-        phrase = experiment.entities.set_index("entity")["phrase"]
-        for end, other in (("head", "tail"), ("tail", "head")):
-            rows = triples[triple].assign(**{"defined end": end})
-            rows["its definition"] = triples[end].map(phrase).map(meaning)
-            rows["named"] = triples[other].map(phrase)
-            parts.append(rows)
-    rows = pd.concat(parts).drop_duplicates([*triple[:-1], "defined end"])
-    rows = rows.dropna(subset=["its definition"])
-    leaks = [
-        names(text, phrase)
-        for text, phrase in zip(rows["its definition"], rows["named"], strict=True)
-    ]
-    return rows.loc[leaks].drop(columns="named").reset_index(drop=True)
-
-
-def names(text: str, phrase: str) -> bool:
-    """Whether a text contains a phrase, or the phrase with its first word regularly inflected."""
-    first, *rest = phrase.split()
-    stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
-    inflected = rf"(?:{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?|{re.escape(first)})"
-    pattern = r"\s+".join([inflected, *map(re.escape, rest)])
-    return re.search(rf"\b{pattern}\b", text) is not None
-
-
 # Training and choices
-
-
-@table("report")
-def training(results: Results) -> pd.DataFrame:
-    """Θ⁰ and the joint model: epochs, validation MRR* (points), coordinates in use (per cent)."""
-    rows = list[Line]()
-    for experiment in results.experiments:
-        for name in ("theta0", JOINT):
-            log = experiment.table(f"data/embeddings/{{}}/{name}.log.parquet")
-            epochs = log.groupby(["size", "seed"])["epoch"].max()
-            best = log[log["kept"]].groupby(["size", "seed"]).last()
-            row: Line = {"experiment": experiment.name, "model": name}
-            row |= {"trained": len(epochs), "epochs": epochs.mean()}
-            row["best epoch"] = best["epoch"].mean()
-            for column, title in HALVES.items():
-                row[f"validation {title}"] = 100 * best[column].mean()
-            row["std"] = 100 * best["mrr_star"].std(ddof=1)
-            if name == JOINT:
-                used = experiment.table("data/embeddings/{}/joint.used.parquet")
-                sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
-                shares = 100 * sums["used"] / sums["of"]
-                row |= {f"{part} in use %": share for part, share in shares.items()}
-            rows.append(row)
-    return pd.DataFrame(rows)
 
 
 @cache
@@ -292,97 +234,30 @@ def by_setting(rows: pd.DataFrame, choice: Setting) -> pd.DataFrame | None:
     return measures.assign(**{"from the choice": lead, "within": lead.abs() < spread})
 
 
-def best_setting(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """Best value of ``factor``, others as in ``choice`` (which wins ties); a note if it differs;
-    NaN without folds.
-    """
-    means = by_setting(rows, choice)
-    if means is None:
-        return nan, ""
-    others = {name: value for name, value in choice.items() if name != factor}
-    means = where(means.reset_index(), **others)
-    best = means.sort_values("from the choice", ascending=False, kind="stable").iloc[0]
-    lead = best["from the choice"]
-    if lead == 0:
-        return float(choice[factor]), ""
-    less = ", less than the folds deviate" if best["within"] else ""
-    return float(best[factor]), f"{lead:+.1f} points from the choice of this run{less}"
-
-
-@table("report")
-def embedding_models(results: Results) -> pd.DataFrame | None:
-    """The joint model with each embedding model, whose training options were chosen on validation
-    triples.
-    """
-    study, first = results.params.compare_models, results.standalone[0]
-    rows = first.swept("compare_models", "models", list(study.models))
-    if rows is None:
-        return None
-    columns = {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"}
-    means = over_seeds(rows, ["model"], columns)
-    means["epochs"] = rows.groupby("model")["epochs"].mean()
-    lines = list[Line]()
-    for name, model in study.models.items():
-        if name in means.index:
-            options = model.model_dump() | results.params.models[name]
-            shown = {option.replace("_", " "): _plain(value) for option, value in options.items()}
-            lines.append({"embedding": EMBEDDINGS.get(name, name), **means.loc[name], **shown})
-    frame = pd.DataFrame(lines)
-    frame.attrs[ANY_SIZE] = [name for name in frame if name not in means]
-    return frame
-
-
-#: Display names of embedding models.
-EMBEDDINGS = {
-    "analogy": "ANALOGY",
-    "complex": "ComplEx",
-    "distmult": "DistMult",
-    "rotate": "RotatE",
-    "transe": "TransE",
-}
-
-
-def _plain(value: Any) -> Any:
-    return ("yes" if value else "no") if isinstance(value, bool) else value
-
-
 # One insertion (Figure 1)
 
 
 @table("report")
-def trajectory(results: Results) -> Frames:
-    """The path of one novel entity through fine-tuning: distances in all dimensions, and the places
-    of Figure 1.
-    """
+def figure1_trajectory(results: Results) -> pd.DataFrame | None:
+    """The places of Figure 1: the path of one novel entity through fine-tuning."""
     first = results.standalone[0]
     file = Path(f"data/analyses/trajectory/{first.name}.safetensors")
     if first.name not in results.params.trajectory.experiments or not file.exists():
-        return {}
+        return None
     traces = load_file(file)
-    entities = first.entities["entity"].to_numpy()
-    known = traces["known"].astype(bool)
-    vectors = traces["theta0"][known]  # [N, d]
-    plane = Projection.of(vectors)
-    rows, places = list[Line](), [_places(plane.places(vectors), "", "known entity")]
+    known = traces["theta0"][traces["known"].astype(bool)]  # [N, d]
+    plane = Projection.of(known)
+    places = [_places(plane.places(known), "", "known entity")]
     for model in first.initializers:
         if f"{model}.path" not in traces:
             continue
-        path = traces[f"{model}.path"].astype(np.float64)
         chosen = traces[f"{model}.indicators"].astype(bool)
         label = results.models.labels[model]
         if chosen.any() and model in first.methods:
             places.append(_places(plane.places(traces["theta0"][chosen]), label, "indicator"))
+        path = traces[f"{model}.path"].astype(np.float64)
         places.append(_places(plane.places(path), label, "path"))
-        away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
-        rows.append(
-            {
-                "initializer": label,
-                "from the centre": away,
-                "from where training takes it": float(np.linalg.norm(path[-1] - path[0])),
-                "indicators": ", ".join(entities[chosen]),
-            }
-        )
-    return {"trajectory": pd.DataFrame(rows), "figure1_trajectory": pd.concat(places)}
+    return pd.concat(places)
 
 
 def _places(places: np.ndarray, label: str, kind: str) -> pd.DataFrame:
@@ -412,80 +287,3 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
-
-
-@table("report")
-def left_out(results: Results) -> pd.DataFrame:
-    """Counts of sets without queries, and of entities without word vector, insert triples or
-    training triples, by experiment.
-    """
-    columns = {experiment.name: _left_out(experiment) for experiment in results.experiments}
-    return pd.DataFrame(columns).rename_axis("").reset_index()
-
-
-def _left_out(experiment: Experiment) -> dict[str, int]:
-    name = experiment.name
-    sets = where(experiment.immediate, model=experiment.initializers[0])
-    # the queries of known_closed are those of known
-    counted = sets[sets["scope"] != "known_closed"]
-    empty = (counted["queries"] == 0).groupby(counted["scope"]).sum()
-    splits = read(f"data/sessions/{name}/splits.parquet")
-    novel = read(f"data/sessions/{name}/novel.parquet")
-    triples = read(f"data/sessions/{name}/insert_triples.parquet")
-    given = triples[["size", "seed", "entity"]].drop_duplicates()
-    coverage = read(f"data/words/{name}/coverage.parquet")
-    counts = {f"sets without queries: {TITLES[str(scope)]}": int(n) for scope, n in empty.items()}
-    return counts | {
-        "entities without a word vector": int(coverage["served_by"].isna().sum()),
-        "inserted entities without insert triples": len(novel) - len(given),
-        "known entities without training triples, over all sets": orphans(
-            experiment.entities, experiment.triples, splits, novel
-        ),
-    }  # fmt: skip
-
-
-def orphans(
-    entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame, novel: pd.DataFrame
-) -> int:
-    """Number of known entities whose training triples all touch novel entities, summed over sizes
-    and seeds.
-    """
-    ids = {name: number for number, name in enumerate(entities["entity"])}
-    ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
-    lost = 0
-    for seed, of_seed in novel.groupby("seed"):
-        split = where(splits, seed=seed)
-        listed, is_train = ends[split["triple"]], (split["split"] == "train").to_numpy()
-        for _, inserted in of_seed.groupby("size")["entity"]:
-            known = np.setdiff1d(listed, inserted)
-            trained = listed[is_train & ~np.isin(listed, inserted).any(1)]
-            lost += len(np.setdiff1d(known, trained))
-    return lost
-
-
-@table("report")
-def ties(results: Results) -> pd.DataFrame:
-    """Number of competitors tied with the answer right after insertion."""
-    parts = list[pd.DataFrame]()
-    for experiment in results.experiments:
-        ties = of_models(f"data/runs/{experiment.name}/{{}}.ties.parquet", experiment.rows)
-        counts = ties.pivot_table("ties", "model", "scope", aggfunc="sum", fill_value=0)
-        counts = counts.reindex(columns=["all", "novel"], fill_value=0)
-        frame = by_label(experiment.models, experiment.rows, {"": counts})
-        frame.insert(0, "experiment", experiment.name)
-        parts.append(frame)
-    return pd.concat(parts, ignore_index=True)
-
-
-@table("report")
-def fallbacks(results: Results) -> pd.DataFrame:
-    """Number of inserted entities by experiment, initializer and fallback that was used."""
-    parts = list[pd.DataFrame]()
-    for experiment in results.experiments:
-        used = experiment.models.labelled(experiment.inserted, "model")
-        used = used.rename(columns={"model": "initializer", "fallback": "fell back to"})
-        counts = used.groupby(["initializer", "fell back to"]).size()
-        frame = counts.reset_index(name="inserted entities")
-        frame.insert(0, "experiment", experiment.name)
-        parts.append(frame)
-    return pd.concat(parts, ignore_index=True)

@@ -24,17 +24,12 @@ from isi.report.tables.data import (
 )
 from isi.report.tables.estimates import (
     CELL,
-    ENDS,
     HALVES,
-    Line,
     Names,
     cells_of,
-    combined,
     compare,
-    difference,
     drops,
     epochs_summary,
-    improvements,
     named,
     over_seeds,
     under,
@@ -51,15 +46,8 @@ EQUAL = 0.01
 #: has the last, too.
 STEPS = (("centre", "mean"), ("kind", "kind_mean"))
 SEMANTICS = "words and facts"
-WHOLE = "the whole gain"
-#: A property, an initializer of ISI, and the control that differs from it in this property alone.
-_TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
 #: Number of highest-ranked answers that are shown and counted (Table 3).
 TOP = 4
-#: Factor on the fine-tuning learning rate of params in the main runs.
-_AS_CHOSEN = 1.0
-#: Roles of the novel entity in a query, in the order of a table.
-_ROLES = ["given", "answer", "both", "any or none"]
 
 
 def in_rows(
@@ -108,29 +96,6 @@ def halves(runs: Runs, scopes: Names) -> dict[str, pd.DataFrame]:
 def immediate(_: Results, experiment: Experiment) -> pd.DataFrame:
     """MRR* right after insertion, with its halves."""
     return by_label(experiment.models, experiment.rows, halves(experiment, ("all", "novel")))
-
-
-@table("report")
-@of_each("standalone")
-def improvement(results: Results, experiment: Experiment) -> pd.DataFrame:
-    """Gain over Xavier in per cent, beside the paper's."""
-    columns = dict[str, Any]()
-    for scope in ("all", "novel"):
-        columns |= named(improvements(experiment.immediate, scope), "gain", f"scope {scope}")
-    columns["paper"] = results.paper["immediate"]["improvement_over_xavier"]
-    others = [name for name in experiment.initializers if name != BASELINE]
-    return by_label(experiment.models, others, columns, "initializer")
-
-
-@table("report")
-@of_each("standalone")
-def novel_by_kind(results: Results, experiment: Experiment) -> pd.DataFrame:
-    """MRR* about novel entities by their kind."""
-    queried = experiment.inserted[experiment.inserted["queries"] > 0]
-    means = over_seeds(queried, ["kind", "model"], HALVES)
-    means.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
-    kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
-    return in_rows(means, experiment.models, experiment.initializers, "initializer", kind=kinds)
 
 
 def in_order(values: Any, first: Names) -> list[str]:
@@ -232,34 +197,6 @@ def steps(method: str, models: Names) -> list[tuple[str, str, str]]:
 
 
 @table("report")
-@of_each("standalone")
-def parts_of_the_gain(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """Paired differences (points) of each step from Xavier to an initializer of ISI, of its steps
-    together, and of the controls with other words.
-    """
-    models = experiment.initializers
-    pairs = [step for method in experiment.methods for step in steps(method, models)]
-    pairs += [(WHOLE, method, BASELINE) for method in experiment.methods]
-    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]
-    halves = dict[str, Mapping[str, str]](all=HALVES, novel=HALVES)
-    if experiment.queries is not None:
-        halves["given"] = {"mrr_star_entity": HALVES["mrr_star_entity"]}
-    rows = list[Line]()
-    for scope, measures in halves.items():
-        cells = {half: experiment.by_run(scope, half) for half in measures}
-        for part, first, second in pairs:
-            row: Line = {"scope": scope, "part": part, "what has it": first, "minus": second}
-            for half, title in measures.items():
-                points = difference(cells[half][first], cells[half][second])
-                row |= named(points, "difference", title)
-            rows.append(row)
-    titles = [f"{title}{end}" for title in HALVES.values() for end in ENDS]
-    frame = pd.DataFrame(rows, columns=["scope", "part", "what has it", "minus", *titles])
-    frame = frame.dropna(how="all", subset=titles)
-    return experiment.models.labelled(frame, "what has it", "minus")
-
-
-@table("report")
 def answer_parts(results: Results) -> pd.DataFrame | None:
     """What the gain of the best of ISI consists of, over all queries and about novel entities: bars
     from ``start`` to ``end`` in points.
@@ -301,31 +238,6 @@ def directions(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     return by_label(experiment.models, experiment.rows, columns)
 
 
-@table("report")
-@of_each("experiments")
-def by_relation(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """Entity MRR* (points) by relation, hidden end and role of the novel entity."""
-    if experiment.queries is None or experiment.queries.empty:
-        return None
-    group = ["scope", "relation", "hidden", "novel entity"]
-    scopes, ends = ["novel", "all"], ["head", "tail"]
-    rows = where(experiment.queries, filter="learned", scope=scopes, hidden=ends)
-    roles = rows["novel"].where(rows["scope"] == "novel", "any or none")
-    rows = rows.assign(**{"novel entity": roles})
-    measured = combined(rows, [*group, "model", "size", "seed"])
-    means = measured.groupby([*group, "model"])["mrr_star_entity"].mean().unstack("model")
-    queries = rows.groupby([*group, "model"])["queries"].sum().groupby(group).first()
-    frame = (100 * means).assign(queries=queries).reset_index()
-    frame["scope"] = pd.Categorical(frame["scope"], scopes)
-    frame["novel entity"] = pd.Categorical(frame["novel entity"], _ROLES)
-    frame = frame.sort_values(group)
-    heads, tails = "(?, " + frame["relation"] + ", t)", "(h, " + frame["relation"] + ", ?)"
-    frame["query"] = heads.where(frame["hidden"] == "head", tails)
-    models = [name for name in experiment.rows if name in frame]
-    shown = frame[["scope", "query", "novel entity", "queries", *models]]
-    return shown.rename(columns=dict(experiment.models.labels))
-
-
 # Fine-tuning
 
 
@@ -347,39 +259,6 @@ def table2(runs: Runs, paper: Mapping[str, Mapping[str, float]]) -> pd.DataFrame
     frame.insert(4, "paper: mean", theirs["mean"].to_numpy())
     frame.insert(6, "paper: std", theirs["deviation"].to_numpy())
     return frame
-
-
-@table("report")
-@of_each("standalone")
-def convergence_by_size(_: Results, experiment: Experiment) -> pd.DataFrame:
-    """Epochs to convergence by number of novel entities."""
-    by = ["scope", "size", "model"]
-    summary = epochs_summary(experiment.convergence, by).drop(columns="std")
-    groups = experiment.convergence.groupby(by)
-    summary["triples queried"], summary["sets"] = groups["queries"].mean(), groups.size()
-    return in_rows(summary, experiment.models, experiment.finetuned, "initializer")
-
-
-@table("report")
-def convergence_by_rate(results: Results) -> pd.DataFrame | None:
-    """Epochs to convergence at one size, with other fine-tuning rates."""
-    sweep, first = results.params.rate_sweep, results.standalone[0]
-    names = [name for name in first.finetuned if name in sweep.initializers]
-    swept = first.swept("rate_sweep", "rate_sweep", sweep.initializers)
-    if swept is None or not names:
-        return None
-    of_size = first.of_size(sweep.size)
-    runs = pd.concat([of_size.runs.assign(factor=_AS_CHOSEN), swept])
-    epochs = of_size.converged(where(runs, model=names), ["model", "factor"])
-    summary = epochs_summary(epochs, ["factor", "scope", "model"])
-    summary = summary.drop(columns=["std", "unconverged % low", "unconverged % high"])
-    rows = pd.MultiIndex.from_product([CONVERGING, names], names=["scope", "initializer"])
-    columns = [
-        under(summary.loc[factor].reindex(rows), f"×{factor:g}")
-        for factor in summary.index.unique("factor")
-    ]
-    frame = pd.concat(columns, axis=1).dropna(how="all").reset_index()
-    return first.models.labelled(frame, "initializer")
 
 
 @table("report")
@@ -428,45 +307,17 @@ def forgetting(_: Results, experiment: Experiment) -> pd.DataFrame | None:
     return in_rows(frame, experiment.models, [*experiment.rows, FINETUNE_ONLY], scope=EARLIER)
 
 
-def at_the_end(experiment: Experiment) -> pd.DataFrame:
-    """Pairs of contenders (and fine-tuning without insertion) at the last epoch, in points."""
-    runs = experiment.curves
-    epoch = runs["epoch"].max()
-    last, parts = where(runs, epoch=epoch), list[pd.DataFrame]()
-    ran = list(dict.fromkeys(last["model"]))
-    for scope in EARLIER:
-        queried = set(last.loc[last["scope"] == scope, "model"])
-        names = experiment.models.of_role(ran, "paper", "isi", "baseline", "own")
-        names = [*names, FINETUNE_ONLY]
-        names = [name for name in names if name in queried]
-        cells = 100 * cells_of(last, names, scope, "mrr_star")
-        measure = {f"{TITLES[scope]}, epoch {epoch}": cells}
-        parts.append(compare(measure, names, experiment.methods))
-    return experiment.models.labelled(pd.concat(parts), "first", "second")
-
-
-@table("report")
-@of_each("standalone")
-def earlier_at_the_end(_: Results, experiment: Experiment) -> pd.DataFrame | None:
-    """Differences in earlier knowledge at the last epoch."""
-    return None if experiment.curves.empty else at_the_end(experiment)
-
-
 # From simulation to real homes
 
 
 @table("report")
 def transfer(results: Results) -> Frames:
-    """The transfer (section 6.3): what was mined, MRR* right after insertion beside the paper's,
-    and differences at the last epoch.
-    """
+    """The transfer (section 6.3): what was mined; MRR* right after insertion, and the paper's."""
     frames = dict[str, pd.DataFrame]()
     for experiment in results.extended:
         name = experiment.name
         frames[f"{name}_mined"] = _mined(results, experiment)
         frames[f"{name}_immediate"] = _beside(experiment, results.paper["transfer"])
-        if len(experiment.curves):
-            frames[f"{name}_at_the_end"] = at_the_end(experiment)
     return frames
 
 
@@ -551,17 +402,6 @@ class AffordanceAnswers:
         rows = where(self._top, model=model, entity=entity)
         return list(rows[["answer", "kind"]].itertuples(index=False, name=None))
 
-    def judged(self, model: str) -> dict[str, int]:
-        """Number of ``top`` answers of a right kind (plausible, or unlikely) and of a wrong one."""
-        tops = where(self._top, model=model, entity=list(self.shown))
-        hits = where(tops, kind=list(self.kinds))
-        counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
-        if set(self.shown) <= set(self.afforded):
-            named_hits = hits[["entity", "answer"]].itertuples(index=False)
-            counts["plausible"] = sum(answer in self.afforded[of] for of, answer in named_hits)
-            counts["unlikely"] = len(hits) - counts["plausible"]
-        return counts
-
     def hits(self) -> pd.DataFrame:
         """The first ``TOP`` ranks of every repeat, with whether the answer's kind is right."""
         ranks = self.ranks[self.ranks["rank"] <= TOP]
@@ -626,23 +466,11 @@ def answers_of(results: Results) -> AffordanceAnswers | None:
 
 
 @table("report")
-def affordances(results: Results) -> Frames:
-    """Table 3: ranked affordances of inserted entities, and how often their kind is right."""
+def table3_affordances(results: Results) -> pd.DataFrame | None:
+    """Table 3: ranked affordances of inserted entities, of ISI and Xavier, beside the paper's."""
     answers = answers_of(results)
     if answers is None:
-        return {}
-    experiment, hits = answers.experiment, answers.hits()
-    first = [*experiment.methods, *({BASELINE} & set(experiment.initializers))]
-    others = [name for name in experiment.initializers if name not in first]
-    kinds = f"top {TOP}: {' and '.join(f'{kind}s' for kind in answers.kinds)} %"
-    kind = f"first: {' and '.join(answers.kinds)} %"
-    columns = over_seeds(hits, ["model"], {"hit": kinds})
-    columns = columns.join(over_seeds(where(hits, rank=1), ["model"], {"hit": kind}))
-    shares = by_label(experiment.models, experiment.initializers, {"": columns}, "initializer")
-    frames = {
-        "table3_affordances": answers.rows(first, results.paper["affordances"]["answers"]),
-        "affordance_shares": shares,
-    }
-    if others:
-        frames["table3_others"] = answers.rows(others, {})
-    return frames
+        return None
+    experiment = answers.experiment
+    shown = [*experiment.methods, *({BASELINE} & set(experiment.initializers))]
+    return answers.rows(shown, results.paper["affordances"]["answers"])
