@@ -98,12 +98,12 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
     or an ``InputError`` where a row is missing.
     """
     rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
-    values = rows.set_index(["change", "scope", "seed"])["value"]
+    values = rows.set_index(["change", "scope", "seed"])["value"].sort_index()
     targets = dict[str, dict[str, np.ndarray]]()
     for change in rows["change"].unique() if len(rows) else ["none"]:
         for scope in CHANGES[change].query_sets:
             try:
-                of_scope = values.loc[change, scope].loc[points.seeds]
+                of_scope = values.loc[[(change, scope, seed) for seed in points.seeds]]
             except KeyError as error:
                 expected = f"expected a row of each seed of size {points.size} at epoch 0"
                 file = RUNS.path(experiment=points.experiment, model=JOINT_MODEL)
