@@ -27,24 +27,25 @@ from tools import workspace
 SMALL: dict[str, Any] = {
     "experiments.ai2thor": workspace.DROP,
     "experiments.transfer": workspace.DROP,
+    "experiments.paper_transfer": workspace.DROP,
     "sources.ai2thor": workspace.DROP,
     "sources.mp3d": workspace.DROP,
-    "experiments.published.sessions.seeds": 3,
-    "experiments.published.sessions.sizes": [1, 2],
-    "experiments.published.full_curves.sizes": [2],
-    "experiments.published.initializers": ["xavier", "ers"],
+    "experiments.paper.sessions.seeds": 3,
+    "experiments.paper.sessions.sizes": [1, 2],
+    "experiments.paper.full_curves": [2],
+    "experiments.paper.initializers": ["xavier", "ers"],
     "embedding.dimension": 8,
     "training.max_epochs": 4,
     "training.evaluate_every": 2,
     "finetuning.max_epochs": 3,
     "compute.stack": 1,
     "compute.workers": 2,
-    "final_model.experiments": ["published"],
+    "final_model.experiments": ["paper"],
 }
 SMALL |= {
     f"initializers.{name}": workspace.DROP
     for name in read(workspace.ROOT / "params.yaml")["initializers"]
-    if name not in SMALL["experiments.published.initializers"]
+    if name not in SMALL["experiments.paper.initializers"]
 }
 WHOM = ("make repro", "DVC", "a stage", "a worker")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
