@@ -111,6 +111,15 @@ class Experiment:
         self.insert_triples = table(f"sessions/{name}/insert_triples")
         self.runs = {model: table(f"runs/{name}/{model}") for model in [*initializers, "joint"]}
 
+    def known_share(self, size: int) -> float:
+        """The weight of *known* in *weighted*."""
+        known = novel = 0
+        for seed in self.novel["seed"].unique():
+            session = Session(self, size, seed)
+            known += (session.test & session.is_old).sum()
+            novel += ((session.train | session.valid | session.test) & ~session.is_old).sum()
+        return float(known / (known + novel))
+
 
 class Session:
     """Masks of the entities, (E,), and of the triples, (T,), at a grid point."""
@@ -118,34 +127,47 @@ class Session:
     def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
         self.experiment = experiment
         novel = where(experiment.novel, size=size, seed=seed)
-        self.novel = where(novel, session=1)["entity"].to_numpy()
-        later = novel.loc[novel["session"] > 1, "entity"]
+        self.novel = novel["entity"].to_numpy()
         splits, ends = where(experiment.splits, seed=seed), experiment.triples[:, [0, 2]]
         split = np.full(len(ends), "", object)
         split[splits["triple"]] = splits["split"]
-        split[np.isin(ends, later).any(1)] = ""
         self.train, self.valid, self.test = (split == name for name in SPLITS)
         self.is_old = ~np.isin(ends, self.novel).any(1)
-        self.members = self.among(ends[splits["triple"]]) & ~self.among(later)
+        self.members = self.among(ends[splits["triple"]])
         self.known = self.members & ~self.among(self.novel)
         self.eligible = self.known & self.among(ends[self.train & self.is_old])
-        self.inserted = where(experiment.insert_triples, size=size, seed=seed, session=1)
+        self.inserted = where(experiment.insert_triples, size=size, seed=seed)
 
     def among(self, entities: Any) -> np.ndarray:
         return np.isin(np.arange(len(self.experiment.words)), entities)
 
-    def scopes(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """By scope: masks of queried triples, filtered triples, candidate entities."""
+    def scopes(self) -> dict[str, Asked]:
+        """What the measure asks, by scope; ``weighted`` follows from two of them."""
         learned, heldout = self.train | self.valid, self.valid | self.test
         is_given = np.isin(np.arange(len(self.train)), self.inserted["triple"])
+        head, relation, tail = self.experiment.triples.T
+        times = np.where(self.train, self.experiment.counts[relation, head, tail], 1)
         new = (learned | self.test) & ~self.is_old & ~is_given
+        old = self.test & self.is_old
+        before, asked_for = learned & self.is_old, self.test & ~is_given
         return {
-            "all": (self.test, learned, self.members),
-            "known": (self.test & self.is_old, learned, self.members),
-            "known_closed": (self.test & self.is_old, learned, self.known),
-            "novel": (new, (learned & self.is_old) | is_given, self.members),
-            "novel_heldout": (heldout & ~self.is_old, self.train, self.members),
+            "known": Asked(old, before, self.members),
+            "known_closed": Asked(old, before, self.known),
+            "novel": Asked(times * new, before, self.members),
+            "held_out": Asked(asked_for, learned, self.members),
+            "novel_held_out": Asked(heldout & ~self.is_old & ~is_given, self.train, self.members),
         }
+
+
+@dataclass
+class Asked:
+    """The queries of a scope: how often each triple is asked, (T,); the triples of the filter of
+    MRR*, (T,); and the entities that may answer, (E,). MRR leaves out every other true triple.
+    """
+
+    times: np.ndarray
+    filtered: np.ndarray
+    candidates: np.ndarray
 
 
 # Initial vectors
@@ -238,64 +260,81 @@ def indicators(
     return np.flatnonzero(session.known), np.inf
 
 
-# MRR* right after insertion
+# The measure right after insertion
+
+
+def ranks(scores: np.ndarray, able: np.ndarray, answer: np.ndarray, tie: float) -> np.ndarray:
+    """The rank of the answer of queries, (Q,), less 1, among the ``able`` candidates, (Q, N)."""
+    ahead = scores - scores[np.arange(len(answer)), answer][:, None]
+    width = tie * np.abs(scores).max(1, keepdims=True)
+    wins = np.where(ahead > width, 1.0, np.where(ahead < -width, 0.0, 0.5))
+    return np.asarray((wins * able).sum(1))
 
 
 def terms(
     scores: np.ndarray,
     counts: np.ndarray,
-    able: np.ndarray,
+    able: tuple[np.ndarray, np.ndarray],
     answer: np.ndarray,
     tie: float,
-) -> np.ndarray:
-    """1 / (|R_G - R_P| + 1) of queries, (Q,); arrays, (Q, N), have a column for each entity or
-    relation.
+) -> tuple[np.ndarray, np.ndarray]:
+    """1 / (|R_G - R_P| + 1), and 1 / rank of queries, (Q,); arrays, (Q, N), have a column for each
+    entity or relation; ``able``: candidates of MRR* and of MRR.
     """
     query = np.arange(len(answer))
-    able[query, answer] = False
-    ahead = scores - scores[query, answer][:, None]
-    width = tie * np.abs(scores).max(1, keepdims=True)
-    wins = np.where(ahead > width, 1.0, np.where(ahead < -width, 0.0, 0.5))
+    for each in able:
+        each[query, answer] = False
     of_answer = counts[query, answer][:, None]
-    true_rank = (able & (counts > of_answer)).sum(1)
-    predicted_rank = (wins * (able & (counts != of_answer))).sum(1)
-    return np.asarray(1 / (abs(true_rank - predicted_rank) + 1))
+    true_rank = (able[0] & (counts > of_answer)).sum(1)
+    predicted_rank = ranks(scores, able[0] & (counts != of_answer), answer, tie)
+    star = 1 / (abs(true_rank - predicted_rank) + 1)
+    return star, 1 / (1 + ranks(scores, able[1], answer, tie))
 
 
-def mrr_star(
-    session: Session,
-    scores: np.ndarray,
-    scope: tuple[np.ndarray, np.ndarray, np.ndarray],
-    tie: float = TIE,
-) -> np.ndarray:
-    """MRR*, entity half and relation half in [0, 1] of one scope (equation 7); NaN without queries.
+def measures(session: Session, scores: np.ndarray, asked: Asked, tie: float = TIE) -> np.ndarray:
+    """``MEASURES`` in [0, 1] of one scope; NaN without queries.
 
     Args:
-        scores: of all triples, shape (R, E, E): relation, head, tail; ``scope``: a value of
-            ``Session.scopes``.
+        scores: of all triples, shape (R, E, E): relation, head, tail.
     """
-    queried, filtered, candidates = scope
     triples, counts = session.experiment.triples, session.experiment.counts
-    if not queried.any():
-        return np.full(3, np.nan)
-    able = np.ones(counts.shape, bool)
-    barred, relation, barred_tail = triples[filtered].T
-    able[relation, barred, barred_tail] = False
-    head, relation, tail = triples[queried].T
-    tables = scores, counts, able
-    heads = [each[relation, :, tail] for each in tables]
-    tails = [each[relation, head] for each in tables]
-    relations = [each[:, head, tail].T.copy() for each in tables]
-    heads[2] &= candidates
-    tails[2] &= candidates
-    of_ends = terms(*heads, head, tie) + terms(*tails, tail, tie)
-    true = triples[session.train | session.valid | session.test]
-    number = np.bincount(relation, minlength=len(counts))
-    observed = np.bincount(true[:, 1], counts[true[:, 1], true[:, 0], true[:, 2]], len(counts))
-    means = np.bincount(relation, of_ends / 2, len(counts))[number > 0] / number[number > 0]
-    entity = np.average(means, weights=observed[number > 0])
-    half = terms(*relations, relation, tie).mean()
-    return np.array([(entity + half) / 2, entity, half])
+    if not asked.times.any():
+        return np.full(6, np.nan)
+    true = session.train | session.valid | session.test
+    able = []
+    for barred in (asked.filtered, true):
+        head, relation, tail = triples[barred].T
+        allowed = np.ones(counts.shape, bool)
+        allowed[relation, head, tail] = False
+        able.append(allowed)
+    times = asked.times[asked.times > 0].astype(float)
+    head, relation, tail = triples[asked.times > 0].T
+    places = {"head": (relation, slice(None), tail), "tail": (relation, head)}
+    by_end = {}
+    for end, answer in (("head", head), ("tail", tail)):
+        at = places[end]
+        allowed = tuple(each[at] & asked.candidates for each in able)
+        by_end[end] = terms(scores[at], counts[at], allowed, answer, tie)
+    columns = (slice(None), head, tail)
+    of_relation = terms(
+        scores[columns].T,
+        counts[columns].T,
+        tuple(each[columns].T.copy() for each in able),
+        relation,
+        tie,
+    )
+    known = triples[true]
+    seen = np.bincount(known[:, 1], counts[known[:, 1], known[:, 0], known[:, 2]], len(counts))
+    number = np.bincount(relation, times, len(counts))
+    is_asked = number > 0
+    values = []
+    for which in (0, 1):
+        of_ends = times * (by_end["head"][which] + by_end["tail"][which]) / 2
+        means = np.bincount(relation, of_ends, len(counts))[is_asked] / number[is_asked]
+        entity = np.average(means, weights=seen[is_asked])
+        half = np.average(of_relation[which], weights=times)
+        values += [(entity + half) / 2, entity, half]
+    return np.array(values)
 
 
 def check_grid_point(
@@ -311,7 +350,10 @@ def check_grid_point(
     for model, runs in experiment.runs.items():
         place = f"{model}, {experiment.name}, size {size}, seed {seed}"
         trained = joint if model == "joint" else theta0
-        row = trained["seed"].tolist().index(seed)
+        seeds = trained["seed"].tolist()
+        if model == "joint" and len(seeds) < experiment.novel["seed"].nunique():
+            continue  # the mean of a few models that all seeds share
+        row = seeds.index(seed)
         vectors, relations = (as_blocks(trained[part][row]) for part in ("entity", "relation"))
         if model != "joint":
             path = f"data/runs/{experiment.name}/{model}.safetensors"
@@ -323,9 +365,11 @@ def check_grid_point(
                 left_open += len(there) - len(here)
             vectors[session.novel] = stored
         scores = np.stack([(vectors * relation @ vectors.conj().T).real for relation in relations])
-        published = where(runs, size=size, seed=seed, session=1, epoch=0).set_index("scope")
-        here = immediate_mrr_star(session, scores, published, immediate.tolerance)
-        immediate.compare(place, here, published)
+        there = where(runs, size=size, seed=seed, epoch=0).set_index("scope")
+        here = immediate_measures(session, scores, there, immediate.tolerance)
+        share = experiment.known_share(size)
+        here.loc["weighted"] = share * here.loc["known"] + (1 - share) * here.loc["novel"]
+        immediate.compare(place, here, there)
     return left_open
 
 
@@ -345,52 +389,61 @@ def initial_vectors(
     return pd.DataFrame.from_dict(rows, "index", columns=range(2 * vectors.shape[1]))
 
 
-HALVES = ["mrr_star", "mrr_star_entity", "mrr_star_relation"]
+MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "mrr_entity", "mrr_relation"]
 
 
-def immediate_mrr_star(
-    session: Session, scores: np.ndarray, published: pd.DataFrame, tolerance: float
+def immediate_measures(
+    session: Session, scores: np.ndarray, there: pd.DataFrame, tolerance: float
 ) -> pd.DataFrame:
-    """MRR* and its halves by scope.
+    """``MEASURES`` by scope.
 
-    Rounding of scores decides which scores are tied. Where the ``published`` numbers differ, those
-    of a tie width of 0.9 or 1.1 ``TIE`` may agree with them.
+    Rounding of scores decides which scores are tied. Where the numbers ``there`` differ, those of a
+    tie width of 0.9 or 1.1 ``TIE`` may agree with them.
     """
     rows = {}
-    for scope, masks in session.scopes().items():
+    for scope, asked in session.scopes().items():
         for share in (1, 0.9, 1.1):
-            here = mrr_star(session, scores, masks, share * TIE)
+            here = measures(session, scores, asked, share * TIE)
             rows.setdefault(scope, here)
-            if np.allclose(here, published.loc[scope, HALVES], 0, tolerance, equal_nan=True):
+            if np.allclose(here, there.loc[scope, MEASURES], 0, tolerance, equal_nan=True):
                 rows[scope] = here
                 break
-    return pd.DataFrame.from_dict(rows, "index", columns=HALVES)
+    return pd.DataFrame.from_dict(rows, "index", columns=MEASURES)
 
 
 # Epochs to convergence
 
 
-def check_epochs(experiment: Experiment, suffix: str, params: Values, check: Check) -> None:
-    """Compare mean epochs and unconverged shares of the runs with Table 2."""
-    margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
-    scopes = ["all", "novel_heldout"]
-    table2 = pd.read_csv(f"reports/tables/table2_convergence{suffix}.csv")
-    tuned = [model for model in experiment.initializers if experiment.runs[model]["epoch"].any()]
-    titled = zip(table2["initializer"], tuned, strict=True)
-    runs = pd.concat({title: experiment.runs[model] for title, model in titled})
-    runs = runs[runs["scope"].isin(scopes)].rename_axis(["initializer", None]).reset_index(0)
-    point = ["size", "seed", "session", "scope"]
-    goal = experiment.runs["joint"].set_index(point)["mrr_star"] - margin
-    runs = runs.join(goal.rename("goal"), on=point).set_index(["initializer", *point])
-    measured = runs[runs["epoch"] == 0]["mrr_star"].dropna().index
-    converged = runs[runs["mrr_star"] >= runs["goal"]]
-    epochs = converged.groupby(level=[0, 1, 2, 3, 4])["epoch"].min().reindex(measured)
-    each = pd.DataFrame({"mean": epochs.fillna(most), "unconverged %": 100 * epochs.isna()})
-    of_all = each.groupby(["scope", "initializer"]).mean()
-    for scope in scopes:
-        columns = {f"{scope}: {name}": name for name in each}
-        shown = table2.set_index("initializer")[list(columns)].rename(columns=columns)
-        check.compare(f"{experiment.name}, scope {scope}", of_all.loc[scope], shown)
+def epochs_of(experiment: Experiment, seeds: int, margin: float, most: int) -> pd.DataFrame:
+    """Epochs of the fine-tuned runs by initializer: mean over all runs, mean over those that end,
+    and how many do not.
+    """
+    point, groups = ["size", "seed"], ["known", "novel"]
+    joint = experiment.runs["joint"].set_index([*point, "scope"])["mrr"]
+    rows = {}
+    for model, runs in experiment.runs.items():
+        tuned = runs[(runs["seed"] < seeds) & runs["scope"].isin(groups)]
+        if model == "joint" or not tuned["epoch"].any():
+            continue
+        tuned = tuned.dropna(subset="mrr").join(joint.rename("joint"), on=[*point, "scope"])
+        tuned["within"] = tuned["mrr"] >= tuned["joint"] - margin
+        both = tuned.groupby([*point, "epoch"])["within"].all().reset_index()
+        first = both[both["within"]].groupby(point)["epoch"].min()
+        epochs = first.reindex(both.groupby(point).size().index)
+        rows[model] = [epochs.fillna(most).mean(), epochs.mean(), float(epochs.isna().sum())]
+    return pd.DataFrame.from_dict(
+        rows, "index", columns=["all runs", "runs that end", "do not end"]
+    )
+
+
+def check_epochs(experiment: Experiment, params: Values, check: Check) -> None:
+    """Compare epochs to convergence with Table 2."""
+    settings = params["experiments"][experiment.name]
+    most = {**params["finetuning"], **(settings["finetuning"] or {})}["max_epochs"]
+    margin, seeds = params["convergence"]["margin"], settings["finetuned"]["seeds"]
+    here = epochs_of(experiment, seeds, margin, most)
+    table2 = pd.read_csv(f"reports/tables/table2_convergence_{experiment.name}.csv")
+    check.compare(experiment.name, here, table2.set_index("model"))
 
 
 def verify(params: Values, number: int) -> list[Check]:
@@ -402,14 +455,14 @@ def verify(params: Values, number: int) -> list[Check]:
         listed = settings.get("initializers", "all")
         chosen = [key for key in params["initializers"] if listed == "all" or key in listed]
         experiments.append(Experiment(name, chosen))
-    initial, immediate = Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5)
+    initial, immediate = Check("initial vectors", 1e-5), Check("the measure", 1e-5)
     epochs = Check("epochs", 6e-3)
     rng = np.random.default_rng(0)
     if params["embedding"]["model"] == "analogy":
         points = [
             (experiment, *point)
             for experiment in experiments
-            for point in where(experiment.novel, session=1).groupby(["size", "seed"]).groups
+            for point in experiment.novel.groupby(["size", "seed"]).groups
         ]
         left_open = sum(
             check_grid_point(*points[place], params["initializers"], initial, immediate)
@@ -422,12 +475,12 @@ def verify(params: Values, number: int) -> list[Check]:
         )
     else:
         print(
-            "Not computed again: vectors and MRR*, which this check "
+            "Not computed again: vectors and the measure, which this check "
             "recomputes only for the model ANALOGY."
         )
-    for place, experiment in enumerate(experiments):
+    for experiment in experiments:
         if not params["experiments"][experiment.name]["graph"].get("extend"):
-            check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs)
+            check_epochs(experiment, params, epochs)
     return [initial, immediate, epochs]
 
 
