@@ -7,8 +7,7 @@ cell.
 
 # %% [markdown]
 # One file for each initializer, `data/runs/EXPERIMENT/INITIALIZER.parquet`, and `joint.parquet` for
-# the joint model. `INITIALIZER.inserted.parquet` has a row for each inserted entity,
-# `INITIALIZER.ties.parquet` numbers of tied scores.
+# the joint model.
 
 # %%
 from pathlib import Path
@@ -37,35 +36,34 @@ print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 # | `model` | the initializer; `joint`: trained on all triples, the upper reference (epoch 0 only) |
 # | `size` | abs(ξ), the number of entities that a session inserts |
 # | `seed` | the repeat: each has its own splits and novel entities, equal for all initializers |
-# | `session` | 1, or up to `sessions.steps` where several sessions insert, one after the other |
 # | `epoch` | epochs of fine-tuning; 0: right after insertion |
 # | `scope` | the queries, see below |
-# | `mrr_star` | MRR* in [0, 1], the mean of the next two columns; null without queries |
-# | `mrr_star_entity`, `mrr_star_relation` | its halves: queries for entities, and for relations |
-# | `mrr` | the plain filtered mean reciprocal rank |
+# | `mrr` | the paper's measure in [0, 1]: every other true triple is left out; null without queries |
+# | `mrr_entity`, `mrr_relation` | its halves: queries for entities, and for relations |
+# | `mrr_star`, `mrr_star_entity`, `mrr_star_relation` | equation 7 with counts, the same way |
 # | `queries` | the number of triples; each gives three queries: head, relation, tail |
 #
-# Scopes: `all` test triples; `known`, those of known entities alone; `known_closed`, the same with
-# known candidates alone; `novel`, the triples of novel entities except insert triples, at epoch 0;
-# `novel_heldout`, those of them that are never trained on.
+# Scopes: `known`, test triples of known entities alone; `novel`, every triple of the novel entities
+# but insert triples; `weighted`, both; `held_out`, all test triples; `novel_held_out`, those of
+# novel entities that are never trained on; `known_closed`, as `known`, with known candidates alone.
 
 # %% Right after insertion: means over sizes and seeds, in points
 immediate = runs[runs["epoch"] == 0]
 print(
     (
         100
-        * immediate.pivot_table(values="mrr_star", index="model", columns="scope", observed=True)
+        * immediate.pivot_table(values="mrr", index="model", columns="scope", observed=True)
     ).round(2),
     "\n",
 )
 
 # %% By the number of inserted entities, queries about the novel ones
 novel = immediate[immediate["scope"] == "novel"]
-print((100 * novel.pivot_table(values="mrr_star", index="model", columns="size")).round(2), "\n")
+print((100 * novel.pivot_table(values="mrr", index="model", columns="size")).round(2), "\n")
 
 # %% Two initializers
 # The same seeds have the same entities and queries, so their differences are paired
-values = novel.set_index(["model", "size", "seed", "session"])["mrr_star"]
+values = novel.set_index(["model", "size", "seed"])["mrr"]
 differences = 100 * (values[ONE] - values[OTHER]).dropna()
 error = differences.std() / len(differences) ** 0.5
 print(
@@ -76,12 +74,11 @@ print(
 # %% Learning curves
 # Held-out queries about novel entities, in runs that were fine-tuned for all epochs
 full = (
-    runs.groupby(["model", "size", "seed", "session"])["epoch"].transform("max")
-    == runs["epoch"].max()
+    runs.groupby(["model", "size", "seed"])["epoch"].transform("max") == runs["epoch"].max()
 )
 curves = (
-    runs[full & (runs["scope"] == "novel_heldout")]
-    .groupby(["epoch", "model"])["mrr_star"]
+    runs[full & (runs["scope"] == "novel_held_out")]
+    .groupby(["epoch", "model"])["mrr"]
     .mean()
     .unstack()
 )
@@ -89,17 +86,18 @@ print((100 * curves).iloc[:: max(1, len(curves) // 5)].round(2), "\n")
 # curves.plot()  # needs matplotlib
 
 # %% Which entities were hardest to insert?
-# `entity` is a row number of the graph's table of entities
+# Runs that insert one entity alone; `entity` is a row number of the graph's table of entities
 names = pd.read_parquet(Path("data/graph") / EXPERIMENT / "entities.parquet")["entity"].astype(str)
-inserted = pd.read_parquet(FOLDER / f"{ONE}.inserted.parquet").dropna(subset="mrr_star")
+alone = pd.read_parquet(Path("data/sessions") / EXPERIMENT / "novel.parquet").query("size == 1")
+inserted = novel[novel["model"] == ONE].merge(alone, on=["size", "seed"]).dropna(subset="mrr")
 hardest = (
     inserted.assign(entity=inserted["entity"].map(names))
-    .groupby("entity")["mrr_star"]
+    .groupby("entity")["mrr"]
     .agg(["mean", "size"])
 )
 print(
-    hardest.rename(columns={"mean": "MRR*", "size": "insertions"})
-    .sort_values("MRR*")
+    hardest.rename(columns={"mean": "MRR", "size": "insertions"})
+    .sort_values("MRR")
     .head()
     .round(3)
 )
