@@ -56,7 +56,6 @@ BAR = {
     "The paper": "index.html#paper",
     "Readings": "readings/index.html",
     "Further": "beyond/index.html",
-    "Growing graphs": "continual/index.html",
     "Method": "index.html#method",
     "Library": "../README.md",
 }

@@ -1,5 +1,5 @@
-"""Time and memory of mining, of growing graphs, of ``isi.insert`` and of a snapshot of a graph that
-grows, each in its own process on one thread.
+"""Time and memory of mining, of training on larger and larger graphs and of ``isi.insert``, each in
+its own process on one thread.
 """
 
 import gzip
@@ -15,7 +15,6 @@ import pytest
 
 from isi.sources.procthor_houses import INSTANCES, OUTSIDE
 from tests.procthor import house, thing
-from tools.benchmarks import FBINC_M
 from tools.benchmarks import LARGE as LARGE_GRAPH
 
 HOUSES, GIB = 10_000, 1024
@@ -134,57 +133,3 @@ def test_insert(
     settings = {**graph, "what": what, "new": new, "rounds": rounds}
     reported = measured(benchmark, "insert", most_seconds, most_mib, "insert", **settings)
     benchmark.extra_info.update(settings, **reported)
-
-
-#: Of the embedding into which a snapshot is inserted: MAP's time depends on how well it is trained.
-EPOCHS = 10
-
-
-@pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What an epoch over all entities takes on the first snapshot, to which the others compare;
-    ``file``: the embedding that was trained.
-    """
-    file = str(tmp_path_factory.mktemp("first") / "first.safetensors")
-    settings = {"epochs": EPOCHS, "negatives": None, "file": file}
-    return report("train_first", settings) | {"file": file}
-
-
-@pytest.mark.parametrize(
-    ("what", "work", "settings", "most"),
-    [
-        ("an epoch, all entities", "", {}, 1.0),
-        (
-            "an epoch, 64 negatives",
-            "train_first",
-            {"epochs": EPOCHS, "negatives": 64, "file": None},
-            0.4,
-        ),
-        ("an epoch, all entities, PyKEEN", "train_first_by_pykeen", {"epochs": 5}, 10.0),
-        (
-            "50 new entities by soft_rs",
-            "insert_snapshot",
-            {"initializer": "soft_rs", "rounds": 9},
-            0.1,
-        ),
-        ("50 new entities by map", "insert_snapshot", {"initializer": "map", "rounds": 3}, 4.0),
-    ],
-)
-def test_snapshot(
-    benchmark: Any,
-    first: dict[str, Any],
-    what: str,
-    work: str,
-    settings: dict[str, Any],
-    most: float,
-) -> None:
-    """It takes at most ``most`` times the seconds of an epoch over all entities."""
-    benchmark.group = "snapshot"
-    if work == "insert_snapshot":
-        settings = settings | {"file": first["file"]}
-    reported = benchmark.pedantic(lambda: report(work, settings) if work else dict(first), rounds=1)
-    measures = {name: reported.get(name) for name in ("seconds", "peak_mib", "queries")}
-    benchmark.extra_info.update(what=what, **measures)
-    assert first["queries"] == 2 * FBINC_M.triples
-    assert reported["seconds"] <= most * first["seconds"]
-    assert reported["peak_mib"] <= GIB
