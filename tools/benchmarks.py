@@ -169,8 +169,8 @@ TABLES = {
     "thor_u": thor_u,
     "live": live,
 }
-#: All tables of a run; the last two show all facts.
-GROUPS = [*TABLES, "houses", "one_by_one"]
+#: All tables of a run; the last one shows all facts.
+GROUPS = [*TABLES, "one_by_one"]
 
 
 def crossing(rows: pd.DataFrame) -> float:

@@ -76,22 +76,6 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     }
 
 
-def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
-    """Mine the source with these settings into a table."""
-    from isi.sources import OBSERVATIONS, Source
-
-    start = time.perf_counter()
-    source = Source(settings, "sources.mined", 0)
-    rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "mined")
-    seconds = round(time.perf_counter() - start, 1)
-    return {
-        "observations": rows,
-        "counts": source.counts,
-        "seconds": seconds,
-        "peak_mib": peak_mib(),
-    }
-
-
 def insert(
     entities: int,
     relations: int,
@@ -238,7 +222,6 @@ def seconds_of(work: Callable[[], object]) -> float:
 if __name__ == "__main__":
     functions: list[Callable[..., dict[str, Any]]] = [
         mine_houses,
-        mine_source,
         insert,
         grow_graph,
     ]

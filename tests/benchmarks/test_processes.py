@@ -2,9 +2,7 @@
 its own process on one thread.
 """
 
-import gzip
 import json
-import random
 import subprocess
 import sys
 from dataclasses import asdict
@@ -13,14 +11,9 @@ from typing import Any
 
 import pytest
 
-from isi.sources.procthor_houses import INSTANCES, OUTSIDE
-from tests.procthor import house, thing
 from tools.benchmarks import LARGE as LARGE_GRAPH
 
 HOUSES, GIB = 10_000, 1024
-#: Types of objects in houses, the number of objects in each house, and a point in each room.
-KINDS = ["Mug", "Bowl", "Bed", "Sofa", "SideTable", "Fork", "Painting", "LightSwitch"]
-OBJECTS, POINTS = 96, [(1, 1), (8, 1)]
 TRIPLES_PER_ENTITY = 10
 SMALL = [100, 178, 316, 562, 1_000, 1_778, 3_162]
 LARGE = [10_000, 100_000]
@@ -51,41 +44,6 @@ def test_ten_thousand_houses_of_tables(benchmark: Any, tmp_path: Path) -> None:
     table = str(tmp_path / "houses.parquet")
     reported = measured(benchmark, "mining", 60, GIB, "mine_houses", houses=HOUSES, table=table)
     benchmark.extra_info.update(reported, houses=HOUSES)
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Houses of two rooms, with random objects in each."""
-    path = tmp_path_factory.mktemp("houses") / "houses.jsonl.gz"
-    with gzip.open(path, "wt", compresslevel=1, encoding="utf-8") as lines:
-        for number in range(HOUSES):
-            kinds = random.Random(number).choices(KINDS, k=OBJECTS)
-            things = [
-                thing(f"{kind}|{2 + place % 2}|{place}", *POINTS[place % 2])
-                for place, kind in enumerate(kinds)
-            ]
-            print(json.dumps(house(*things)), file=lines)
-    return path
-
-
-@pytest.mark.parametrize("materials", ["suncg", "simulator"])
-def test_ten_thousand_houses_of_procthor(
-    benchmark: Any, file: Path, tmp_path: Path, materials: str
-) -> None:
-    """Nearly all objects must be assigned to a room."""
-    settings = {
-        "reader": "procthor_houses",
-        "path": str(file),
-        "sha256": None,
-        "materials": materials,
-    }
-    table = str(tmp_path / "houses.parquet")
-    reported = measured(benchmark, "houses", 60, GIB, "mine_source", settings=settings, table=table)
-    counts = reported.pop("counts")
-    benchmark.extra_info.update(
-        materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported
-    )
-    assert counts[OUTSIDE] <= 0.01 * counts[INSTANCES]
 
 
 @pytest.mark.parametrize(
