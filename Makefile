@@ -42,7 +42,6 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@python -m stages.check_params beyond
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
-	@python tools/repro.py --force --single-item tables report   # they show what the readings gave
 	@python -m tools.hidden
 
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
@@ -81,7 +80,7 @@ mutants: $(INSTALLED)  ## mutation testing of the code that computes, in about a
 	mutmut run $(ARGS)
 	python -m tools.mutants
 
-verify: $(INSTALLED)  ## recompute vectors, MRR*, its readings, epochs and R[i, j] of the last runs from their tables, with independent code, and compare
+verify: $(INSTALLED)  ## recompute vectors, MRR*, epochs and R[i, j] of the last runs from their tables, with independent code, and compare
 	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about twelve minutes (installs the extra `benchmark`), into docs/benchmarks

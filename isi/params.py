@@ -14,7 +14,6 @@ from isi.analyses import variants
 from isi.analyses.affordances import Affordances
 from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
-from isi.analyses.readings import ReadingCase, ReadingConfig
 from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, check_names, distinct
@@ -172,24 +171,12 @@ class Params(Section):
         words = self.words if variant.changes_one_of("words") else None
         return VariantConfig(self.train_config(), inserted, words, self.compute)
 
-    def reading_config(self, case: ReadingCase) -> ReadingConfig:
-        """The config of an entry of ``readings``; these params include its changes."""
-        names = [*case.initializers, *case.controls]
-        inserted = [(self.insert_config(name), 0) for name in names]
-        for name, numbers in case.indicators.items():
-            for k in numbers:
-                options = {**self.initializers[name], "k": k}
-                inserted.append((self.insert_config(name, options=options), k))
-        relation = self.affordances.relation
-        return ReadingConfig(self.train_config(), inserted, relation, self.compute)
-
 
 class Beyond(Section):
     """All sections of ``beyond/params.yaml``."""
 
     graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
     hidden: dict[Name, dict[str, Any]] = Field(default_factory=dict)  #: see ``isi.benchmark.study``
-    readings: dict[Name, ReadingCase] = Field(default_factory=dict)
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 
@@ -333,25 +320,6 @@ def check_beyond(beyond: Beyond, params: Params, runs: bool) -> None:
         settings_of(graph.source, f"graphs.{name}.source")
         if runs:
             _check_variant(graph.variant(name), params, f"graphs.{name}")
-    for name, case in beyond.readings.items() if runs else ():
-        _check_readings(case, params, f"readings.{name}")
-
-
-def _check_readings(case: ReadingCase, params: Params, key: str) -> None:
-    """Check an entry of ``readings`` against params."""
-    check_names([case.graph.source], params.sources, f"{key}.graph.source")
-    check_names(
-        [case.graph.extend.source] if case.graph.extend else [],
-        params.sources,
-        f"{key}.graph.extend.source",
-    )
-    check_names(case.initializers, params.initializers, f"{key}.initializers")
-    check_names(case.controls, params.initializers, f"{key}.controls")
-    check_names(case.indicators, params.initializers, f"{key}.indicators")
-    for name, numbers in case.indicators.items():
-        options_of(name, {**params.initializers[name], "k": numbers[0]}, f"{key}.indicators.{name}")
-    with at("", f"{key}.changes"):
-        check_params(variants.changed(params, case.changes))
 
 
 def _check_variant(variant: Variant, params: Params, key: str) -> None:

@@ -57,23 +57,6 @@ VARIANT: dict[str, Any] = {
     "size": 5,
     "seeds": 2,
 }
-#: A case of ``readings``; the graph's source has to be mined.
-READING_CASE: dict[str, Any] = {
-    "title": "own",
-    "graph": {"source": "published", "min_count": 2},
-    "sessions": {"novel": "any", "sizes": [2, 3], "seeds": 2, "steps": 1},
-    "initializers": ["xavier", "es", "rs"],
-    "indicators": {"es": [3]},
-    "finetuned": [2, 3],
-    "finetuned_seeds": 2,
-    "curves": [3],
-    "changes": {
-        "embedding.dimension": 8,
-        "training.max_epochs": 2,
-        "finetuning.max_epochs": 2,
-        "convergence.margin": 0.01,
-    },
-}
 
 
 def copy_pipelines(folder: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from isi.analyses.readings import Measurement, measure_stack
 from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
@@ -37,21 +36,6 @@ TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
             1,
         ),
     ),
-    **{
-        f"measuring readings{' with curves' * curves}": (
-            measure_stack,
-            (
-                POINTS,
-                TRAINED,
-                TRAINED,
-                grid.WORDS,
-                Measurement(
-                    (grid.insert_tasks(4, "es", TRAINED)[0][-1], 0), finetuned=2, curves=curves
-                ),
-            ),
-        )
-        for curves in (False, True)
-    },
 }
 
 

@@ -12,7 +12,7 @@ import yaml
 from isi import stage as stages
 from isi.tables import paths
 from tests import stage_run
-from tests.beyond_entries import GRAPH, HIDDEN, READING_CASE, SESSIONS, VARIANT
+from tests.beyond_entries import GRAPH, HIDDEN, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
 from tools.workspace import DROP
 
@@ -64,15 +64,6 @@ BEYOND: dict[str, Any] = {
     },
     "graphs": {"again": GRAPH | {"sessions": SESSIONS | {"sizes": [1], "seeds": 1}}},
     "hidden": {"nations": HIDDEN | {"max_insert_triples": [1], "epochs": 1}},
-    "readings": {
-        "case": READING_CASE
-        | {
-            "sessions": READING_CASE["sessions"] | {"seeds": 1},
-            "finetuned_seeds": 1,
-            "initializers": ["ers"],
-            "indicators": {"rs": [2]},
-        }
-    },
 }
 COMMANDS = (
     *stage_run.STAGES,
@@ -90,9 +81,7 @@ COMMANDS = (
     "vary rate",
     "explore again",
     "insert_hidden nations",
-    "measure_readings case",
     "tables_beyond",
-    "tables_readings",
 )
 
 
@@ -128,7 +117,6 @@ def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
         "tables",
         "report",
         "report_beyond",
-        "report_readings",
     }
 
 

@@ -36,7 +36,7 @@ from isi.params import load_beyond
 from isi.tables import paths
 from tests import stage_run
 from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
-from tests.beyond_entries import HIDDEN, READING_CASE, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import HIDDEN, VARIANT, copy_pipelines, list_entries
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 from tools.workspace import DROP, change, change_all
@@ -219,7 +219,6 @@ ENTRIES = yaml.safe_load((ROOT / "tests/mistakes/entries.yaml").read_text(encodi
 VALID = {
     "variants": VARIANT,
     "graphs": GRAPH_EXPERIMENT,
-    "readings": READING_CASE,
     "hidden": HIDDEN,
 }
 

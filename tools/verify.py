@@ -2,9 +2,8 @@
 compare.
 
 A second, simple implementation of what docs/method.md defines, which uses no code of the library.
-It computes mean epochs to convergence, MRR* under every reading of the metric from the terms of
-single queries and, for ANALOGY alone, initial vectors of some initializers and MRR* right after
-insertion at random grid points. Run it in the folder of dvc.yaml.
+It computes mean epochs to convergence and, for ANALOGY alone, initial vectors of some initializers
+and MRR* right after insertion at random grid points. Run it in the folder of dvc.yaml.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -388,74 +386,6 @@ def check_epochs(experiment: Experiment, suffix: str, params: Values, check: Che
         check.compare(f"{experiment.name}, scope {scope}", of_all.loc[scope], shown)
 
 
-# MRR* under every reading of the metric, from the terms of single queries
-
-#: Choices of the splits that are queried, of the shares of slots, and of the triples that are no
-#: candidates.
-QUERIES = {"test": ["test"], "held_out": ["valid", "test"], "all": SPLITS, "train": ["train"]}
-SLOTS = {
-    "alike": {"head": 1 / 3, "relation": 1 / 3, "tail": 1 / 3},
-    "entities": {"head": 1 / 2, "tail": 1 / 2},
-    "halves": {"head": 1 / 4, "relation": 1 / 2, "tail": 1 / 4},
-}
-FILTERS, TRUTHS = ("learned", "true", "none"), ("all", "split")
-ABOUT, WEIGHTS = ("any", "known", "novel", "both"), ("triple", "relation", "observations")
-RUN, GROUP = ["model", "k", "size", "seed"], ["queries", "about", "weights"]
-TERMS = pd.MultiIndex.from_product([FILTERS, TRUTHS], names=["filter", "truth"])
-#: Random seeds of a case whose readings are recomputed, with all of its models.
-READING_SEEDS = 2
-
-
-def means_of(rows: pd.DataFrame, queries: str, about: str, weights: str) -> dict[str, np.ndarray]:
-    """By slot, the means of the terms of a model at a grid point; shapes (filters · truths,)."""
-    queried = rows["split"].isin(QUERIES[queries])
-    if about in ("known", "novel"):
-        queried &= (rows["novel"] == 1) == (about == "novel")
-    tails = rows["hidden"] == "tail"
-    observed = rows[tails].groupby("relation")["count"].sum()
-    number = rows[tails & queried].groupby("relation").size()
-    of_relation = rows["relation"].map(observed / number)
-    weight = {"relation": of_relation, "observations": rows["count"]}.get(weights, queried * 1.0)
-    means = {}
-    for slot in ("head", "relation", "tail"):
-        chosen = queried & (rows["hidden"] == slot)
-        alike = (weights, slot) == ("relation", "relation")
-        of_slot = np.ones(chosen.sum()) if alike else weight[chosen].to_numpy(float)
-        total = of_slot.sum() if len(of_slot) else np.nan
-        columns = [f"closeness_{name}_{truth}" for name, truth in TERMS]
-        means[slot] = of_slot @ rows.loc[chosen, columns].to_numpy(float) / total
-    return means
-
-
-def readings_of(ranks: pd.DataFrame) -> pd.DataFrame:
-    """MRR* by model, grid point and choices; a column for each filter and truth."""
-    values = {}
-    for run, rows in ranks.groupby(RUN):
-        for group in product(QUERIES, ABOUT, WEIGHTS):
-            means = means_of(rows, *group)
-            for slots, shares in SLOTS.items():
-                weighted = [share * means[slot] for slot, share in shares.items()]
-                values[(*run, *group, slots)] = np.sum(weighted, 0)
-    index = pd.MultiIndex.from_tuples(values, names=[*RUN, *GROUP, "slots"])
-    return pd.DataFrame(list(values.values()), index, TERMS)
-
-
-def check_readings(case: str, check: Check, seeds: Sequence[int] = ()) -> None:
-    """Compare MRR* under every reading in a case's table with that
-    computed from its table of ranks, at some seeds, by default all.
-
-    Among false candidates alone, the term of MRR* is also the reciprocal rank.
-    """
-    ranks = table(f"beyond/readings/{case}.ranks", seeds)
-    computed = readings_of(ranks)
-    keys = [*computed.index.names, *TERMS.names]
-    stored = table(f"beyond/readings/{case}", seeds).set_index(keys)["mrr_star"]
-    check.compare(case, computed, stored.unstack(TERMS.names, fill_value=np.inf))
-    terms_of_true = [f"closeness_true_{truth}" for truth in TRUTHS]
-    reciprocal = pd.DataFrame(dict.fromkeys(terms_of_true, 1 / ranks["rank_true"]))
-    check.compare(f"terms of {case}", reciprocal, ranks)
-
-
 def verify(params: Values, number: int) -> list[Check]:
     """Compare random grid points, and epochs of experiments with one source;
     print which vectors are skipped.
@@ -466,7 +396,7 @@ def verify(params: Values, number: int) -> list[Check]:
         chosen = [key for key in params["initializers"] if listed == "all" or key in listed]
         experiments.append(Experiment(name, chosen))
     initial, immediate = Check("initial vectors", 1e-5), Check("immediate MRR*", 1e-5)
-    epochs, readings = Check("epochs", 6e-3), Check("readings of MRR*", 1e-5)
+    epochs = Check("epochs", 6e-3)
     rng = np.random.default_rng(0)
     if params["embedding"]["model"] == "analogy":
         points = [
@@ -491,11 +421,7 @@ def verify(params: Values, number: int) -> list[Check]:
     for place, experiment in enumerate(experiments):
         if not params["experiments"][experiment.name]["graph"].get("extend"):
             check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs)
-    for path in sorted(Path("data/beyond/readings").glob("*.ranks.parquet")):
-        case = path.name.removesuffix(".ranks.parquet")
-        seeds = table(f"beyond/readings/{case}")["seed"].unique()
-        check_readings(case, readings, rng.permutation(seeds)[:READING_SEEDS].tolist())
-    return [initial, immediate, epochs, readings]
+    return [initial, immediate, epochs]
 
 
 def main() -> None:

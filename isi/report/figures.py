@@ -131,34 +131,12 @@ def figure1(frame: pd.DataFrame) -> list[Panel]:
 
 
 def paper_results(frame: pd.DataFrame) -> list[Panel]:
-    """The paper's results beside this run's, and beside one reading on its own graph: a panel for
-    each kind.
-    """
+    """The paper's results beside this run's: a panel for each kind."""
     made = list[Panel]()
     columns = {"the paper": "paper", "this run": "this run"}
-    if "one reading" in frame:
-        columns["the paper's graph, one reading"] = "one reading"
     for kind, rows in frame.groupby("kind", sort=False):
         made.append(dots(rows, "whose", columns, str(kind), xlabel="", left=90))
     return made
-
-
-def figure2_readings(frame: pd.DataFrame) -> list[Panel]:
-    """Figure 2 under one reading: MRR* and epochs by number of indicators."""
-    right_after = lines(frame, "indicators", "MRR*", "2a. Right after insertion")
-    ylabel = "epochs to convergence"
-    return [right_after, lines(frame, "indicators", "epochs", "2b. Convergence", ylabel=ylabel)]
-
-
-def figure3a_readings(frame: pd.DataFrame) -> list[Panel]:
-    """Figure 3a under one reading: MRR* by number of novel entities."""
-    return [lines(frame, "size", "MRR*", "Right after insertion")]
-
-
-def curves_readings(frame: pd.DataFrame) -> list[Panel]:
-    """Figures 3b and 4 under one reading: MRR* by epoch."""
-    joint = ("Joint", float(frame["joint"].mean()))
-    return [lines(frame, "epoch", "MRR*", "By epoch", level=joint)]
 
 
 def by_row(frame: pd.DataFrame, row: str, columns: Mapping[str, str], title: str) -> Panel:

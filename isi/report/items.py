@@ -54,7 +54,6 @@ BAR = {
     "Try": "index.html#try",
     "Results": "index.html#results",
     "The paper": "index.html#paper",
-    "Readings": "readings/index.html",
     "Further": "beyond/index.html",
     "Method": "index.html#method",
     "Library": "../README.md",

@@ -1,4 +1,4 @@
-"""The paper's numbers beside this run's, and how far its results are repeated."""
+"""The paper's numbers beside this run's."""
 
 from functools import cache
 from itertools import product
@@ -12,7 +12,6 @@ from isi import config
 from isi.config import value_of
 from isi.report.tables.data import BASELINE, JOINT, Experiment, Results
 from isi.report.tables.estimates import (
-    ENDS,
     Line,
     drops,
     epochs_summary,
@@ -24,7 +23,6 @@ from isi.report.tables.forms import ANY_SIZE
 from isi.report.tables.method import indicator_means
 from isi.report.tables.registry import table
 from isi.report.tables.results import about_new, by_label
-from isi.tables.io import opening
 
 #: The rows of the table of all results; the file says how they are written.
 _ROWS = Path(__file__).with_name("paper_rows.yaml")
@@ -65,7 +63,7 @@ def answer(results: Results) -> pd.DataFrame | None:
     return shown.dropna(how="all").rename_axis("measure").reset_index()
 
 
-#: Kinds of the printed results, as ``readings.yaml`` names them, with the titles of their rows.
+#: Kinds of the printed results, with the titles of their rows.
 _KINDS = {
     "gains over Xavier (%)": "immediate gain over Xavier, all queries, %",
     "epochs to convergence, means": "epochs to convergence, mean",
@@ -82,9 +80,7 @@ _KINDS = {
 
 @table("report")
 def paper_dots(results: Results) -> pd.DataFrame:
-    """The printed results by kind: the paper's number, this run's, and that of one reading of the
-    metric on the paper's own graph, with its interval.
-    """
+    """The printed results by kind: the paper's number and this run's."""
     titles = {
         title.format(first=results.standalone[0].title): kind for kind, title in _KINDS.items()
     }
@@ -93,46 +89,8 @@ def paper_dots(results: Results) -> pd.DataFrame:
     rows["kind"] = pd.Categorical(rows["title"].map(titles), list(_KINDS))
     rows["this run is"] = list(map(comparison, rows["paper"], rows["this run"]))
     rows = rows.dropna(subset="kind").sort_values("kind", kind="stable")
-    columns = {f"this reading{end}": f"one reading{end}" for end in ENDS}
-    columns["this reading: the paper is"] = "the paper is"
-    readings = _readings("paper_results").rename(columns=columns)
-    shown = [name for name in ("kind", "whose", *columns.values()) if name in readings]
-    rows = rows[["kind", "whose", "paper", "this run", "this run is"]]
-    return rows.merge(readings[shown], "left", ["kind", "whose"])
-
-
-@table("report")
-def repeated(results: Results) -> pd.DataFrame:
-    """How far the paper is repeated, by kind of result: results of this run within 10 % of the
-    paper's, and those where the paper's is within the interval on its own graph, of one reading and
-    of the best reading of the kind.
-    """
-    rows, kinds = paper_dots(results), _readings("results_by_kind").set_index("results")
-    lines = list[Line]()
-    for kind, of_kind in [*rows.groupby("kind", sort=False), ("all", rows)]:
-        line: Line = {"results": kind, "number": len(of_kind)}
-        line["this run: within 10 %"] = int((of_kind["this run is"] == "agrees").sum())
-        if len(kinds):
-            for column, title in (
-                ("this reading", "the paper's graph, one reading: within the interval"),
-                ("most of the allowed", "the best reading of the kind: within"),
-            ):
-                line[title] = int(kinds[column][str(kind)])
-        lines.append(line)
-    return pd.DataFrame(lines)
-
-
-def _readings(name: str) -> pd.DataFrame:
-    """A table about readings of the paper's metric, as the second pipeline left it; else empty.
-
-    They are no dependency of the stage: it would run that pipeline for an hour. ``make beyond``
-    makes these tables again.
-    """
-    path = Path(f"reports/readings/tables/{name}.csv")
-    if not path.exists():
-        return pd.DataFrame(columns=["kind", "whose", "results"])
-    with opening(path, "a table of the report", ValueError):
-        return pd.read_csv(path)
+    shown: pd.DataFrame = rows[["kind", "whose", "paper", "this run", "this run is"]]
+    return shown
 
 
 @table("report")
