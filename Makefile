@@ -5,8 +5,6 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 
 VENV := .venv
-# Which experiments of continual/params.yaml `make continual` runs: their names, or those of benchmarks, or all.
-BENCHMARKS ?= fbinc_s fbinc_m fbinc_l entity
 
 # Relative, so that the shell needs no quotes, whatever the path of this folder has in it.
 PIP := $(VENV)/bin/pip
@@ -15,7 +13,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install repro beyond continual quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme site console lock models initializers clean
+.PHONY: help install repro beyond quick record test types pytest wheel fuzz kill-test mutants verify benchmark words readme site console lock models initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -30,7 +28,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	@$(VENV)/bin/python -c 'import os, sysconfig; open(sysconfig.get_path("purelib") + "/isi_checkout.pth", "w").write(os.getcwd())'   # stages and tools, where PYTHONSAFEPATH is set
 	@touch $@
 
-$(CHECKED): params.yaml beyond/params.yaml continual/params.yaml $(INSTALLED)
+$(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 	@python -m stages.check_params
 	@touch $@
 
@@ -45,10 +43,6 @@ beyond: $(CHECKED)  ## after repro, run the second pipeline: other embedding mod
 	@$(MAKE) --no-print-directory repro
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden
-
-continual: $(CHECKED)  ## run the third pipeline, which needs no other: graphs that grow, with a page of its own (BENCHMARKS="FBinc-S entity_transe" for some, BENCHMARKS=all for all)
-	@python tools/repro.py $(if $(filter all,$(BENCHMARKS)),continual/dvc.yaml:grow,$(addprefix continual/dvc.yaml:grow@,$(shell echo "$(BENCHMARKS)" | tr 'A-Z-' 'a-z_')))
-	@python tools/repro.py --single-item continual/dvc.yaml:tables_continual continual/dvc.yaml:report_continual
 
 quick: $(CHECKED)  ## run the pipeline on a small grid in quick/, in about five minutes (ARGS="--set initializers.es.k=4 --drop experiments.transfer" for other params)
 	@python tools/workspace.py quick $(ARGS)

@@ -3,9 +3,7 @@
 ``isi.open`` gives the live embedding of a folder, to which a robot adds entities and facts, and
 which answers; ``from_pykeen`` makes one of a PyKEEN model, ``train`` of triples. ``insert`` adds
 new entities to arrays; ``fit_new`` trains their rows; ``isi.pykeen`` is for PyKEEN models;
-``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion;
-``isi.Timeline`` is a graph that grows, and carries an embedding along; ``isi.continual`` has the
-field's benchmarks and measures of it.
+``isi.benchmark`` hides entities of a graph, and ranks answers after their insertion.
 ``check_initializer`` and ``check_model`` check your own. They are imported on first use (types are
 in ``__init__.pyi``).
 """
@@ -18,7 +16,6 @@ from typing import Any
 _WHERE = {
     "InputError": ("isi.errors", "InputError"),
     "LiveEmbedding": ("isi.live.embedding", "LiveEmbedding"),
-    "Timeline": ("isi.continual.api", "RunnableTimeline"),
     "check_initializer": ("isi.checks.initializers", "check_initializer"),
     "check_model": ("isi.checks.models", "check_model"),
     "fit_new": ("isi.insertion.fit", "fit_new"),
@@ -30,7 +27,7 @@ _WHERE = {
 #: Without ``open``: ``from isi import *`` leaves the builtin as it is.
 __all__ = [name for name in _WHERE if name != "open"]
 #: Packages of public names, which are imported on first use, too.
-_PACKAGES = ("benchmark", "continual", "pykeen")
+_PACKAGES = ("benchmark", "pykeen")
 #: Names of version 0.2, and what they are called now.
 _RENAMED = {"of": "from_pykeen"}
 

@@ -1,9 +1,7 @@
 from isi import benchmark as benchmark
-from isi import continual as continual
 from isi import pykeen as pykeen
 from isi.checks.initializers import check_initializer as check_initializer
 from isi.checks.models import check_model as check_model
-from isi.continual.api import RunnableTimeline as Timeline
 from isi.errors import InputError as InputError
 from isi.insertion.api import insert as insert
 from isi.insertion.fit import fit_new as fit_new
@@ -17,7 +15,6 @@ open = open_live
 __all__ = [
     "InputError",
     "LiveEmbedding",
-    "Timeline",
     "check_initializer",
     "check_model",
     "fit_new",

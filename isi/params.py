@@ -1,5 +1,5 @@
-"""The pydantic models of ``params.yaml``, ``beyond/params.yaml`` and ``continual/params.yaml``,
-and checks across their sections.
+"""The pydantic models of ``params.yaml`` and ``beyond/params.yaml``, and checks across their
+sections.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,6 @@ from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
 from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Count, EachOnce, Name, Section, Seed, Study, check_names, distinct
-from isi.continual.experiment import ContinualExperiment, check_experiment
 from isi.errors import InputError, at
 from isi.experiment.insert import Convergence, Finetuned, InitializerList, InsertConfig, is_listed
 from isi.experiment.runner import Compute
@@ -202,12 +201,6 @@ class Beyond(Section):
     variants: dict[Name, Variant] = Field(default_factory=dict)
 
 
-class Continual(Section):
-    """All sections of ``continual/params.yaml``."""
-
-    continual: dict[Name, ContinualExperiment] = Field(default_factory=dict)
-
-
 def load(path: Path = paths.PARAMS) -> Params:
     """Read and check ``params.yaml``; InputError names the dotted key that is wrong."""
     return _load(path, Params, check_params)
@@ -225,23 +218,6 @@ def load_beyond(
     if path is None or not path.exists():
         return Beyond()
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params, runs))
-
-
-def load_continual(
-    path: Path | None = paths.CONTINUAL_PARAMS,
-) -> dict[str, ContinualExperiment]:
-    """Read and check the experiments of ``continual/params.yaml``; none if ``path`` is None or
-    missing.
-    """
-    if path is None or not path.exists():
-        return {}
-    return _load(path, Continual, check_continual).continual
-
-
-def check_continual(continual: Continual) -> None:
-    """InputError for an unknown name or a wrong option."""
-    for name, entry in continual.continual.items():
-        check_experiment(entry, f"continual.{name}")
 
 
 def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:

@@ -17,7 +17,6 @@ from isi.tables import paths
 PIPELINES = {
     paths.PIPELINE: paths.PARAMS,
     paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS,
-    paths.CONTINUAL_PIPELINE: paths.CONTINUAL_PARAMS,
 }
 
 

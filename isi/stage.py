@@ -14,7 +14,6 @@ from isi.process import Parser, errors_in_one_line
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.continual.experiment import ContinualExperiment
     from isi.params import Beyond, Params
 
 
@@ -27,7 +26,6 @@ class StageContext:
     stage: str
     params: Params
     beyond: Beyond  #: empty for stages of other pipelines than the second
-    continual: Mapping[str, ContinualExperiment]  #: empty but for stages of the third pipeline
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
@@ -71,6 +69,4 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
             raise InputError(of_params, f"{key}.{names[argument]}", expected)
     main = params.load()
     beyond = paths.BEYOND_PARAMS if file == paths.BEYOND_PIPELINE else None
-    continual = paths.CONTINUAL_PARAMS if file == paths.CONTINUAL_PIPELINE else None
-    experiments = params.load_continual(continual)
-    return StageContext(name, main, params.load_beyond(main, beyond), experiments)
+    return StageContext(name, main, params.load_beyond(main, beyond))

@@ -4,7 +4,7 @@ import sys
 
 from isi.benchmark.study import study_of
 from isi.errors import at
-from isi.params import check_names, load, load_beyond, load_continual
+from isi.params import check_names, load, load_beyond
 from isi.process import errors_in_one_line
 from isi.tables import paths
 
@@ -16,7 +16,6 @@ def check_params(runs: bool) -> None:
         InputError: names the file and the dotted key that is wrong.
     """
     beyond = load_beyond(load(), runs=runs)
-    load_continual()
     for name in beyond.hidden:
         study = study_of(beyond.hidden, name)
         if study.source == "graphs":

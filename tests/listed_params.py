@@ -46,13 +46,10 @@ def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
     """
     context, keys = context_of(stage, names), listed(stage, names)
     params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
-    listed_here = keys[paths.CONTINUAL_PARAMS]
-    continual = [key.removeprefix("continual").removeprefix(".") for key in listed_here]
     return replace(
         context,
         params=params,
         beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]),
-        continual=restricted(context.continual, continual),
     )
 
 

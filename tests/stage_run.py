@@ -53,8 +53,6 @@ def lay_out(folder: Path, changes: dict[str, Any]) -> None:
         paths.PIPELINE,
         paths.BEYOND_PIPELINE,
         paths.BEYOND_PARAMS,
-        paths.CONTINUAL_PIPELINE,
-        paths.CONTINUAL_PARAMS,
     ):
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes((ROOT / path).read_bytes())

@@ -43,13 +43,12 @@ def with_programs(odd: Path) -> Path:
         program = odd / ".venv" / "bin" / name
         program.write_text(f'#!/bin/sh\necho {name} >> "$CALLED"\n', encoding="utf-8")
         program.chmod(0o755)
-    for name in ("docs", "beyond", "continual", "quick"):
+    for name in ("docs", "beyond", "quick"):
         (odd / name).mkdir()
     for name in (
         "Makefile",
         "params.yaml",
         "beyond/params.yaml",
-        "continual/params.yaml",
         "requirements.lock",
         "pyproject.toml",
     ):

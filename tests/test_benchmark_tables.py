@@ -64,9 +64,9 @@ def test_changes_that_no_commit_has_are_said() -> None:
     assert run_of(changed)["commit"] == "34d34e88 with changes"
 
 
-@pytest.mark.parametrize("missing", ["growth", "snapshot"])
+@pytest.mark.parametrize("missing", ["growth", "insert"])
 def test_estimates_need_the_tables_of_smaller_graphs(tmp_path: Path, missing: str) -> None:
-    for name in {"growth", "snapshot", "insert"} - {missing}:
+    for name in {"growth", "insert"} - {missing}:
         (tmp_path / f"{name}.csv").write_bytes((FOLDER / f"{name}.csv").read_bytes())
     with pytest.raises(FileNotFoundError, match=missing):
         large(tmp_path)
@@ -74,11 +74,10 @@ def test_estimates_need_the_tables_of_smaller_graphs(tmp_path: Path, missing: st
 
 def test_estimates_by_hand(tmp_path: Path) -> None:
     """A step of 2,048 triples costs 2.048 s among a million entities, and as much more as there
-    are more of them; an epoch of FBinc-M 1 s, or 0.1 s with sampled negatives.
+    are more of them.
     """
     tables = {
         "growth": "entities,batches as,µs per observation\n500000,lists,500\n1000000,lists,1000\n",
-        "snapshot": ',ms\n"an epoch, all entities","1,000"\n"an epoch, 64 negatives",100\n',
         "insert": 'known entities,ms,peak MiB\n"1,000,000",70,100\n"4,600,000","5,500","4,096"\n',
     }
     for name, text in tables.items():
@@ -89,7 +88,5 @@ def test_estimates_by_hand(tmp_path: Path) -> None:
         "45 GB",
         "9.4 s",
         "26 hours",
-        "6.6 days",
-        "36 s",
         "5.5 s, 4.0 GiB",
     ]

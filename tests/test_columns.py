@@ -113,11 +113,6 @@ def live_observe(facts: Any) -> object:
     return [row.fact for row in home.facts[len(TRIPLES) :]]
 
 
-def timeline(facts: Any) -> object:
-    grows = isi.Timeline.of([(facts, [], [])])
-    return grows.entity_names, grows.snapshots[0].train.tolist()
-
-
 def pykeen_insert(facts: Any) -> object:
     pytest.importorskip("pykeen")
     from pykeen.models import DistMult
@@ -139,7 +134,6 @@ def pykeen_insert(facts: Any) -> object:
         fit_new,
         live_insert,
         live_observe,
-        timeline,
         pykeen_insert,
     ],
 )

@@ -11,15 +11,12 @@ from typing import Any
 import pytest
 
 import isi
-from isi.continual.timeline import Timeline
 from isi.live.embedding import LiveEmbedding
 
 API = Path(__file__).parent.parent / "docs/api.md"
 #: May have no example: data that a caller only reads, and what shows nothing.
 NO_EXAMPLE = {
-    "isi.continual.timeline.Timeline.classes",  # None where there are none
     "isi.benchmark.evaluation.Evaluation",
-    "isi.continual.api.GrownEmbedding",
     "isi.errors.InputError",
     "isi.initializers.api.InitContext",
     "isi.initializers.api.InitResult",
@@ -39,20 +36,15 @@ NO_EXAMPLE = {
         for name in ("close", "folder", "now", "prepare", "train_again")
     ),
 }
-#: Of a timeline: read in the example of the class; ``benchmark`` needs a checkout.
-NO_METHODS = ("benchmark", "entities", "of", "relations")
 
 
 def public_names() -> Iterator[str]:
-    """The objects on the page of the API, and the public methods of a live embedding and of a
-    timeline.
-    """
+    """The objects on the page of the API, and the public methods of a live embedding."""
     for name in re.findall(r"^::: (\S+)", API.read_text(encoding="utf-8"), re.MULTILINE):
         yield name
-        for kind, without_example in ((LiveEmbedding, ()), (Timeline, NO_METHODS)):
-            if name.endswith(f".{kind.__name__}"):
-                own = (method for method in vars(kind) if not method.startswith("_"))
-                yield from (f"{name}.{method}" for method in own if method not in without_example)
+        if name.endswith(f".{LiveEmbedding.__name__}"):
+            own = (method for method in vars(LiveEmbedding) if not method.startswith("_"))
+            yield from (f"{name}.{method}" for method in own)
 
 
 def found(name: str) -> tuple[Any, dict[str, Any]]:

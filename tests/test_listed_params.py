@@ -11,7 +11,7 @@ import yaml
 
 from isi import stage as stages
 from isi.tables import paths
-from tests import small_continual, stage_run
+from tests import stage_run
 from tests.beyond_entries import GRAPH, HIDDEN, SESSIONS, VARIANT
 from tests.listed_params import restricted_context
 from tools.workspace import DROP
@@ -81,9 +81,7 @@ COMMANDS = (
     "vary rate",
     "explore again",
     "insert_hidden nations",
-    "grow tiny",
     "tables_beyond",
-    "tables_continual",
 )
 
 
@@ -94,7 +92,6 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / paths.BEYOND_PARAMS).write_text(
         yaml.safe_dump(BEYOND, sort_keys=False), encoding="utf-8"
     )
-    small_continual.lay_out(folder)
     with chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "context_of", restricted_context)
         yield folder
@@ -113,14 +110,13 @@ def test_a_stage_runs_with_the_params_that_are_listed_for_it_alone(command: str)
 def test_every_stage_but_the_reports_which_list_nearly_all_is_tried() -> None:
     pipelines = [
         yaml.safe_load(path.read_text(encoding="utf-8"))
-        for path in (paths.PIPELINE, paths.BEYOND_PIPELINE, paths.CONTINUAL_PIPELINE)
+        for path in (paths.PIPELINE, paths.BEYOND_PIPELINE)
     ]
     names = {name for pipeline in pipelines for name in pipeline["stages"]}
     assert {command.split()[0] for command in COMMANDS} == names - {
         "tables",
         "report",
         "report_beyond",
-        "report_continual",
     }
 
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from isi.__main__ import main
-from isi.sources import procthor_houses, triples
+from isi.sources import triples
 from isi.tables import paths
 from stages.mine import mine
 from tests.mistakes import LOG, Case, assert_names, files_of
@@ -28,13 +28,9 @@ PIPELINE = yaml.safe_dump({"stages": {"mine": parsed(paths.PIPELINE)["stages"]["
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the pipeline, which is the current folder;
-    the package's data on houses is not read.
-    """
+    """A folder with the pipeline, which is the current folder."""
     (tmp_path / paths.PIPELINE).write_text(PIPELINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(procthor_houses, "recorded_types", lambda _scenes: formats.RECORDED)
-    monkeypatch.setattr(procthor_houses, "asset_types", lambda: formats.ASSETS)
     triples.shipped_names.cache_clear()
     return tmp_path
 

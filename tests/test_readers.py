@@ -22,7 +22,6 @@ INPUTS = 16
 #: Titles of the largest files that are refused within a short time.
 QUICK = [
     "a scene of a million objects",
-    "a house of a million objects",
     "lists in lists in a scene, a million deep",
     "mappings in mappings, a million deep",
     "lists in lists in Turtle",

@@ -10,8 +10,6 @@ import pytest
 import torch
 from torch import Tensor
 
-import isi
-from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.distance import RotatE, TransE
@@ -54,8 +52,6 @@ RECIPES = {
     "margin": recipe("margin"),
     "self-adversarial": recipe("self-adversarial"),
     "logistic": recipe("logistic"),
-    "unit length": recipe("margin", unit_length=True),
-    "unit length, softmax": recipe("softmax", None, unit_length=True),
 }
 every_recipe = pytest.mark.parametrize("name", RECIPES)
 every_way = pytest.mark.parametrize("tails_only", [True, False], ids=["tails", "both sides"])
@@ -89,8 +85,6 @@ class ByHand:
 
     def complex_numbers(self, table: Tensor) -> np.ndarray:
         vectors = table.double().numpy()
-        if self.recipe.unit_length:
-            vectors /= np.linalg.norm(vectors, axis=1)[:, None]
         half = DIMENSION // 2
         return vectors[:, :half] + 1j * vectors[:, half:]
 
@@ -316,7 +310,7 @@ def test_losses_are_those_of_pykeen(
 
 @every_recipe
 def test_rows_that_stay_are_the_same_numbers(name: str) -> None:
-    of, chosen = theta(), RECIPES[name].model_copy(update={"unit_length": False})
+    of, chosen = theta(), RECIPES[name]
     task = Task(Facts(FACTS, WEIGHTS), NEW, Earlier(EARLIER), tails_only=False)
     trained = fit(of, task, chosen, 2, root=0)
     assert torch.equal(trained.entity[:, : NEW.entity], of.entity[:, : NEW.entity])
@@ -353,9 +347,3 @@ def test_training_lowers_the_loss_of_its_facts(name: str) -> None:
     of, task = theta(), Task(Facts(FACTS, WEIGHTS))
     after = fit(of, task, RECIPES[name], 20, root=0)
     assert loss(after, task, RECIPES[name]) < 0.8 * loss(of, task, RECIPES[name])
-
-
-@pytest.mark.parametrize("name", ["margin", "self-adversarial", "logistic"])
-def test_a_loss_of_wrong_answers_needs_their_number(name: str) -> None:
-    with pytest.raises(InputError, match=r"training.*negatives"):
-        isi.Timeline.of([([("cup", "in", "hall")], [], [])]).run(training={"loss": name})

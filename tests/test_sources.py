@@ -17,7 +17,6 @@ from isi.sources import (
     Mining,
     Observation,
     Source,
-    procthor_houses,
     reader,
     readers,
     recordings,
@@ -126,7 +125,6 @@ def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
             "package bddl: not installed",
         ),
         (lambda: recordings.locate("recording"), "package procthor: not installed"),
-        (procthor_houses.asset_types, "package procthor: not installed"),
     ],
 )
 def test_a_package_must_be_there_to_be_read(

@@ -29,14 +29,12 @@ def read(path: Path) -> dict[str, Any]:
 
 FIRST: dict[str, dict[str, Any]] = read(paths.PIPELINE)["stages"]
 BEYOND: dict[str, dict[str, Any]] = read(paths.BEYOND_PIPELINE)["stages"]
-CONTINUAL: dict[str, dict[str, Any]] = read(paths.CONTINUAL_PIPELINE)["stages"]
 PIPELINES = {
     paths.PIPELINE: FIRST,
     paths.BEYOND_PIPELINE: BEYOND,
-    paths.CONTINUAL_PIPELINE: CONTINUAL,
 }
-STAGES = FIRST | BEYOND | CONTINUAL
-PARAMS = read(paths.PARAMS) | read(paths.BEYOND_PARAMS) | read(paths.CONTINUAL_PARAMS)
+STAGES = FIRST | BEYOND
+PARAMS = read(paths.PARAMS) | read(paths.BEYOND_PARAMS)
 LOCKS = [path.with_name("dvc.lock") for path in PIPELINES]
 OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Packages whose modules are imported by name, and the params that name them.
@@ -214,13 +212,13 @@ def test_the_lock_has_the_stages_that_there_are(pipeline: Path) -> None:
         for items in cases(name)
     }
     ran = set(read(lock)["stages"])
-    # of the second and third pipelines, what has run with the code of now may be a part
+    # of the second pipeline, what has run with the code of now may be a part
     assert ran == there if pipeline.parent == Path() else ran <= there
 
 
 def test_the_lock_fits_the_code_and_the_params() -> None:
     """Files that stages make are left out: a run on this machine may have changed them. The second
-    and the third pipeline run for hours: their locks say with which code they ran.
+    pipeline runs for hours: its lock says with which code it ran.
     """
     if not Path("dvc.lock").exists():
         pytest.skip("the pipeline has not run")

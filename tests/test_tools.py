@@ -154,11 +154,11 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
 
 
 def test_progress_counts_the_stages_that_targets_name() -> None:
-    names = ["grow@entity", "grow@fact", "report_continual"]
-    one = ["continual/dvc.yaml:grow@fact"]
-    assert repro.wanted(names, ["continual/dvc.yaml", "--force"]) == names
-    assert repro.wanted(names, one) == ["grow@fact"]
-    assert repro.wanted(names, ["continual/dvc.yaml:grow"]) == names[:2]
+    names = ["explore@virtualhome", "explore@behavior", "report_beyond"]
+    one = ["beyond/dvc.yaml:explore@behavior"]
+    assert repro.wanted(names, ["beyond/dvc.yaml", "--force"]) == names
+    assert repro.wanted(names, one) == ["explore@behavior"]
+    assert repro.wanted(names, ["beyond/dvc.yaml:explore"]) == names[:2]
 
 
 @pytest.mark.parametrize(

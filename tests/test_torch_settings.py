@@ -74,12 +74,6 @@ def home() -> list[Any]:
     return [trained.base.entities, live.now.entities, *answers, live.interference()]
 
 
-def timeline() -> list[Any]:
-    grows = isi.Timeline.of([(FACTS[:30], [], FACTS[30:]), (LATER, [], LATER)])
-    grown = grows.run("complex", dimension=4, training={"base_epochs": 2, "epochs": 2})
-    return [grown.entities, grown.relations, grown.matrix, grown.measures()]
-
-
 def benchmark() -> list[Any]:
     split = isi.benchmark.hide(FACTS, fewest=2)
     rows = np.random.default_rng(0).normal(size=(9, 4)).astype(np.float32)
@@ -116,7 +110,7 @@ def as_bytes(values: list[Any]) -> list[bytes | str]:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     "compute",
-    [insertion, training_of_new_rows, home, timeline, benchmark, checks, of_pykeen],
+    [insertion, training_of_new_rows, home, benchmark, checks, of_pykeen],
 )
 def test_the_callers_settings_change_no_result_and_stay(compute: Callable[[], list[Any]]) -> None:
     expected = as_bytes(compute())

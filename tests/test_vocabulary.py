@@ -76,11 +76,7 @@ def test_arguments_and_locals_say_what_they_hold(folder: str) -> None:
 
 @pytest.mark.parametrize(
     "file",
-    [
-        f"{folder}{name}.yaml"
-        for folder in ("", "beyond/", "continual/")
-        for name in ("params", "dvc")
-    ],
+    [f"{folder}{name}.yaml" for folder in ("", "beyond/") for name in ("params", "dvc")],
 )
 def test_params_and_stages_use_the_words_of_the_field(file: str) -> None:
     assert not {

@@ -35,8 +35,6 @@ class Size:
 
 #: Wikidata5M's, with vectors of 100 numbers.
 LARGE = Size(4_600_000, 822, 20_000_000, 100)
-#: Of FBinc-M's first snapshot, with the dimension of its experiment.
-FBINC_M = Size(2_909, 233, 27_832, 200)
 
 
 def _count(values: pd.Series) -> pd.Series:
@@ -130,22 +128,6 @@ def live(rows: pd.DataFrame) -> dict[str, pd.Series]:
     }
 
 
-def snapshot(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """Median time of one core and memory of a snapshot of FBinc-M; ratios are of an epoch over all
-    entities, by isi and by PyKEEN; ``queries``: that an epoch scores.
-    """
-    of = dict(zip(rows["what"], rows["seconds"], strict=True))
-    epoch = "an epoch, all entities"
-    return {
-        "": rows["what"],
-        "ms": _figures(1000 * rows["seconds"]),
-        "of an epoch": _figures(rows["seconds"] / of[epoch]),
-        "of PyKEEN's epoch": _figures(rows["seconds"] / of[f"{epoch}, PyKEEN"]),
-        "queries": rows["queries"].map("{:,.0f}".format, na_action="ignore").fillna(""),
-        "peak MiB": _count(rows["peak_mib"]),
-    }
-
-
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """MRR of each model, trained by isi and by PyKEEN."""
     measured = {
@@ -183,13 +165,12 @@ TABLES = {
     "growth": growth,
     "insert": insert,
     "mining": mining,
-    "snapshot": snapshot,
     "umls": umls,
     "thor_u": thor_u,
     "live": live,
 }
-#: All tables of a run; the last two show all facts.
-GROUPS = [*TABLES, "houses", "one_by_one"]
+#: All tables of a run; the last one shows all facts.
+GROUPS = [*TABLES, "one_by_one"]
 
 
 def crossing(rows: pd.DataFrame) -> float:
@@ -267,23 +248,6 @@ def large(folder: Path = BENCHMARKS) -> pd.DataFrame:
         ),
         ("an epoch of such steps", _time(step * steps), "the same, T triples"),
     ]
-    epochs = _read(folder, "snapshot").set_index(_read(folder, "snapshot").columns[0])
-    for title, epoch, factor, source in (
-        (
-            "an epoch of cross-entropy over all entities",
-            "an epoch, all entities",
-            LARGE.entities / FBINC_M.entities * LARGE.dimension / FBINC_M.dimension,
-            "`snapshot.csv`, by queries · E · d",
-        ),
-        (
-            "at least, an epoch with 64 negatives, whose gradient touches a batch's rows alone",
-            "an epoch, 64 negatives",
-            LARGE.dimension / FBINC_M.dimension,
-            "`snapshot.csv`, by queries · d",
-        ),
-    ):
-        seconds = epochs["ms"][epoch] / 1e3 * LARGE.triples / FBINC_M.triples * factor
-        rows.append((title, _time(seconds), source))
     inserted = _read(folder, "insert").query(f"`known entities` == {LARGE.entities}")
     for _, row in inserted.iterrows():
         measured = f"{row['ms'] / 1e3:.1f} s, {row['peak MiB'] / 1024:.1f} GiB"

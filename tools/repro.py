@@ -31,7 +31,7 @@ HERE = Path(".dvc/tmp/stage_seconds.json")
 NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
-PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"), Path("continual/dvc.yaml"))
+PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
 #: The lines in which DVC begins or skips a stage; the name follows the pipeline file, unless that
 #: is ./dvc.yaml.
 BEGINS = re.compile(
@@ -236,8 +236,8 @@ def stages(pipeline: Path) -> list[str]:
 
 
 def wanted(names: list[str], arguments: list[str]) -> list[str]:
-    """The stages among names that targets such as ``continual/dvc.yaml:grow@entity`` name; without
-    such targets, all.
+    """The stages among names that targets such as ``beyond/dvc.yaml:explore@behavior`` name;
+    without such targets, all.
     """
     targets = {target for argument in arguments if (target := argument.partition(":")[2])}
     return [name for name in names if not targets or {name, name.partition("@")[0]} & targets]

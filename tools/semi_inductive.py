@@ -25,15 +25,14 @@ from tqdm import tqdm
 
 from isi.benchmark import HiddenSplit, hide
 from isi.benchmark.graphs import shipped
-from isi.continual.strategies import Schedule, equally, started, unpacked
 from isi.insertion.api import insert_request
-from isi.insertion.inverses import pack
+from isi.insertion.inverses import both_ways, pack
 from isi.insertion.request import InsertRequest, KnownEmbedding
 from isi.live import phrases
 from isi.models.model import make_model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, uniform
 from isi.report.tables.estimates import over_seeds
-from isi.training.rows import Recipe, Task, fit
+from isi.training.rows import Facts, Recipe, Task, fit
 from tools.docs import BENCHMARKS, write_table
 
 NAME = "semi_inductive"
@@ -175,12 +174,12 @@ def inserted(case: Case, seed: int) -> tuple[list[dict[str, Any]], list[pd.DataF
 
 def trained(case: Case, split: HiddenSplit, seed: int) -> Embedding:
     """An embedding of the known entities."""
-    schedule = Schedule(case.recipe, case.epochs, case.epochs, HALF_RANGE)
+    everyone = torch.ones(1, split.ids.known, dtype=torch.bool)
+    relations, first = 2 * len(split.relations), torch.tensor([(0,)])
     model = make_model("complex", {}, "model")
-    relations = 2 * len(split.relations)
-    empty = torch.zeros(1, split.ids.known, DIMENSION), torch.zeros(1, relations, DIMENSION)
-    theta = started(Embedding(*empty, model), schedule, seed)
-    task = Task(equally(unpacked(split.ids.triples)))
+    theta = uniform(everyone, relations, model, DIMENSION, HALF_RANGE, seed, first)
+    triples = both_ways(torch.from_numpy(split.ids.triples))
+    task = Task(Facts(triples, torch.ones(len(triples))))
     with tqdm(total=case.epochs, desc=f"{case.title}, seed {seed}", disable=None) as bar:
 
         def count(_: int) -> None:

@@ -1,21 +1,17 @@
 """Recompute numbers of the pipelines and their reports from the pipelines' tables alone, and
 compare.
 
-A second, simple implementation of what docs/method.md and docs/continual.md define, which uses no
-code of the library. It computes mean epochs to convergence and, for ANALOGY alone, initial vectors
-of some initializers and MRR* right after insertion at random grid points. Of graphs that grow, it
-computes R[i, j] by the first embedding and by the mean of its vectors, for ComplEx alone, and what
-the report shows of R. Run it in the folder of dvc.yaml.
+A second, simple implementation of what docs/method.md defines, which uses no code of the library.
+It computes mean epochs to convergence and, for ANALOGY alone, initial vectors of some initializers
+and MRR* right after insertion at random grid points. Run it in the folder of dvc.yaml.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -41,23 +37,20 @@ class Check:
     worst: float = 0.0
     disagreements: list[str] = field(default_factory=list)
 
-    def compare(
-        self, place: str, here: pd.DataFrame, there: Any, highest: pd.DataFrame | None = None
-    ) -> None:
+    def compare(self, place: str, here: pd.DataFrame, there: Any) -> None:
         """Compare the rows of two tables by their index, and record those that disagree. Two nulls
         agree; a row that one table lacks disagrees.
 
         Args:
             there: has the columns of ``here``, and may have others.
-            highest: if numbers from ``here`` up to these agree.
         """
         index = here.index.union(there.index, sort=False)
-        lowest, numbers, most = (
+        ours, numbers = (
             each[here.columns].astype(float).reindex(index, fill_value=np.inf).to_numpy()
-            for each in (here, there, here if highest is None else highest)
+            for each in (here, there)
         )
-        apart = np.maximum(lowest - numbers, numbers - most)
-        apart = np.where(np.isnan(lowest) & np.isnan(numbers), 0, apart)
+        apart = np.abs(ours - numbers)
+        apart = np.where(np.isnan(ours) & np.isnan(numbers), 0, apart)
         apart = np.nan_to_num(apart, nan=np.inf, posinf=np.inf)
         self.number += len(index)
         self.worst = max(self.worst, float(apart.max(initial=0)))
@@ -68,7 +61,7 @@ class Check:
                 f"{name or ''} {part}".strip() for name, part in zip(index.names, key, strict=True)
             ]
             at = ", ".join([*parts, str(here.columns[column]), place])
-            both = f"{lowest[row, column]:.6g} here, {numbers[row, column]:.6g} there"
+            both = f"{ours[row, column]:.6g} here, {numbers[row, column]:.6g} there"
             self.disagreements.append(f"{self.about}, {at}: {both}")
 
     def __str__(self) -> str:
@@ -484,356 +477,6 @@ def verify(params: Values, number: int) -> list[Check]:
     return [initial, immediate, epochs]
 
 
-# Graphs that grow: the graph and its queries
-
-#: A difference of scores within this share of the limit of a tie may be either: the library's
-#: numbers are float32.
-ROUNDING = 1e-6
-QUERIES_AT_ONCE = 500  #: Rows of one table of scores.
-TRIPLE = ["head", "relation", "tail"]
-#: By the slot that a query hides: the slot that it gives.
-OTHER_END = {"head": "tail", "tail": "head"}
-HITS = (1, 3, 10)
-MEASURES = ["queries", "mrr", *(f"hits@{k}" for k in HITS)]
-#: By benchmark, its column in data/raw/snapshots/triples.parquet.
-LKGE = {name: f"lkge_{name.lower()}" for name in ("ENTITY", "RELATION", "FACT", "HYBRID")}
-GRAPHS = {f"Graph{name}": f"graph_{name.lower()}" for name in ("Equal", "Higher", "Lower")}
-COLUMNS = LKGE | GRAPHS | {f"FBinc-{size}": f"fbinc_{size.lower()}" for size in "SML"}
-ABSENT = 255  #: In such a column: the triple takes no part.
-MODEL = "complex"  #: The model of which R[i, j] is computed again.
-#: Columns that tell the parts of a chain apart (no initializer and strategy: the first embedding),
-#: and the rows of ``matrix.parquet`` of a part and a seed.
-STEP, GROUP_OF_R = ["initializer", "strategy", "phase", "i"], ["protocol", "j", "slot", "answer"]
-
-
-def chains_of(settings: Values) -> list[tuple[str, str]]:
-    """Initializers with their strategies, in the order of params."""
-    pairs, chains = settings["pairs"], []
-    for initializer in settings["initializers"]:
-        strategies = pairs if pairs == "all" else pairs.get(initializer, [])
-        if strategies == "all":
-            strategies = list(settings["strategies"])
-        chains += [(initializer, strategy) for strategy in strategies]
-    return chains
-
-
-def plain_steps(settings: Values, last: int) -> pd.DataFrame:
-    """The parts of chains whose new vectors are the mean of the known ones, up to a ``last``
-    snapshot; columns ``STEP``. Whatever trains later, those of snapshot 1 are.
-    """
-    steps = [("", "", "trained", 0)]
-    parts_of = list(product(range(1, last + 1), ("inserted", "trained")))
-    for initializer, strategy in chains_of(settings):
-        plain = parts_of if strategy == "insert" else parts_of[:1]
-        if initializer == "mean":
-            steps += [(initializer, strategy, phase, i) for i, phase in plain]
-    return pd.DataFrame(steps, columns=STEP)
-
-
-def triples_of(timeline: str) -> pd.DataFrame:
-    """The triples of names of a benchmark, or of a folder as LKGE writes it, in order; columns
-    ``snapshot`` and ``split``, too.
-    """
-    if timeline in COLUMNS:
-        column = COLUMNS[timeline]
-        path = "data/raw/snapshots/triples.parquet"
-        listed = pd.read_parquet(path, columns=[*TRIPLE, column])
-        listed = listed[listed[column] != ABSENT].sort_values(column, kind="stable")
-        place = listed[column].to_numpy(int)
-        split = np.array(SPLITS)[place % 3]
-        return listed[TRIPLE].assign(snapshot=place // 3, split=split)
-    rows = [
-        (*line.split("\t"), snapshot, split)
-        for snapshot, split in product(range(len(list(Path(timeline).iterdir()))), SPLITS)
-        for line in Path(timeline, f"{snapshot}/{split}.txt").read_text("utf-8").splitlines()
-    ]
-    return pd.DataFrame(rows, columns=[*TRIPLE, "snapshot", "split"])
-
-
-class GrowingGraph:
-    """The triples of a timeline, with ids in the order of first appearance."""
-
-    def __init__(self, timeline: str, most: int | None = None) -> None:
-        """``most``: the largest number of triples of a test set that are ranked (None: all)."""
-        triples = triples_of(timeline)
-        ends = pd.factorize(triples[["head", "tail"]].to_numpy(object).ravel())[0].reshape(-1, 2)
-        relations = pd.factorize(triples["relation"])[0]
-        triples = triples.assign(head=ends[:, 0], relation=relations, tail=ends[:, 1])
-        snapshots = range(triples["snapshot"].max() + 1)
-        of_snapshot = triples.groupby("snapshot")[TRIPLE].max().cummax() + 1
-        #: number of those known after each snapshot
-        self.entities = of_snapshot[["head", "tail"]].max(axis=1).tolist()
-        self.relations = of_snapshot["relation"].tolist()
-        tests = where(triples, split="test")
-        #: the triples that are ranked, shapes (N, 3)
-        self.tests = [
-            drawn(where(tests, snapshot=j)[TRIPLE].to_numpy(), most, j) for j in snapshots
-        ]
-        first = triples.groupby(TRIPLE)["snapshot"].min().rename("arrival")
-        read = triples[triples["split"] != "valid"]  # what LKGE's code reads
-        in_lkge = read.groupby(TRIPLE)["snapshot"].min().rename("in_lkge")
-        #: the first snapshots that have a fact: in any split, and in those that LKGE's code reads
-        self.facts = first.to_frame().join(in_lkge).fillna(np.inf).reset_index()
-        #: by test set and the slot that its queries hide
-        self.answers = {place: self._answers(*place) for place in product(snapshots, OTHER_END)}
-
-    @property
-    def unranked(self) -> list[int]:
-        """Test sets with a relation that the first embedding lacks: a later one is fitted."""
-        relations = self.relations[0]
-        return [j for j, test in enumerate(self.tests) if (test[:, 1] >= relations).any()]
-
-    def _answers(self, j: int, slot: str) -> pd.DataFrame:
-        """The right answers of the queries of test set j for a slot; columns ``query``, ``answer``,
-        and the first snapshots as in ``facts``.
-        """
-        queries = pd.DataFrame(self.tests[j], columns=TRIPLE).drop(columns=slot)
-        queries = queries.rename_axis("query").reset_index()
-        answers = queries.merge(self.facts.rename(columns={slot: "answer"}))
-        return answers.sort_values("query")
-
-
-def drawn(triples: np.ndarray, most: int | None, j: int) -> np.ndarray:
-    """At most ``most`` of the triples of test set j, (N, 3), by a random stream whose seed is 0, a
-    purpose and j.
-    """
-    if most is None or len(triples) <= most:
-        return triples
-    purpose = zlib.crc32(b"test triples of a snapshot")
-    order = np.random.default_rng(np.random.SeedSequence([0, purpose, j]))
-    return np.asarray(triples[np.sort(order.permutation(len(triples))[:most])])
-
-
-def limits_of(i: int, j: int) -> dict[str, tuple[int, int]]:
-    """By protocol, the snapshots whose entities are candidates, and whose facts are no errors."""
-    of_lkge = {"lkge": (j, j), "incde": (j, j)}
-    return of_lkge | {"revisiting": (i, j), "current": (i, i), "old": (i - 1, i)}
-
-
-# Ranks
-
-
-def ranked(graph: GrowingGraph, entity: np.ndarray, relation: np.ndarray, i: int) -> pd.DataFrame:
-    """Ranks of the test sets 0 to i by the first embedding, for the entities of snapshot i: those
-    after the first snapshot have the mean of the others. (With them, the mean of all stays the
-    same.)
-
-    Args:
-        entity: table of the first embedding, shape (E, d).
-        relation: its table of relations with their inverse ones, shape (R, 2d).
-
-    Returns:
-        Columns ``GROUP_OF_R``, ``lowest`` and ``highest``; a row for each query and protocol.
-    """
-    known = as_complex(entity)
-    forward, inverse = map(as_complex, np.split(relation, 2, axis=1))
-    new = graph.entities[i] - len(known)
-    vectors = np.concatenate([known, np.tile(known.mean(0), (new, 1))])
-    parts = []
-    for j, (slot, given) in product(range(i + 1), OTHER_END.items()):
-        if j in graph.unranked:
-            continue
-        triples = graph.tests[j]
-        relations = forward if slot == "tail" else inverse
-        mapped = vectors[triples[:, TRIPLE.index(given)]] * relations[triples[:, 1]]
-        hidden = triples[:, TRIPLE.index(slot)]
-        answers = graph.answers[j, slot]
-        is_new = hidden >= (graph.entities[i - 1] if i else 0)
-        kind = np.where(is_new, "new", "old")
-        for start in range(0, len(triples), QUERIES_AT_ONCE):
-            block = slice(start, start + QUERIES_AT_ONCE)
-            wins = wins_of((mapped[block] @ vectors.conj().T).real, hidden[block])
-            of_block = answers[answers["query"].between(start, block.stop - 1)]
-            of_block = of_block.assign(query=of_block["query"] - start)
-            ranks = ranks_of(wins, of_block, graph.entities, i, j)
-            parts.append(ranks.assign(j=j, slot=slot, answer=kind[block][ranks["query"]]))
-    return pd.concat(parts)
-
-
-def as_complex(rows: np.ndarray) -> np.ndarray:
-    """Rows of real halves and imaginary halves, (N, d), as complex numbers, (N, d / 2)."""
-    real, imaginary = np.split(rows.astype(float), 2, axis=1)
-    return real + 1j * imaginary
-
-
-def wins_of(scores: np.ndarray, answer: np.ndarray) -> np.ndarray:
-    """By how much each candidate of scores, (Q, E), counts as ahead of its query's answer, (Q,):
-    1, or ½ in a tie. At least and at most, as scores are rounded; shape (2, Q, E).
-    """
-    gap = scores - scores[np.arange(len(scores)), answer][:, None]
-    largest = np.abs(scores).max(1, keepdims=True)
-    wins = []
-    for slack in (ROUNDING, -ROUNDING):
-        is_above = gap > (TIE + slack) * largest
-        is_not_below = gap >= (-TIE + slack) * largest
-        wins.append((is_above + 1.0 * is_not_below) / 2)
-    return np.stack(wins)
-
-
-def ranks_of(
-    wins: np.ndarray, answers: pd.DataFrame, entities: list[int], i: int, j: int
-) -> pd.DataFrame:
-    """Ranks by protocol, from ``wins_of``, (2, Q, E), and the right answers of queries; columns
-    ``protocol``, ``query``, ``lowest`` and ``highest``.
-
-    The answer, too, is a right answer. It is tied with itself, and so does not count.
-    """
-    parts = []
-    for protocol, (candidates, facts) in limits_of(i, j).items():
-        if candidates < j:  # the answer may be no candidate
-            continue
-        number = entities[candidates]
-        first = answers["in_lkge" if protocol == "lkge" else "arrival"]
-        right = answers[(first <= facts) & (answers["answer"] < number)]
-        ahead = wins[:, :, :number].sum(2)
-        left_out = wins[:, right["query"], right["answer"]]
-        for bound, of_answers in zip(ahead, left_out, strict=True):
-            bound -= np.bincount(right["query"], of_answers, wins.shape[1])
-        bounds = pd.DataFrame(1 + ahead.T, columns=["lowest", "highest"])
-        parts.append(bounds.rename_axis("query").reset_index().assign(protocol=protocol))
-    return pd.concat(parts)
-
-
-def measures(ranks: pd.DataFrame, bound: str) -> pd.DataFrame:
-    """The means of ``MEASURES`` by group of ``ranked``, of the ranks of a column."""
-    rank = ranks[bound]
-    of_each = {f"hits@{k}": rank <= k for k in HITS} | {"mrr": 1 / rank}
-    groups = ranks[[*GROUP_OF_R]].assign(**of_each).groupby(GROUP_OF_R)
-    return groups.mean().assign(queries=groups.size())
-
-
-def check_matrix(experiment: str, settings: Values, check: Check) -> str:
-    """Compare R[i, j] of the first embeddings, and of the chains that insert the mean, with the
-    table of an experiment; returns what is left open.
-    """
-    graph = GrowingGraph(settings["timeline"], settings["most_tests"])
-    steps, names = plain_steps(settings, len(graph.tests) - 1), ["initializer", "strategy"]
-    matrix = table(f"continual/{experiment}/matrix")
-    stored = matrix.assign(**matrix[names].fillna("")).merge(steps)
-    stored = stored[~stored["j"].isin(graph.unranked)]
-    first = load_file(f"data/continual/{experiment}/first.safetensors")
-    widest = 0.0
-    for seed, (entity, relation) in enumerate(zip(first["entity"], first["relation"], strict=True)):
-        ranks = {i: ranked(graph, entity, relation, i) for i in steps["i"].unique()}
-        highest, lowest = (
-            pd.concat({i: measures(rows, bound) for i, rows in ranks.items()}, names=["i"])
-            .reset_index()
-            .merge(steps)
-            .set_index([*STEP, *GROUP_OF_R])[MEASURES]
-            for bound in ("lowest", "highest")
-        )
-        there = where(stored, seed=seed).set_index(lowest.index.names)
-        check.compare(f"{experiment}, seed {seed}", lowest, there, highest)
-        widest = max(widest, float((highest - lowest).to_numpy().max()))
-    left_open = f"R[i, j] of {experiment}: rounding of scores leaves {widest:.0e} open at most"
-    tests = ", ".join(map(str, graph.unranked))
-    return f"{left_open}; test sets not ranked, for their new relations: {tests or 'none'}."
-
-
-# What the report shows of a chain
-
-#: Columns of its tables of graphs that grow that are computed again.
-SHOWN = {
-    "grown": [
-        "new tests, at once", "new tests, after training",
-        "base test, before", "base test, in the end", "D",
-    ],
-    "after_last": ["mrr", "hits@1", "hits@10"],
-    "interference": ["H_old", "H_cur", "A_TN", "D"],
-}  # fmt: skip
-
-
-def mean_of(rows: pd.DataFrame, measure: str = "mrr") -> float:
-    """Of a measure over all queries; NaN without any."""
-    return float(np.average(rows[measure], weights=rows["queries"])) if len(rows) else np.nan
-
-
-def measures_of(rows: pd.DataFrame, protocol: str) -> pd.Series:
-    """All measures of ``SHOWN`` from a chain's rows of ``matrix.parquet``, in per cent: MRR of new
-    tests and of the base test; means over all test sets after the last snapshot under a
-    ``protocol``; and MEOR's H_old, H_cur, A_TN and D, means of MRR over updates and slots.
-    """
-    last = rows["i"].max()
-    current = where(rows, protocol="current")
-    of_new = current[(current["i"] == current["j"]) & (current["i"] > 0)]
-    base = where(current, j=0, phase="trained")
-    measures = {
-        "new tests, at once": mean_of(where(of_new, phase="inserted")),
-        "new tests, after training": mean_of(where(of_new, phase="trained")),
-        "base test, before": mean_of(where(base, i=0)),
-        "base test, in the end": mean_of(where(base, i=last)),
-    }
-    in_the_end = where(rows, protocol=protocol, phase="trained", i=last)
-    tests = [where(in_the_end, j=j) for j in range(last + 1)]
-    for name in SHOWN["after_last"]:
-        measures[name] = float(np.mean([mean_of(test, name) for test in tests]))
-    of_updates = []
-    for i, slot in product(range(1, last + 1), OTHER_END):
-        update = where(rows, phase="trained", i=i, slot=slot)
-        earlier = update[update["j"] < i]
-        parts = {
-            "H_old": where(earlier, protocol="old"),
-            "H_cur": where(earlier, protocol="current"),
-            "A_TN": where(update, protocol="current", j=i, answer="new"),
-        }
-        of_updates.append({name: mean_of(part) for name, part in parts.items()})
-    measures |= pd.DataFrame(of_updates).mean().to_dict()
-    measures["D"] = measures["H_old"] - measures["H_cur"]
-    return 100 * pd.Series(measures)
-
-
-def check_published(experiment: str, settings: Values, check: Check) -> None:
-    """Compare tables of the report of graphs that grow with what follows from R[i, j]: the
-    experiment's own, and the lines of this run beside the numbers that others publish.
-    """
-    chains, matrix = chains_of(settings), table(f"continual/{experiment}/matrix")
-    of_run = {"benchmark": settings["title"], "source": "this run"}
-    for name, columns in SHOWN.items():
-        if name == "grown":
-            lines = shown(f"grown_{experiment}").assign(protocol="current")
-        else:
-            lines = where(shown(name), **of_run)
-        for protocol, of_protocol in lines.groupby("protocol"):
-            here = {}
-            for initializer, strategy in chains:
-                is_chain = (matrix["initializer"] == initializer) & (matrix["strategy"] == strategy)
-                by_seed = matrix[is_chain | (matrix["i"] == 0)].groupby("seed")
-                measures = [measures_of(rows, protocol)[columns] for _, rows in by_seed]
-                here[f"{initializer} {strategy}"] = pd.DataFrame(measures).mean()
-            ours = pd.DataFrame(here).T
-            there = of_protocol.set_index(ours.index[: len(of_protocol)])
-            check.compare(f"table {name}, {experiment}", ours, there)
-
-
-def shown(name: str) -> pd.DataFrame:
-    """A table of the report of graphs that grow; without rows if there is no such table."""
-    path = Path(f"reports/continual/tables/{name}.csv")
-    return pd.read_csv(path) if path.exists() else pd.DataFrame(columns=["benchmark", "source"])
-
-
-def verify_grown(continual: Mapping[str, Values]) -> list[Check]:
-    """Compare R[i, j] of the experiments that have run, and the report's tables; print what is
-    skipped.
-    """
-    matrix, measured = Check("R[i, j]", 1e-6), Check("continual measures", 6e-3)
-    have_run = [
-        name for name in continual if Path(f"data/continual/{name}/matrix.parquet").exists()
-    ]
-    others = [name for name in have_run if continual[name]["model"] != MODEL]
-    for experiment in have_run:
-        if experiment not in others:
-            print(check_matrix(experiment, continual[experiment], matrix))
-        check_published(experiment, continual[experiment], measured)
-    absent = [name for name in continual if name not in have_run]
-    for names, reason in (
-        (absent, "which have not run"),
-        (others, f"of other models than {MODEL}"),
-    ):
-        if names:
-            print(f"Not computed again: R[i, j] of {', '.join(names)}, {reason}.")
-    return [matrix, measured]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
@@ -841,17 +484,8 @@ def main() -> None:
     )
     number = parser.parse_args().points
     yaml = YAML(typ="safe", pure=True)
-    have_grown = Path("data/continual").exists()
-    checks = []
     try:
-        if Path("data/graph").exists() or not have_grown:
-            checks += verify(yaml.load(Path("params.yaml")), number)
-        else:
-            print("Not computed again: the first pipeline, which has not run.")
-        if have_grown:
-            checks += verify_grown(yaml.load(Path("continual/params.yaml"))["continual"])
-        else:
-            print("Not computed again: graphs that grow, which have not run.")
+        checks = verify(yaml.load(Path("params.yaml")), number)
     except OSError as error:
         sys.exit(f"verify: {error}")
     titles = f"{'number':>9}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}"

@@ -16,9 +16,6 @@ from isi.graph.vocabulary import names_by_id, numbered
 from isi.insertion.arguments import listed_triples, named_triples, naming_argument
 from isi.tables import paths
 
-#: Folder below ``data/raw`` of each graph whose folder has another name.
-FOLDERS = {"fb15k237": "snapshots"}
-
 
 def graph_of(triples: Any) -> Graph:
     """The graph of a name (``named``), of triples of labels or ids in any form of
@@ -71,7 +68,7 @@ def shipped(name: str) -> tuple[Graph, list[str]]:
 
 def _file_of(name: str) -> Path | None:
     """The table of triples of a shipped graph; None if there is none."""
-    folder = paths.RAW / FOLDERS.get(name, name)
+    folder = paths.RAW / name
     files = [folder / "triples.csv", folder / "triples.parquet"]
     return next((file for file in files if name and file.is_file()), None)
 

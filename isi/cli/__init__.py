@@ -44,7 +44,6 @@ COMMANDS = {
     "import": ("import_:import_", "Make a home of an embedding that another tool trained."),
     "export": ("export:export", "Write a graph and predictions for other tools."),
     "graph": ("graph:graph", "Build a graph of scenes or triples, and describe it."),
-    "continual": ("continual:continual", "Describe a benchmark of graphs that grow."),
 }
 #: Commands of before, and what to type instead.
 GONE = {

@@ -25,9 +25,7 @@ SPLITS = 5
 def graph(
     files: Annotated[
         tuple[str, ...],
-        Parameter(
-            name="FILE", required=True, help="triples, scenes or houses; ROOM=FILE: in a room"
-        ),
+        Parameter(name="FILE", required=True, help="triples or scenes; ROOM=FILE: in a room"),
     ] = (),
     /,
     *,

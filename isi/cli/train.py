@@ -1,4 +1,4 @@
-"""``isi train``: trains a home on your own triples, scenes or houses, or a home again."""
+"""``isi train``: trains a home on your own triples or scenes, or a home again."""
 
 import shlex
 from pathlib import Path
@@ -17,7 +17,7 @@ def train(
         Parameter(
             name="FILE",
             required=True,
-            help="triples, scenes or houses (ROOM=FILE: in a room), or a home",
+            help="triples or scenes (ROOM=FILE: in a room), or a home",
         ),
     ] = (),
     /,

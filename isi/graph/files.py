@@ -1,4 +1,4 @@
-"""A graph from a user's files: scenes, houses or triples,
+"""A graph from a user's files: scenes or triples,
 each read by a named reader or by the one that fits it.
 """
 

@@ -282,51 +282,20 @@ def scatter(
     *,
     xlabel: str,
     ylabel: str,
-    mark: str | None = None,
-    joined: str | None = None,
 ) -> Panel:
-    """A point for each row: its colour and mark are those of its name, or the mark that of the
-    strategy in column ``mark``; rows with one value of ``joined`` are joined by a line.
-    """
+    """A point for each row, with the colour and mark of its name."""
     made = panel(title, xlabel, ylabel, height=340)
     axes, names = made.axes, list(dict.fromkeys(frame[name]))
     axes.grid(visible=True, color=LINE, lw=1)
     ends = list[tuple[float, str]]()
     for values in frame.dropna(subset=[x, y]).to_dict("records"):
         each, place = str(values[name]), (float(values[x]), float(values[y]))
-        style = style_of(each, names)
-        strategy = ""
-        if mark:
-            style["marker"] = PALETTE["strategies"].get(values[mark], "o")
-            strategy = f", {values[mark]}"
-        axes.plot(*place, **style | {"ls": ""}, ms=8)
-        made.add(*place, f"{each}{strategy}", f"{place[0]:.1f}, {place[1]:.1f}")
+        axes.plot(*place, **style_of(each, names) | {"ls": ""}, ms=8)
+        made.add(*place, each, f"{place[0]:.1f}, {place[1]:.1f}")
         ends.append((place[1], each))
-    if joined:
-        for _, rows in frame.dropna(subset=[joined]).groupby(joined):
-            ordered = rows.sort_values(x)
-            axes.plot(ordered[x], ordered[y], color=SOFT, lw=1, zorder=0.9)
     axes.margins(0.06, 0.08)
-    if mark is None:
-        _name_ends(made, ends, names)
-    else:
-        _keys(made, names, list(dict.fromkeys(frame[mark])))
+    _name_ends(made, ends, names)
     return made
-
-
-def _keys(made: Panel, names: Sequence[str], strategies: Sequence[str]) -> None:
-    """Colours of names and marks of strategies, right of a panel."""
-    axes = made.axes
-    rows = [(name, style_of(name, names)["color"], "s") for name in names]
-    rows += [(name, SOFT, PALETTE["strategies"].get(name, "o")) for name in strategies]
-    width = axes.get_position().width * WIDTH
-    for place, (name, colour, mark) in enumerate(rows):
-        height = 1 - place * _GAP / _height(made)
-        anywhere: dict[str, Any] = {"transform": axes.transAxes, "clip_on": False}
-        axes.plot(1 + 12 / width, height, color=colour, marker=mark, ms=6, ls="", **anywhere)
-        text = name if len(name) < 22 else f"{name[:20]}…"
-        axes.text(1 + 22 / width, height, text, color=INK, fontsize=FONT - 2,
-                  va="center_baseline", transform=axes.transAxes)  # fmt: skip
 
 
 def bars(frame: pd.DataFrame, title: str) -> Panel:

@@ -55,7 +55,6 @@ BAR = {
     "Results": "index.html#results",
     "The paper": "index.html#paper",
     "Further": "beyond/index.html",
-    "Growing graphs": "continual/index.html",
     "Method": "index.html#method",
     "Library": "../README.md",
 }

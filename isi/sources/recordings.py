@@ -67,11 +67,11 @@ _Objects: Any = Annotated[list[_Reported], Field(max_length=100_000)]
 
 
 class SceneObject(NamedTuple):
-    """An object of a scene or a house, with the fields that mining uses."""
+    """An object of a scene, with the fields that mining uses."""
 
     id: str
     name: str  #: lower-case words of its type
-    receptacles: Sequence[str] = ()  #: receptacles that it is on or in: ids (houses: names)
+    receptacles: Sequence[str] = ()  #: ids of receptacles that it is on or in
     contents: Sequence[str] = ()  #: ids of the objects on or in it
     materials: Sequence[str] = ()
     affordances: Sequence[str] = ()

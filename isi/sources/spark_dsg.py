@@ -50,7 +50,7 @@ _SceneGraph: Any = create_model(
 
 
 def _is_scene_graph(value: Any) -> bool:
-    """Whether JSON has nodes with layers, unlike networkx's and VirtualHome's graphs."""
+    """Whether JSON has nodes with layers, unlike networkx's graphs."""
     nodes = value.get("nodes") if isinstance(value, dict) else None
     return (
         isinstance(nodes, list)

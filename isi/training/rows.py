@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
-from torch.nn.functional import embedding, normalize, softplus
+from torch.nn.functional import embedding, softplus
 from torch.optim import Adagrad
 
-from isi.config import Count, NotNegative, Positive, Section
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.models.bilinear import BlockModel
 from isi.models.losses import Loss, TrainingLoss
@@ -41,27 +38,21 @@ SMALL = 2**18  #: Maximum number of coordinates that stay in a processor's cache
 Penalty = Callable[["Tables"], Tensor]
 
 
-class Recipe(Section):
+@dataclass(frozen=True)
+class Recipe:
     """How an embedding is trained: loss, batches, learning rate and regularization."""
 
-    rules = (
-        (
-            lambda recipe: recipe.loss == "softmax" or recipe.negatives is not None,
-            "expected a number of negatives, except with the loss softmax",
-        ),
-    )
     loss: Loss
-    batch_size: Count  #: facts
-    learning_rate: Positive  #: of Adagrad
+    batch_size: int  #: facts
+    learning_rate: float  #: of Adagrad
     #: weight of the sum of cubed moduli of the vectors of a query, per query (N3, Lacroix et al.
     #: 2018)
-    n3: NotNegative = 0.0
-    #: of each fact; null, with ``softmax`` alone: all entities
-    negatives: Count | None = None
+    n3: float = 0.0
+    #: of each fact; None, with ``softmax`` alone: all entities
+    negatives: int | None = None
     #: ``TrainingLoss.margin`` and ``.temperature``
-    margin: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-    temperature: Positive = 1.0
-    unit_length: bool = False  #: whether all vectors are divided by their length (LKGE's TransE)
+    margin: float = 0.0
+    temperature: float = 1.0
 
     @property
     def training_loss(self) -> TrainingLoss:
@@ -171,7 +162,6 @@ class Tables:
     entity: Tensor
     fixed_relation: Tensor
     relation: Tensor
-    unit_length: bool = False  #: whether rows are read divided by their length
     #: whether gradients of entities have the rows that a step reads alone
     sparse: bool = False
 
@@ -183,7 +173,6 @@ class Tables:
             entity[moving.entity :].clone().requires_grad_(),
             relation[: moving.relation],
             relation[moving.relation :].clone().requires_grad_(),
-            recipe.unit_length,
             sparse=recipe.negatives is not None and not moving.entity,
         )
 
@@ -199,24 +188,20 @@ class Tables:
     def entity_rows(self, ids: Tensor) -> Tensor:
         """Vectors of entities, (..., d)."""
         if self.sparse:
-            return self.read(embedding(ids, self.entity, sparse=True))
-        return self.read(_rows(self.fixed_entity, self.entity, ids))
+            return embedding(ids, self.entity, sparse=True)
+        return _rows(self.fixed_entity, self.entity, ids)
 
     def relation_rows(self, ids: Tensor) -> Tensor:
         """Rows of relations, (..., w)."""
-        return self.read(_rows(self.fixed_relation, self.relation, ids))
+        return _rows(self.fixed_relation, self.relation, ids)
 
     def all_entities(self) -> Tensor:
         """The vectors of all entities, (E, d)."""
-        return self.read(torch.cat([self.fixed_entity, self.entity]))
+        return torch.cat([self.fixed_entity, self.entity])
 
     def all_relations(self) -> Tensor:
         """The rows of all relations, (R, w)."""
-        return self.read(torch.cat([self.fixed_relation, self.relation]))
-
-    def read(self, rows: Tensor) -> Tensor:
-        """Rows as scores see them."""
-        return normalize(rows, dim=-1) if self.unit_length else rows
+        return torch.cat([self.fixed_relation, self.relation])
 
     @torch.no_grad()
     def constrain(self, model: Model) -> None:
@@ -323,10 +308,9 @@ class Objective:
         given, relation = queries % tables.entities, queries // tables.entities
         log_z = [torch.zeros(0)]
         size = max(1, BUDGET // len(tables.fixed_entity))
-        candidates = tables.read(tables.fixed_entity)
         for part in torch.split(torch.arange(len(queries)), size) if len(queries) else ():
             rows = tables.entity_rows(given[part]), tables.relation_rows(relation[part])
-            log_z.append(self._scores(slot, *rows, candidates).logsumexp(1))
+            log_z.append(self._scores(slot, *rows, tables.fixed_entity).logsumexp(1))
         result[is_fixed] = torch.cat(log_z)[inverse]
         return result
 
@@ -338,14 +322,12 @@ class Objective:
         relation = tables.relation_rows(queries // tables.entities)
         parts = []
         if len(tables.entity):
-            moving = tables.read(tables.entity)
-            parts.append(self._scores(slot, given, relation, moving).logsumexp(1))
+            parts.append(self._scores(slot, given, relation, tables.entity).logsumexp(1))
         if slot in self.fixed:
             of_query = torch.zeros(len(queries)).index_copy(0, inverse, self.fixed[slot][place])
             moves = of_query.isnan()
-            candidates = tables.read(tables.fixed_entity)
-            again = self._scores(slot, given[moves], relation[moves], candidates).logsumexp(1)
-            parts.append(of_query.masked_scatter(moves, again))
+            again = self._scores(slot, given[moves], relation[moves], tables.fixed_entity)
+            parts.append(of_query.masked_scatter(moves, again.logsumexp(1)))
         return torch.stack(parts).logsumexp(0)[inverse]
 
     def _sampled(
@@ -374,9 +356,9 @@ class Objective:
         """
         tables = self.tables
         drawn = known.draw(rng, EARLIER_SCORES // len(tables.entity))
-        given = tables.read(tables.fixed_entity[known.given[drawn]])
-        relation = tables.read(tables.fixed_relation[known.relation[drawn]])
-        new = self._scores(slot, given, relation, tables.read(tables.entity))
+        given = tables.fixed_entity[known.given[drawn]]
+        relation = tables.fixed_relation[known.relation[drawn]]
+        new = self._scores(slot, given, relation, tables.entity)
         right = known.right[drawn]
         if self.recipe.loss == "softmax":
             return softplus(new.logsumexp(1) - right).mean()
@@ -441,8 +423,7 @@ def _scores_of(model: Model, tables: Tables, triples: Tensor) -> Tensor:
     for part in torch.split(triples, max(1, SMALL // tables.entity.shape[1])):
         head, relation, tail = part.T
         entity, relations = tables.fixed_entity, tables.fixed_relation
-        rows = [tables.read(row) for row in (entity[head], relations[relation], entity[tail])]
-        scores.append(model.score(*rows))
+        scores.append(model.score(entity[head], relations[relation], entity[tail]))
     return torch.cat(scores)
 
 

@@ -13,17 +13,14 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from itertools import cycle, pairwise
+from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
-from statistics import median
 from timeit import Timer
 from typing import Any
 
 RELATIONS = 3
 FACTS = 10  #: Triples of a new entity that is inserted.
-#: The experiment of continual/params.yaml whose first two snapshots are trained on and inserted.
-GROWN = "fbinc_m"
 #: Entity number i is a head (or a tail) with a probability proportional to i to the power of minus
 #: ``POWER``.
 POWER = 0.75
@@ -75,22 +72,6 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     return {
         "observations": rows,
         "seconds": round(time.perf_counter() - start, 1),
-        "peak_mib": peak_mib(),
-    }
-
-
-def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
-    """Mine the source with these settings into a table."""
-    from isi.sources import OBSERVATIONS, Source
-
-    start = time.perf_counter()
-    source = Source(settings, "sources.mined", 0)
-    rows = OBSERVATIONS.write_parts(Path(table), source.frames(), "mined")
-    seconds = round(time.perf_counter() - start, 1)
-    return {
-        "observations": rows,
-        "counts": source.counts,
-        "seconds": seconds,
         "peak_mib": peak_mib(),
     }
 
@@ -232,124 +213,6 @@ def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
     }
 
 
-def train_first(epochs: int, negatives: int | None, file: str | None) -> dict[str, Any]:
-    """Train an embedding of the first snapshot of ``GROWN``; median seconds of a core per epoch.
-
-    ``negatives``: of each query, or None: all entities, as the experiment does; ``file``: where the
-    embedding is written.
-    """
-    from dataclasses import replace
-    from importlib import import_module
-
-    import torch
-    from safetensors.torch import save_file
-
-    from isi.continual.chain import first_embedding
-    from isi.params import load_continual
-
-    import_module("torch._dynamo")  # an optimizer imports it, which takes seconds
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
-    settings = load_continual()[GROWN]
-    timeline, model = settings.read_timeline(), settings.make_model("")
-    recipe = settings.training.schedule.recipe.model_copy(update={"negatives": negatives})
-    schedule = replace(settings.training.schedule, recipe=recipe, base_epochs=epochs)
-    ends = [time.process_time()]
-
-    def on_epoch(_: int) -> None:
-        ends.append(time.process_time())
-
-    theta = first_embedding(
-        timeline, model, settings.dimension, schedule, root=0, on_epoch=on_epoch
-    )
-    if file:
-        save_file({"entity": theta.entity, "relation": theta.relation}, file)
-    queries = 2 * len(timeline.snapshots[0].train)
-    return {"seconds": median_step(ends), "peak_mib": peak_mib(), "queries": queries}
-
-
-def train_first_by_pykeen(epochs: int) -> dict[str, Any]:
-    """The same with PyKEEN: cross-entropy over all entities, batches of as many queries, Adagrad.
-
-    PyKEEN takes all answers of a query together, so that it scores each query once.
-    """
-    import torch
-    from pykeen.models import ComplEx
-    from pykeen.training import LCWATrainingLoop
-    from pykeen.triples import CoreTriplesFactory
-
-    from isi.params import load_continual
-
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
-    settings = load_continual()[GROWN]
-    timeline, training = settings.read_timeline(), settings.training
-    known = CoreTriplesFactory(
-        torch.from_numpy(timeline.snapshots[0].train),
-        int(timeline.entities[0]),
-        int(timeline.relations[0]),
-        create_inverse_triples=True,
-    )
-    model = ComplEx(
-        triples_factory=known,
-        embedding_dim=settings.dimension // 2,
-        loss="crossentropy",
-        regularizer=None,
-        random_seed=0,
-    )
-    optimizer = torch.optim.Adagrad(model.parameters(), training.learning_rate)
-    loop = LCWATrainingLoop(model=model, triples_factory=known, optimizer=optimizer)
-    ends, losses = [time.process_time()], None
-    for epoch in range(1, epochs + 1):
-        # the number of all epochs so far: it trains those that are missing
-        losses = loop.train(
-            known,
-            num_epochs=epoch,
-            batch_size=training.batch_size,
-            continue_training=epoch > 1,
-            use_tqdm=False,
-        )
-        assert losses is not None
-        assert len(losses) == epoch, "a call trained nothing"
-        ends.append(time.process_time())
-    assert losses is not None
-    assert losses[-1] < losses[0]
-    head, relation, tail = timeline.snapshots[0].train.T
-    queries = len({*zip(head, relation, strict=True)}) + len({*zip(relation, tail, strict=True)})
-    return {"seconds": median_step(ends), "peak_mib": peak_mib(), "queries": queries}
-
-
-def insert_snapshot(initializer: str, rounds: int, file: str) -> dict[str, Any]:
-    """Insert the new entities of the second snapshot of ``GROWN`` into the embedding of
-    ``train_first`` in a file; median seconds of a core.
-    """
-    import torch
-    from safetensors.torch import load_file
-
-    from isi.continual.chain import Growth, extended
-    from isi.insertion.inverses import InverseRelations
-    from isi.models.stack import Embedding
-    from isi.params import load_continual
-
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
-    settings = load_continual()[GROWN]
-    timeline, model = settings.read_timeline(), settings.make_model("")
-    theta = Embedding(**load_file(file), model=InverseRelations(model))
-    options = settings.initializers[initializer]
-    growth = Growth(initializer, options, loss=settings.training.loss)
-    ends = []
-    for _ in range(rounds + 1):  # the first one also imports modules, and is not timed
-        extended(timeline, theta, growth, 1, words=None, seed=0)
-        ends.append(time.process_time())
-    return {"seconds": median_step(ends), "peak_mib": peak_mib()}
-
-
-def median_step(times: Sequence[float]) -> float:
-    """Median of the differences of times, in seconds."""
-    return median(after - before for before, after in pairwise(times))
-
-
 def seconds_of(work: Callable[[], object]) -> float:
     """Mean seconds of a call, over a number of calls that take at least 0.2 seconds in total."""
     calls, total = Timer(work).autorange()
@@ -359,12 +222,8 @@ def seconds_of(work: Callable[[], object]) -> float:
 if __name__ == "__main__":
     functions: list[Callable[..., dict[str, Any]]] = [
         mine_houses,
-        mine_source,
         insert,
         grow_graph,
-        train_first,
-        train_first_by_pykeen,
-        insert_snapshot,
     ]
     work = {function.__name__: function for function in functions}
     print(json.dumps(work[sys.argv[1]](**json.loads(sys.argv[2]))))

@@ -1,10 +1,8 @@
-"""Time and memory of mining, of growing graphs, of ``isi.insert`` and of a snapshot of a graph that
-grows, each in its own process on one thread.
+"""Time and memory of mining, of training on larger and larger graphs and of ``isi.insert``, each in
+its own process on one thread.
 """
 
-import gzip
 import json
-import random
 import subprocess
 import sys
 from dataclasses import asdict
@@ -13,15 +11,9 @@ from typing import Any
 
 import pytest
 
-from isi.sources.procthor_houses import INSTANCES, OUTSIDE
-from tests.procthor import house, thing
-from tools.benchmarks import FBINC_M
 from tools.benchmarks import LARGE as LARGE_GRAPH
 
 HOUSES, GIB = 10_000, 1024
-#: Types of objects in houses, the number of objects in each house, and a point in each room.
-KINDS = ["Mug", "Bowl", "Bed", "Sofa", "SideTable", "Fork", "Painting", "LightSwitch"]
-OBJECTS, POINTS = 96, [(1, 1), (8, 1)]
 TRIPLES_PER_ENTITY = 10
 SMALL = [100, 178, 316, 562, 1_000, 1_778, 3_162]
 LARGE = [10_000, 100_000]
@@ -52,41 +44,6 @@ def test_ten_thousand_houses_of_tables(benchmark: Any, tmp_path: Path) -> None:
     table = str(tmp_path / "houses.parquet")
     reported = measured(benchmark, "mining", 60, GIB, "mine_houses", houses=HOUSES, table=table)
     benchmark.extra_info.update(reported, houses=HOUSES)
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Houses of two rooms, with random objects in each."""
-    path = tmp_path_factory.mktemp("houses") / "houses.jsonl.gz"
-    with gzip.open(path, "wt", compresslevel=1, encoding="utf-8") as lines:
-        for number in range(HOUSES):
-            kinds = random.Random(number).choices(KINDS, k=OBJECTS)
-            things = [
-                thing(f"{kind}|{2 + place % 2}|{place}", *POINTS[place % 2])
-                for place, kind in enumerate(kinds)
-            ]
-            print(json.dumps(house(*things)), file=lines)
-    return path
-
-
-@pytest.mark.parametrize("materials", ["suncg", "simulator"])
-def test_ten_thousand_houses_of_procthor(
-    benchmark: Any, file: Path, tmp_path: Path, materials: str
-) -> None:
-    """Nearly all objects must be assigned to a room."""
-    settings = {
-        "reader": "procthor_houses",
-        "path": str(file),
-        "sha256": None,
-        "materials": materials,
-    }
-    table = str(tmp_path / "houses.parquet")
-    reported = measured(benchmark, "houses", 60, GIB, "mine_source", settings=settings, table=table)
-    counts = reported.pop("counts")
-    benchmark.extra_info.update(
-        materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported
-    )
-    assert counts[OUTSIDE] <= 0.01 * counts[INSTANCES]
 
 
 @pytest.mark.parametrize(
@@ -134,57 +91,3 @@ def test_insert(
     settings = {**graph, "what": what, "new": new, "rounds": rounds}
     reported = measured(benchmark, "insert", most_seconds, most_mib, "insert", **settings)
     benchmark.extra_info.update(settings, **reported)
-
-
-#: Of the embedding into which a snapshot is inserted: MAP's time depends on how well it is trained.
-EPOCHS = 10
-
-
-@pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What an epoch over all entities takes on the first snapshot, to which the others compare;
-    ``file``: the embedding that was trained.
-    """
-    file = str(tmp_path_factory.mktemp("first") / "first.safetensors")
-    settings = {"epochs": EPOCHS, "negatives": None, "file": file}
-    return report("train_first", settings) | {"file": file}
-
-
-@pytest.mark.parametrize(
-    ("what", "work", "settings", "most"),
-    [
-        ("an epoch, all entities", "", {}, 1.0),
-        (
-            "an epoch, 64 negatives",
-            "train_first",
-            {"epochs": EPOCHS, "negatives": 64, "file": None},
-            0.4,
-        ),
-        ("an epoch, all entities, PyKEEN", "train_first_by_pykeen", {"epochs": 5}, 10.0),
-        (
-            "50 new entities by soft_rs",
-            "insert_snapshot",
-            {"initializer": "soft_rs", "rounds": 9},
-            0.1,
-        ),
-        ("50 new entities by map", "insert_snapshot", {"initializer": "map", "rounds": 3}, 4.0),
-    ],
-)
-def test_snapshot(
-    benchmark: Any,
-    first: dict[str, Any],
-    what: str,
-    work: str,
-    settings: dict[str, Any],
-    most: float,
-) -> None:
-    """It takes at most ``most`` times the seconds of an epoch over all entities."""
-    benchmark.group = "snapshot"
-    if work == "insert_snapshot":
-        settings = settings | {"file": first["file"]}
-    reported = benchmark.pedantic(lambda: report(work, settings) if work else dict(first), rounds=1)
-    measures = {name: reported.get(name) for name in ("seconds", "peak_mib", "queries")}
-    benchmark.extra_info.update(what=what, **measures)
-    assert first["queries"] == 2 * FBINC_M.triples
-    assert reported["seconds"] <= most * first["seconds"]
-    assert reported["peak_mib"] <= GIB

@@ -12,7 +12,6 @@ from typing import Any
 import yaml
 
 from isi.sources.recordings import FORMAT
-from tests import procthor
 from tools.fuzz import formats
 from tools.fuzz.formats import THINGS, Files
 
@@ -62,10 +61,6 @@ def recording(*lines: object) -> bytes:
 
 #: A scene in a recording.
 SPAWNED = {"scene": "FloorPlan1", "spawn": None, "objects": THINGS}
-
-
-def house(*objects: object, **others: object) -> str:
-    return json.dumps(procthor.house(*objects, **others))
 
 
 def log(what: str, rows: str, names: str, **settings: object) -> Case:

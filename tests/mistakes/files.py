@@ -4,13 +4,11 @@ import gzip
 import json
 
 from isi.sources.recordings import FORMAT
-from tests import procthor
 from tests.mistakes import (
     LOG,
     LONG,
     SPAWNED,
     Case,
-    house,
     listed,
     log,
     of_file,
@@ -27,7 +25,6 @@ BINARY = FORMATS["words, binary"].files["words.bin"]
 
 SCENE = json.dumps(THINGS)
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
-of_houses = of_file("houses of ProcTHOR", "houses.jsonl")
 of_lines = of_file("scenes, lines", "scenes.jsonl")
 SCENE_CASES = [
     of_scene("UTF-16", SCENE.encode("utf-16")),
@@ -68,24 +65,6 @@ RECORDING_CASES = [
     Case(
         "JSON that is too long", "recording of the package", {"r.json": bytes(2**27 + 1)}, "r.json"
     ),
-]
-
-HOUSE_CASES = [
-    of_houses("a line that is no JSON", house() + "\n{", "line 2"),
-    of_houses("half a character", house(procthor.thing("Mug\ud800", 1, 1)), "line 1"),
-    of_houses("two rooms of one id", house(rooms=procthor.house()["rooms"][:1] * 2), "line 1"),
-    of_houses(
-        "floors of more corners than any has",
-        house(rooms=[procthor.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}]),
-        "line 1",
-    ),
-    of_houses(
-        "more objects than any house has",
-        house(*[procthor.thing("Mug|2|0", 1, 1)] * 10_001),
-        "line 1",
-    ),
-    of_houses("a line that is too long", bytes(2**24 + 1), "line 1"),
-    of_houses("no object in a room", house(procthor.thing("Mug|2|0", 99, 1))),
 ]
 
 of_rdf = of_file("RDF, N-Triples", "log.nt")
@@ -149,7 +128,6 @@ FILE_CASES = [
     *listed(),
     *SCENE_CASES,
     *RECORDING_CASES,
-    *HOUSE_CASES,
     *TABLE_CASES,
     *RDF_CASES,
     *MP3D_CASES,

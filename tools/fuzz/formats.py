@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from unittest import mock
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -29,13 +28,12 @@ from isi.live.stream import answer
 from isi.live.train import tables_of
 from isi.names import name_fault
 from isi.recorder import Recording
-from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
-from isi.sources.recordings import ITHOR, Scene, scene_objects
+from isi.sources import KINDS, OBSERVATIONS, Source
+from isi.sources.recordings import ITHOR
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
 from isi.tables import paths
 from isi.tables.table import as_text
-from tests import procthor
 from tests.small_live import KNOWN, assert_same, quick_choices, seen
 
 Files = dict[str, bytes]
@@ -91,20 +89,6 @@ def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which detects the reader from the content."""
     graph, read = read_graph([file])
     return f"{read} {graph.triples.to_csv()} {graph.entities.to_csv()}"
-
-
-RECORDED = procthor_houses.recorded_types(
-    [Scene("FloorPlan1", 1, "kitchen", scene_objects(Path(), "FloorPlan1", THINGS))]
-)
-ASSETS = {"Asset_1": "Mug"}
-
-
-def houses(section: dict[str, Any]) -> str:
-    """Mine a house; small tables replace those of the package, which are slow to read."""
-    with mock.patch.multiple(
-        procthor_houses, recorded_types=lambda _scenes: RECORDED, asset_types=lambda: ASSETS
-    ):
-        return mined(section)
 
 
 def words(file: str) -> str:
@@ -187,12 +171,6 @@ def of_package() -> bytes:
     return json.dumps(scenes).encode()
 
 
-def house_lines() -> bytes:
-    cup = procthor.thing("Mug|surface|2|1", 1, 1)
-    objects = procthor.thing("SideTable|2|0", 1, 1, cup), procthor.thing("small|3|1", 5, 3)
-    return "\n".join(json.dumps(procthor.house(each)) for each in objects).encode()
-
-
 def log() -> pd.DataFrame:
     """The table of the format "table, CSV"."""
     text = LISTED["formats"]["table, CSV"]["files"]["log.csv"]
@@ -244,7 +222,6 @@ def content_of(name: str, value: Any) -> bytes:
 MAKERS: dict[str, Callable[[], bytes]] = {
     "r.json": of_package,
     "dsg.json": scene_graph,
-    "houses.jsonl": house_lines,
     "log.parquet": parquet,
     "words.bin": binary,
     "triples.parquet": pipeline_triples,

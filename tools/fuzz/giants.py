@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from isi.sources.recordings import FORMAT
-from tests import procthor
 from tools.fuzz.formats import FORMATS, HEADER, Files
 
 MANY, DEEP, HUGE = 1_000_000, 1_000_000, 2**30
@@ -47,23 +46,6 @@ def recording(make: Callable[[int], bytes], number: int) -> bytes:
     return json.dumps(FORMAT | dict(HEADER)).encode() + scene
 
 
-def house(objects: int, corners: int) -> bytes:
-    """A house of one room, with these numbers of objects and of corners of the floor."""
-    room = procthor.house()["rooms"][0] | {
-        "floorPolygon": [{"x": n % 7, "z": n % 5} for n in range(corners)]
-    }
-    rows = (f'{{"id":"Mug|{n}","assetId":"A","position":{{"x":1,"z":1}}}}' for n in range(objects))
-    text = json.dumps(procthor.house("@", rooms=[room]))
-    return text.replace('"@"', ",".join(rows)).encode()
-
-
-def nested_house(depth: int) -> bytes:
-    """A house with objects in objects, to this depth."""
-    before, after = json.dumps(procthor.house("@")).encode().split(b'"@"')
-    item = b'{"id":"Mug|1","assetId":"A","position":{"x":1,"z":1},"children":['
-    return joined((before, 1), (item, depth), (b"]}", depth), (after, 1))
-
-
 def triples(number: int) -> bytes:
     """A table of ``number`` triples, each with a new entity."""
     rows = (b"e%d\tnear\te%d\n" % (n, n * 7 % number) for n in range(number))
@@ -75,11 +57,7 @@ def vectors(number: int) -> bytes:
 
 
 SCENE, RECORDING, UNTIDY = ("scene", "scene.json"), ("recording", "r.jsonl.gz"), "recording, untidy"
-HOUSES, CSV, TSV = (
-    ("houses of ProcTHOR", "houses.jsonl"),
-    ("table, CSV", "log.csv"),
-    ("table, TSV", "log.tsv.gz"),
-)
+CSV, TSV = ("table, CSV", "log.csv"), ("table, TSV", "log.tsv.gz")
 LISTS = (b"[", DEEP), (b"]", DEEP)
 SCENES = (b'{"scenes":', DEEP), (b"}", DEEP)
 #: By title: the format, the file, the function that makes the file, and its arguments.
@@ -92,11 +70,6 @@ GIANTS: dict[str, tuple[Any, ...]] = {
         UNTIDY, "r.jsonl.gz", recording, things, 100_000,
     ),
     "1,000 objects in each other": (UNTIDY, "r.jsonl.gz", recording, crossing, 1_000),
-    "a house of a million objects": (*HOUSES, house, MANY, 4),
-    "a house of 10,000 objects": (*HOUSES, house, 10_000, 1_000),
-    "a floor of a million corners": (*HOUSES, house, 10, MANY),
-    "objects in objects, a hundred deep": (*HOUSES, nested_house, 100),
-    "objects in objects, 100,000 deep": (*HOUSES, nested_house, 100_000),
     "lists in lists in a scene, a million deep": (*SCENE, joined, *LISTS),
     "lists in lists of any kind, a million deep": (
         "file of any kind", "any.json", joined, *LISTS,
