@@ -179,6 +179,26 @@ def test_a_batch_has_the_form_that_suits_the_graph(
     assert torch.equal(total, data.counts.sum(1))
 
 
+def test_touched_rows_by_hand() -> None:
+    positives, negatives = torch.zeros(1, 3, 5, 5), torch.zeros(1, 3, 5, 5)
+    positives[0, 0, 1, 2] = negatives[0, 2, 1, 4] = 1
+    entities, relations = batches.DenseBatch(positives, negatives).touched()
+    assert entities.tolist() == [[False, True, True, False, True]]
+    assert relations.tolist() == [[True, False, True]]
+
+
+def test_both_forms_of_a_batch_touch_the_same_rows(
+    data: batches.TrainingData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    negatives = batches.Negatives(mode="sampled", ratio=1, head_pool="unseen")
+    dense = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]
+    monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
+    lists = [batch for batch, _ in batches.batches(data, negatives, 1, 0, 1)]
+    for table, listed in zip(dense, lists, strict=True):
+        for one, other in zip(table.touched(), listed.touched(), strict=True):
+            assert torch.equal(one, other)
+
+
 @pytest.mark.parametrize("count", [50, 5000])  # of which many fall on one triple
 def test_true_relation_is_never_a_corrupted_one(count: int) -> None:
     drawn = sampled(one_triple("unseen", count=count), 9, 0, 1)[0]

@@ -13,6 +13,7 @@ from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, membership, session_of
+from isi.models.model import make_model
 from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
 from isi.training.trainer import (
@@ -21,6 +22,7 @@ from isi.training.trainer import (
     Training,
     adagrad,
     loss_gradient,
+    run_batches,
     run_epoch,
     start,
     train,
@@ -271,9 +273,60 @@ def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
     state = start(random_embedding(1, 4, 2, 8))
     before = state.embedding.entity.clone()
     zero = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
-    settings = Optimizer(batch_size=1, learning_rate=1e-4, weight_decay=0.5, max_epochs=1)
+    settings = Optimizer(batch_size=2, learning_rate=1e-4, weight_decay=0.5, max_epochs=1)
     adagrad(state, zero, torch.tensor([1]), ~session.entities, settings)
     assert (state.embedding.entity.abs() < before.abs()).all()
+
+
+def first_alone(counts: Tensor) -> Tensor:
+    """One observation of the first triple that has any; shapes: (M, T)."""
+    observed = counts > 0
+    return (observed & (observed.cumsum(1) == 1)).long()
+
+
+@pytest.mark.usefixtures("form")
+@pytest.mark.parametrize("kind", ["analogy", "transe"])
+def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_alone(
+    kind: str,
+) -> None:
+    """With so large a decay, a touched row's gradient is γ / d times the row."""
+    points = small_points([0])
+    model = make_model(kind, {"margin": 2.0, "squared": True} if kind == "transe" else {}, kind)
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = replace(data, counts=first_alone(data.counts))
+    embedding = random_embedding(1, 13, 3, 12, model=model)
+    settings = Optimizer(batch_size=1, learning_rate=1e-2, weight_decay=12e6, max_epochs=1)
+    state = start(embedding)
+    run_batches(state, data, SAMPLED, settings, 0, 1)
+    (batch,) = [batch for batch, _ in batches(data, SAMPLED, 1, 0, 1)]
+    for table, squares, old, touched in zip(
+        tables(state.embedding),
+        tables(state.squares),
+        tables(embedding),
+        batch.touched(),
+        strict=True,
+    ):
+        assert touched.sum() > 0
+        assert torch.equal(table[~touched], old[~touched])
+        assert torch.equal(squares[~touched], torch.full_like(squares[~touched], 1e-6))
+        torch.testing.assert_close(
+            squares[touched].sqrt(), 1e6 * old[touched].abs(), rtol=1e-2, atol=1e3
+        )
+
+
+def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
+    points = small_points([0])
+    novel = points.novel_in(1)
+    data = training_data(points.last_session, "test", points.keys(), "unseen", novel)
+    session, keys = points.last_session.entities, points.keys()
+    embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
+    settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
+    state = start(embedding)
+    run_epoch(state, data, SAMPLED, settings, 0, 1)
+    moved = (state.embedding.entity != embedding.entity).any(-1)
+    assert moved.any()
+    assert not (moved & ~membership(novel, 13)).any()
+    assert torch.equal(state.embedding.relation, embedding.relation)
 
 
 def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:

@@ -19,8 +19,8 @@ from isi.graph.sessions import TRAIN, Session
 from isi.models.model import MODELS, Model, make_model
 from isi.models.scoring import DenseTriples, TripleList, Triples
 from isi.models.stack import Embedding, mapped, select, uniform, usual_torch
-from isi.training.batches import Negatives, batches, training_data
-from isi.training.trainer import Optimizer, adagrad, is_compiled, loss_gradient, run_epoch, start
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Optimizer, is_compiled, run_batches, run_epoch, start
 
 STACK, ENTITIES = 3, 5
 #: Numbers of entities for which arrays fill the registers of a processor, or do not.
@@ -227,8 +227,7 @@ def compiled_updates_are_those_of_batches(subject: CheckedModel) -> Iterator[str
     settings = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
     compiled, plain = start(theta), start(theta)
     run_epoch(compiled, data, negatives, settings, 0, 1)
-    for batch, positives in batches(data, negatives, 1, 0, 1):
-        adagrad(plain, loss_gradient(plain.embedding, batch), positives, ~everyone, settings)
+    run_batches(plain, data, negatives, settings, 0, 1)
     for name in ("entity", "relation"):
         tables = (getattr(state.embedding, name) for state in (compiled, plain))
         yield from gap(f"the table {name}", *tables)

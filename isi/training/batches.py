@@ -59,6 +59,12 @@ class DenseBatch:
     positives: Tensor
     negatives: Tensor
 
+    def touched(self) -> tuple[Tensor, Tensor]:
+        """Whether entities, (M, E), and relations, (M, R), are in a triple of the batch."""
+        there = (self.positives + self.negatives) > 0
+        by_head, by_tail = there.any(3), there.any(2)
+        return by_head.any(1) | by_tail.any(1), by_head.any(2)
+
 
 @dataclass(frozen=True)
 class ListBatch:
@@ -68,6 +74,17 @@ class ListBatch:
 
     triples: TripleList
     positive: Tensor  #: 1 for positives, 0 for negatives; shape: (N,), float32
+
+    def touched(self) -> tuple[Tensor, Tensor]:
+        """Whether entities, (M, E), and relations, (M, R), are in a triple of the batch."""
+        triples = self.triples
+        models, relations, entities = triples.shape
+        by_entity = torch.zeros(models, entities, dtype=torch.bool)
+        by_entity[triples.model, triples.head] = True
+        by_entity[triples.model, triples.tail] = True
+        by_relation = torch.zeros(models, relations, dtype=torch.bool)
+        by_relation[triples.model, triples.relation] = True
+        return by_entity, by_relation
 
 
 @dataclass(frozen=True)

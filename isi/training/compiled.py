@@ -1,7 +1,13 @@
 """Compiled training with one observation per update: a few hundred times as fast as in PyTorch.
 
 For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks
-(``isi.models.bilinear``). Importing numba takes a second: import this module where it is used.
+(``isi.models.bilinear``). An update takes one step of Adagrad on each row that its observation
+touches, and on no other, so its time hardly grows with the number of entities. Importing numba
+takes a second: import this module where it is used.
+
+One table has all rows, (E + R + ``MEMORY``, d): entities, relations, then what an update computes.
+Functions get numbers of rows in place of rows, whose reference counts would cost as much as the
+arithmetic, and are inlined for the same reason.
 """
 
 import math
@@ -11,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isi.errors import extra
+from isi.graph.graph import RELATION
 from isi.models.bilinear import BlockModel
 from isi.models.stack import Embedding
 from isi.training.batches import TrainingData, sample_epoch
@@ -25,86 +32,110 @@ Ids = NDArray[np.int32]
 #: / √ from the processor's estimate by a step of Newton's method. The compiled code is fixed: equal
 #: input gives equal bits.
 FAST = {"reassoc", "nsz", "contract", "arcp", "afn"}
-#: Of ``update``: tables, squares, scalars, rate, decay, triples, tails, heads, relations.
-SIGNATURE = (
-    "void(UniTuple(f4[:, ::1], 2), UniTuple(f4[:, ::1], 2), i8, f4, f4, "
-    + ", ".join(["i4[:, ::1]"] * 4)
-    + ")"
-)
+#: Of ``update``: rows, squares, scalars, rate, decay, triples, tails, heads, relations.
+SIGNATURE = "void(f4[:, ::1], f4[:, ::1], i8, f4, f4, " + ", ".join(["i4[:, ::1]"] * 4) + ")"
+MEMORY = 6  #: Number of rows that an update computes.
 
-inner = njit(error_model="numpy", fastmath=FAST)
+inner = njit(error_model="numpy", fastmath=FAST, forceinline=True)
 
 
 @inner
-def _transform(vector: Floats, row: Floats, scalars: int, result: Floats) -> None:
-    """vᵀW."""
-    half = (len(vector) - scalars) // 2
+def _transform(rows: Floats, v: int, w: int, scalars: int, total: Floats, to: int) -> None:
+    """Add vᵀW to a row of a table."""
+    half = (rows.shape[1] - scalars) // 2
     for i in range(scalars):
-        result[i] = vector[i] * row[i]
-    a, x, first = vector[scalars:], row[scalars:], result[scalars:]
-    b, y, second = a[half:], x[half:], first[half:]
-    for i in range(half):
-        first[i] = a[i] * x[i] - b[i] * y[i]
-    for i in range(half):
-        second[i] = b[i] * x[i] + a[i] * y[i]
+        total[to, i] += rows[v, i] * rows[w, i]
+    for a in range(scalars, scalars + half):
+        total[to, a] += rows[v, a] * rows[w, a] - rows[v, a + half] * rows[w, a + half]
+    for a in range(scalars, scalars + half):
+        total[to, a + half] += rows[v, a + half] * rows[w, a] + rows[v, a] * rows[w, a + half]
 
 
 @inner
-def _transform_tail(vector: Floats, row: Floats, scalars: int, result: Floats) -> None:
-    """Wv."""
-    half = (len(vector) - scalars) // 2
+def _transform_tail(rows: Floats, v: int, w: int, scalars: int, total: Floats, to: int) -> None:
+    """Add Wv."""
+    half = (rows.shape[1] - scalars) // 2
     for i in range(scalars):
-        result[i] = vector[i] * row[i]
-    a, x, first = vector[scalars:], row[scalars:], result[scalars:]
-    b, y, second = a[half:], x[half:], first[half:]
-    for i in range(half):
-        first[i] = a[i] * x[i] + b[i] * y[i]
-    for i in range(half):
-        second[i] = b[i] * x[i] - a[i] * y[i]
+        total[to, i] += rows[v, i] * rows[w, i]
+    for a in range(scalars, scalars + half):
+        total[to, a] += rows[v, a] * rows[w, a] + rows[v, a + half] * rows[w, a + half]
+    for a in range(scalars, scalars + half):
+        total[to, a + half] += rows[v, a + half] * rows[w, a] - rows[v, a] * rows[w, a + half]
 
 
 @inner
-def _relation_gradient(head: Floats, tail: Floats, scalars: int, result: Floats) -> None:
-    """Gradient of ⟨hᵀW, t⟩ by the relation's row."""
-    _transform_tail(head, tail, scalars, result)
-    half = (len(head) - scalars) // 2
-    for i in range(len(head) - half, len(head)):
-        result[i] = -result[i]
-
-
-@inner
-def _add(total: Floats, values: Floats) -> None:
-    for i in range(len(total)):
-        total[i] += values[i]
+def _relation_gradient(
+    rows: Floats, head: int, tail: int, scalars: int, total: Floats, to: int
+) -> None:
+    """Add the gradient of ⟨hᵀW, t⟩ by the relation's row."""
+    half = (rows.shape[1] - scalars) // 2
+    for i in range(scalars):
+        total[to, i] += rows[head, i] * rows[tail, i]
+    for a in range(scalars, scalars + half):
+        b = a + half
+        total[to, a] += rows[head, a] * rows[tail, a] + rows[head, b] * rows[tail, b]
+    for a in range(scalars, scalars + half):
+        b = a + half
+        total[to, b] += rows[head, a] * rows[tail, b] - rows[head, b] * rows[tail, a]
 
 
 @inner
 def _add_gradients(
-    vector: Floats, table: Floats, row: int, label: np.float32, by_table: Floats, by_vector: Floats
+    rows: Floats,
+    gradients: Floats,
+    vector: int,
+    by_vector: int,
+    row: int,
+    times: np.float32,
+    label: np.float32,
 ) -> None:
-    """Add the gradients of the loss of f = ⟨vector, row⟩ by row and vector;
+    """Add the gradients of a loss of f = ⟨vector, row⟩ by row and vector, as often as ``times``;
     the slope by f is σ(f) - label.
     """
     score = np.float32(0)
-    for i in range(len(vector)):
-        score += vector[i] * table[row, i]
-    slope = np.float32(1) / (np.float32(1) + np.float32(math.exp(-score))) - label
-    for i in range(len(vector)):
-        value = table[row, i]
-        by_table[row, i] += slope * vector[i]
-        by_vector[i] += slope * value
+    for i in range(rows.shape[1]):
+        score += rows[vector, i] * rows[row, i]
+    probability = np.float32(1) / (np.float32(1) + np.float32(math.exp(-score)))
+    slope = times * (probability - label)
+    for i in range(rows.shape[1]):
+        gradients[row, i] += slope * rows[vector, i]
+        rows[by_vector, i] += slope * rows[row, i]
+
+
+@inner
+def _add_corrupted(
+    rows: Floats,
+    gradients: Floats,
+    vector: int,
+    by_vector: int,
+    ids: Ids,
+    number: int,
+    times: Ids,
+) -> None:
+    """Add the gradients of an observation's corruptions, each different one once;
+    ``times``, (E + R,), is zero before and after.
+    """
+    for column in range(ids.shape[1]):
+        times[ids[number, column]] += 1
+    for column in range(ids.shape[1]):
+        row = ids[number, column]
+        if times[row]:
+            often = np.float32(times[row])
+            _add_gradients(rows, gradients, vector, by_vector, row, often, np.float32(0))
+            times[row] = 0
 
 
 @inner
 def _add_loss_gradient(
-    tables: tuple[Floats, Floats],
-    gradients: tuple[Floats, Floats],
+    rows: Floats,
+    gradients: Floats,
     scalars: int,
-    triple: Ids,
+    triples: Ids,
     tails: Ids,
     heads: Ids,
     relations: Ids,
-    memory: Floats,
+    number: int,
+    times: Ids,
 ) -> None:
     """Add the gradient of -log σ(f) of a triple and -log σ(-f) of its corruptions.
 
@@ -113,56 +144,62 @@ def _add_loss_gradient(
     corrupted relations by one g. The gradient by each of these three, Σ slope · row, is summed
     first and then mapped to the triple's own rows.
     """
-    (entity, relation), (by_entity, by_relation) = tables, gradients
-    head, row, tail = entity[triple[0]], relation[triple[1]], entity[triple[2]]
-    by_head, by_row, by_tail = by_entity[triple[0]], by_relation[triple[1]], by_entity[triple[2]]
-    # contiguous, as unpacked rows would not be
-    mapped, by_mapped, result = memory[0], memory[1], memory[2]
-    by_mapped[:] = 0
-    _transform(head, row, scalars, mapped)
-    _add_gradients(mapped, entity, triple[2], np.float32(1), by_entity, by_mapped)
-    for corrupted in tails:
-        _add_gradients(mapped, entity, corrupted, np.float32(0), by_entity, by_mapped)
-    _transform_tail(by_mapped, row, scalars, result)
-    _add(by_head, result)
-    _relation_gradient(head, by_mapped, scalars, result)
-    _add(by_row, result)
+    head, relation, tail = triples[number, 0], triples[number, 1], triples[number, 2]
+    first = len(rows) - MEMORY
+    mapped_head, mapped_tail, of_relation = first, first + 1, first + 2
+    by_mapped_head, by_mapped_tail, by_of_relation = first + 3, first + 4, first + 5
+    for memory in range(first, len(rows)):
+        for i in range(rows.shape[1]):
+            rows[memory, i] = 0
+    _transform(rows, head, relation, scalars, rows, mapped_head)
+    _transform_tail(rows, tail, relation, scalars, rows, mapped_tail)
+    _relation_gradient(rows, head, tail, scalars, rows, of_relation)
 
-    by_mapped[:] = 0
-    _transform_tail(tail, row, scalars, mapped)
-    for corrupted in heads:
-        _add_gradients(mapped, entity, corrupted, np.float32(0), by_entity, by_mapped)
-    _transform(by_mapped, row, scalars, result)
-    _add(by_tail, result)
-    _relation_gradient(by_mapped, tail, scalars, result)
-    _add(by_row, result)
+    one = np.float32(1)
+    _add_gradients(rows, gradients, mapped_head, by_mapped_head, tail, one, one)
+    _add_corrupted(rows, gradients, mapped_head, by_mapped_head, tails, number, times)
+    _add_corrupted(rows, gradients, mapped_tail, by_mapped_tail, heads, number, times)
+    _add_corrupted(rows, gradients, of_relation, by_of_relation, relations, number, times)
 
-    by_mapped[:] = 0
-    _relation_gradient(head, tail, scalars, mapped)
-    for corrupted in relations:
-        _add_gradients(mapped, relation, corrupted, np.float32(0), by_relation, by_mapped)
-    _transform_tail(tail, by_mapped, scalars, result)
-    _add(by_head, result)
-    _transform(head, by_mapped, scalars, result)
-    _add(by_tail, result)
+    _transform_tail(rows, by_mapped_head, relation, scalars, gradients, head)
+    _transform_tail(rows, tail, by_of_relation, scalars, gradients, head)
+    _transform(rows, by_mapped_tail, relation, scalars, gradients, tail)
+    _transform(rows, head, by_of_relation, scalars, gradients, tail)
+    _relation_gradient(rows, head, by_mapped_head, scalars, gradients, relation)
+    _relation_gradient(rows, by_mapped_tail, tail, scalars, gradients, relation)
 
 
 @inner
 def _adagrad(
-    values: Floats, squares: Floats, gradient: Floats, rate: np.float32, decay: np.float32
+    rows: Floats,
+    squares: Floats,
+    gradients: Floats,
+    ids: Ids,
+    number: int,
+    last: Ids,
+    rate: np.float32,
+    decay: np.float32,
 ) -> None:
-    """One step of Adagrad with weight decay on a whole table; resets its gradient to zero."""
-    for i in range(len(values)):
-        step = gradient[i] + decay * values[i]
-        squares[i] += step * step
-        values[i] -= rate * step * (np.float32(1) / np.sqrt(squares[i]))
-        gradient[i] = 0
+    """One step of Adagrad with weight decay on the rows of an observation's ids, but those that
+    have had it (``last``, (E + R,): the observation of each row's last step); resets their
+    gradient to zero.
+    """
+    for column in range(ids.shape[1]):
+        row = ids[number, column]
+        if last[row] == number:
+            continue
+        last[row] = number
+        for i in range(rows.shape[1]):
+            step = gradients[row, i] + decay * rows[row, i]
+            squares[row, i] += step * step
+            rows[row, i] -= rate * step * (np.float32(1) / np.sqrt(squares[row, i]))
+            gradients[row, i] = 0
 
 
 @njit(SIGNATURE, cache=True, error_model="numpy", fastmath=FAST)
 def update(
-    tables: tuple[Floats, Floats],
-    squares: tuple[Floats, Floats],
+    rows: Floats,
+    squares: Floats,
     scalars: int,
     rate: np.float32,
     decay: np.float32,
@@ -173,27 +210,21 @@ def update(
 ) -> None:
     """Update one embedding in place, once for each observation.
 
-    ``tables`` and ``squares``, Adagrad's accumulators: entities (E, d) and relations (R, d); the
-    first ``scalars`` coordinates are scalars. ``triples``: (N, 3); replacements of their tails,
-    heads and relations: ids, (N, K).
+    ``rows``: entities, relations and memory (see above); ``squares``, (E + R, d): Adagrad's
+    accumulators; the first ``scalars`` coordinates are scalars. ``triples``: (N, 3); replacements
+    of their tails, heads and relations: (N, K). Ids of relations count from E.
     """
-    gradients = np.zeros_like(tables[0]), np.zeros_like(tables[1])
-    memory = np.empty((3, tables[0].shape[1]), np.float32)
+    gradients = np.zeros_like(squares)
+    times = np.zeros(len(squares), np.int32)
+    last = np.full(len(squares), -1, np.int32)
     for number in range(len(triples)):
         _add_loss_gradient(
-            tables,
-            gradients,
-            scalars,
-            triples[number],
-            tails[number],
-            heads[number],
-            relations[number],
-            memory,
+            rows, gradients, scalars, triples, tails, heads, relations, number, times
         )
-        for table in range(2):
-            _adagrad(
-                tables[table].ravel(), squares[table].ravel(), gradients[table].ravel(), rate, decay
-            )
+        _adagrad(rows, squares, gradients, triples, number, last, rate, decay)
+        _adagrad(rows, squares, gradients, tails, number, last, rate, decay)
+        _adagrad(rows, squares, gradients, heads, number, last, rate, decay)
+        _adagrad(rows, squares, gradients, relations, number, last, rate, decay)
 
 
 def run_compiled_epoch(
@@ -206,13 +237,15 @@ def run_compiled_epoch(
     root: int,
     epoch: int,
 ) -> None:
-    """Train each embedding of a stack in place for an epoch by Adagrad
-    (sums ``squares``, ``rate``, weight ``decay``).
+    """Train each embedding of a stack in place for an epoch by Adagrad (sums ``squares``,
+    ``rate``; ``decay``, of the rows that an observation touches).
 
     Each observation has ``ratio`` corrupted tails, ``ratio`` heads and, if R > 1, ``ratio``
     relations.
     """
-    scalars = embedding.entity.shape[-1] * cast(BlockModel, embedding.model).scalars // 100
+    entities, width = embedding.entity.shape[1:]
+    scalars = width * cast(BlockModel, embedding.model).scalars // 100
+    memory = np.empty((MEMORY, width), np.float32)
     for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
         tables, sums = (
             (stack.entity[model].numpy(), stack.relation[model].numpy())
@@ -223,4 +256,10 @@ def run_compiled_epoch(
         ]
         if len(ids) < 4:  # with R = 1, relations are not corrupted
             ids.append(ids[1][:, :0].copy())
-        update(tables, sums, scalars, np.float32(rate), np.float32(decay), *ids)
+        ids[0][:, RELATION] += entities
+        ids[3] += entities
+        rows, summed = np.concatenate([*tables, memory]), np.concatenate(sums)
+        update(rows, summed, scalars, np.float32(rate), np.float32(decay), *ids)
+        for table, result in ((tables, rows), (sums, summed)):
+            table[0][:] = result[:entities]
+            table[1][:] = result[entities : entities + len(table[1])]

@@ -14,6 +14,7 @@ from torch import Tensor
 from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import Queries, evaluate, measure_rows
+from isi.graph.graph import Graph
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.scoring import DenseTriples, padded, spaced
@@ -26,7 +27,11 @@ TABLES = ("entity", "relation")
 
 
 class Optimizer(Section):
-    """``finetuning`` in params: batches, learning rate, weight decay and epochs of Adagrad."""
+    """``finetuning`` in params: batches, learning rate, weight decay and epochs of Adagrad.
+
+    The weight decay γ acts on all rows. With one update for each observation, γ / d acts on the
+    rows that the observation touches (``is_single``).
+    """
 
     batch_size: Count
     learning_rate: Positive
@@ -132,26 +137,53 @@ def run_epoch(
     epoch: int,
 ) -> None:
     """One pass over all observations of each embedding, in place."""
-    trained_rows, on_cpu = (
-        data.new if epoch <= settings.new_rows_first else None,
-        state.embedding.entity.is_cpu,
-    )
     compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(
         negatives, data.session.graph
     )
-    if compiled and trained_rows is None and on_cpu:
+    all_rows = epoch > settings.new_rows_first
+    if compiled and all_rows and state.embedding.entity.is_cpu:
         from isi.training.compiled import run_compiled_epoch
 
-        rates = settings.learning_rate, settings.weight_decay
+        rates = settings.learning_rate, settings.weight_decay / state.embedding.entity.shape[-1]
         run_compiled_epoch(
             state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch
         )
-        return
-    frozen = ~data.session.entities
+    else:
+        run_batches(state, data, negatives, settings, root, epoch)
+
+
+def run_batches(
+    state: State,
+    data: TrainingData,
+    negatives: Negatives,
+    settings: Optimizer,
+    root: int,
+    epoch: int,
+) -> None:
+    """``run_epoch`` without compiled code."""
+    single, only_new = is_single(negatives, data.session.graph, settings), None
+    if single:
+        decay = settings.weight_decay / state.embedding.entity.shape[-1]
+        settings = settings.model_copy(update={"weight_decay": decay})
+    if epoch <= settings.new_rows_first:
+        no_relation = torch.zeros(state.embedding.relation.shape[:2], dtype=torch.bool)
+        only_new = data.new, no_relation
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
-        adagrad(
-            state, loss_gradient(state.embedding, batch), positives, frozen, settings, trained_rows
-        )
+        trained_rows = only_new
+        if single:
+            entities, relations = batch.touched()
+            if only_new:
+                entities, relations = entities & only_new[0], relations & only_new[1]
+            trained_rows = entities, relations
+        gradient = loss_gradient(state.embedding, batch)
+        adagrad(state, gradient, positives, ~data.session.entities, settings, trained_rows)
+
+
+def is_single(negatives: Negatives, graph: Graph, settings: Optimizer) -> bool:
+    """Whether each observation, with sampled negatives, is an update of its own, of the rows that
+    it touches alone.
+    """
+    return settings.batch_size == 1 and is_sampled(negatives, graph)
 
 
 def is_compiled(model: Model, batch_size: int) -> bool:
@@ -193,28 +225,28 @@ def adagrad(
     positives: Tensor,
     frozen: Tensor,
     settings: Optimizer,
-    trained_rows: Tensor | None = None,
+    trained_rows: tuple[Tensor, Tensor] | None = None,
 ) -> None:
     """Update a stack in place from a batch's gradient:
     Θ ← Θ - rate · g / √Σg², g = gradient / positives + decay · Θ. Then entities are constrained.
 
     ``gradient`` is summed over the batch, ``positives``, (M,), is its number of positives; an
-    embedding with 0 stays as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``,
-    (M, E): only these change; None: all.
+    embedding with 0 stays as it is. ``frozen`` entities, (M, E), get no gradient. ``trained_rows``:
+    only these entities, (M, E), and relations, (M, R), change; None: all.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
     gradient.entity.masked_fill_(frozen[..., None], 0.0)
-    for name in TABLES if trained_rows is None else TABLES[:1]:
+    for place, name in enumerate(TABLES):
         table, squares = getattr(state.embedding, name), getattr(state.squares, name)
         step = getattr(gradient, name).mul_(scale[:, None, None]).addcmul_(table, decay)
         if trained_rows is not None:
-            step.masked_fill_(~trained_rows[..., None], 0.0)
+            step.masked_fill_(~trained_rows[place][..., None], 0.0)
         squares.addcmul_(step, step)
         table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
     model, entity = state.embedding.model, state.embedding.entity
     if not model.is_free:
-        changed = ~frozen if trained_rows is None else trained_rows
+        changed = ~frozen if trained_rows is None else trained_rows[0]
         entity.copy_(torch.where(changed[..., None], model.constrain(entity), entity))
 
 
