@@ -38,7 +38,7 @@ print(f"{len(runs):,} rows of {', '.join(runs['model'].unique())}\n")
 # | `seed` | the repeat: each has its own splits and novel entities, equal for all initializers |
 # | `epoch` | epochs of fine-tuning; 0: right after insertion |
 # | `scope` | the queries, see below |
-# | `mrr` | the paper's measure in [0, 1]: every other true triple is left out; null without queries |
+# | `mrr` | the paper's measure in [0, 1]: other true triples are left out; null without queries |
 # | `mrr_entity`, `mrr_relation` | its halves: queries for entities, and for relations |
 # | `mrr_star`, `mrr_star_entity`, `mrr_star_relation` | equation 7 with counts, the same way |
 # | `queries` | the number of triples; each gives three queries: head, relation, tail |
