@@ -43,7 +43,6 @@ WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
 GRAPH: dict[str, Any] = {
     "title": "again",
     "source": {"reader": "published"},
-    "min_count": 2,
     "words": WORDS,
     "sessions": SESSIONS,
     "initializers": ["xavier", "es"],
@@ -60,7 +59,7 @@ VARIANT: dict[str, Any] = {
 #: A case of ``readings``; the graph's source has to be mined.
 READING_CASE: dict[str, Any] = {
     "title": "own",
-    "graph": {"source": "published", "min_count": 2},
+    "graph": {"source": "published"},
     "sessions": {"novel": "any", "sizes": [2, 3], "seeds": 2, "steps": 1},
     "initializers": ["xavier", "es", "rs"],
     "indicators": {"es": [3]},

@@ -18,7 +18,7 @@ from isi.training.batches import Negatives, TrainingData, training_data
 from isi.training.trainer import Optimizer, State, is_compiled, run_epoch, start
 from tests.small_graphs import points_of, random_embedding, random_graph
 
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+SAMPLED = Negatives(mode="sampled", ratio=3)
 SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
 KINDS = ("analogy", "distmult", "complex")
 
@@ -65,7 +65,7 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(
     kind: str, decay: float, relations: int
 ) -> None:
     points = small_points(relations=relations)
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     settings = SINGLY.model_copy(update={"weight_decay": decay})
     compiled, plain = begin(points, kind), begin(points, kind)
     for epoch in (1, 2):
@@ -81,7 +81,7 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(
 
 def test_no_observation_is_no_update() -> None:
     points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     counts = data.counts.clone()
     counts[1] = 0
     state, before = begin(points), begin(points)
@@ -113,7 +113,7 @@ class Far(ANALOGY):
 )
 def test_what_has_other_mathematics_learns_by_batches(model: Model, known: bool) -> None:
     points = small_points([0])
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     embedding = random_embedding(1, 13, 3, 20, model=model)
     assert is_compiled(model, 1) is known
     assert not is_compiled(model, 2)
