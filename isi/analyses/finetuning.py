@@ -69,6 +69,6 @@ def finetune_only(
     """
     every = query_sets(points.session(1), points.novel_ids, points.insert_mask)
     watch = ConvergenceWatch([{SCOPE: every[SCOPE]}], {}, full_curves=True)
-    data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)
+    data = training_data(points.session(0), "fine-tuning", points.keys())
     train(theta0, data, negatives, optimizer, root, watch)
     return run_rows(points, watch.looks)

@@ -213,8 +213,7 @@ def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch) -> Embedding:
     """Fine-tune Θ, with novel entities in it, on D¹; ``watch`` as in ``train`` (section 5.2)."""
-    pool, novel = config.negatives.head_pool, points.novel_ids
-    data = training_data(points.session(1), "fine-tuning", points.keys(), pool, novel)
+    data = training_data(points.session(1), "fine-tuning", points.keys(), points.novel_ids)
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

@@ -64,7 +64,7 @@ def training_start(points: GridPoints, config: TrainConfig) -> tuple[Embedding, 
     session, keys = points.session(0), points.keys()
     shape = len(points.graph.relations), config.model, config.dimension, config.init_range
     start = uniform(session.entities, *shape, config.root, keys)
-    return start, training_data(session, "training", keys, config.negatives.head_pool)
+    return start, training_data(session, "training", keys)
 
 
 def train_stack(points: GridPoints, config: TrainConfig) -> TrainResult:
