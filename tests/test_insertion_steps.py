@@ -37,7 +37,7 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
     rows = np.array([[1, 0, 0, 1], [1, 0, 2, 4], [1, 1, 1, 0], [2, 0, 0, 3]])
     points = replace(POINTS, splits=np.zeros((2, 6), dtype=np.int8), insert_triples=rows)
     expected = [[False, True, False, False, True, False], [True] + [False] * 5]
-    assert points.insert_mask(1).tolist() == expected
+    assert points.insert_mask.tolist() == expected
 
 
 def trained(purpose: str, pool: str) -> Embedding:
