@@ -94,7 +94,7 @@ def points_of(
 
 
 def insert_triples_of(points: GridPoints, insert_from: InsertFrom = "train") -> np.ndarray:
-    """Insert triples sampled as in the pipeline: model, place in ``novel``, triple; shape (I, 3)."""
+    """Insert triples drawn as in the pipeline: model, place in ``novel``, triple; shape (I, 3)."""
     rows = list[tuple[int, int, int]]()
     for model, seed in enumerate(points.seeds):
         splits, novel = points.splits[model], points.novel[model]
