@@ -1,5 +1,7 @@
 """Trace the vector of one novel entity through fine-tuning, from each initializer."""
 
+from dataclasses import replace
+
 import torch
 
 from isi.analyses import trajectory as analysis
@@ -29,17 +31,11 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
             "word vector and insert triples"
         )
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    names = traced(params.initializers)
-    tasks = [
-        (
-            points,
-            theta0,
-            words,
-            params.insert_config(name).training(max_epochs=settings.epochs),
-            place,
-        )
-        for name in names
-    ]
+    names, tasks = traced(params.initializers), []
+    optimizer = params.finetuning.model_copy(update={"max_epochs": settings.epochs})
+    for name in names:
+        config = replace(params.insert_config(name), optimizer=optimizer)
+        tasks.append((points, theta0, words, config, place))
     entity = torch.from_numpy(points.novel[0, place : place + 1])
     tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")

@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from isi.models.stack import Embedding
 
 #: Ids of head, relation and tail.
 Triple = tuple[int, int, int]
+InsertFrom = Literal["train", "all"]
 
 
 def graph_of(counts: Mapping[Triple, int], entities: int, relations: int) -> Graph:
@@ -80,28 +82,25 @@ def random_embedding(
     )
 
 
-def points_of(graph: Graph, size: int, seeds: Sequence[int], steps: int = 1) -> GridPoints:
+def points_of(
+    graph: Graph, size: int, seeds: Sequence[int], insert_from: InsertFrom = "train"
+) -> GridPoints:
     """Grid points sampled as in the pipeline, with shares of 0.2 for validation and for test."""
     splits = np.stack([split(graph, 0, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
-    novel = np.stack([sample_novel(everyone, 0, size, seed, steps) for seed in seeds])
+    novel = np.stack([sample_novel(everyone, 0, size, seed) for seed in seeds])
     points = GridPoints("home", graph, size, list(seeds), splits, novel)
-    return replace(points, insert_triples=insert_triples_of(points))
+    return replace(points, insert_triples=insert_triples_of(points, insert_from))
 
 
-def insert_triples_of(points: GridPoints) -> np.ndarray:
-    """Insert triples sampled as in the pipeline: session, model, index in ``novel``, triple;
-    shape (I, 4).
-    """
-    rows = [
-        (session, model, points.novel[model, session - 1].tolist().index(entity), triple)
-        for session in range(1, points.sessions + 1)
-        for model, seed in enumerate(points.seeds)
-        for entity, triple in sample_insert_triples(
-            points.graph, points.splits[model], points.novel[model], session, 0, seed, 0.5
-        )
-    ]
-    return np.array(rows, dtype=np.int64).reshape(-1, 4)
+def insert_triples_of(points: GridPoints, insert_from: InsertFrom = "train") -> np.ndarray:
+    """Insert triples drawn as in the pipeline: model, place in ``novel``, triple; shape (I, 3)."""
+    rows = list[tuple[int, int, int]]()
+    for model, seed in enumerate(points.seeds):
+        splits, novel = points.splits[model], points.novel[model]
+        pairs = sample_insert_triples(points.graph, splits, novel, 0, seed, 0.5, insert_from)
+        rows += [(model, novel.tolist().index(entity), triple) for entity, triple in pairs]
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def generator(purpose: str, *key: int) -> np.random.Generator:

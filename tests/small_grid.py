@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from isi.config import Option
-from isi.evaluation.query_sets import CONVERGING
+from isi.evaluation.query_sets import GROUPS
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertConfig, InsertTask, SessionResult
+from isi.experiment.insert import InsertConfig, InsertTask, StackResult
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives
@@ -42,30 +42,29 @@ INITIALIZERS = {
     )
 }
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
-SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
-#: MRR* of the joint models by seed: the first is reached soon, the last one never.
+#: MRR of the joint models in both groups, by seed: the first is reached soon, the last one never.
 JOINT = np.array([0.1, 0.5, 0.6, 2.0])
 
 
-def stacks(height: int, steps: int = 1) -> list[GridPoints]:
+def stacks(height: int) -> list[GridPoints]:
     firsts = range(0, len(SEEDS), height)
-    return [points_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
+    return [points_of(GRAPH, SIZE, SEEDS[first : first + height]) for first in firsts]
 
 
 def training_tasks(
     height: int, config: TrainConfig = LEARNING
-) -> list[tuple[GridPoints, TrainConfig, int]]:
-    return [(points, config, 0) for points in stacks(height)]
+) -> list[tuple[GridPoints, TrainConfig]]:
+    return [(points, config) for points in stacks(height)]
 
 
 @cache
-def _trained(steps: int) -> Embedding:
-    return train_stack(*stacks(len(SEEDS), steps), LEARNING).theta
+def _trained() -> Embedding:
+    return train_stack(*stacks(len(SEEDS)), LEARNING).theta
 
 
-def theta0(steps: int = 1) -> Embedding:
+def theta0() -> Embedding:
     """A copy of Θ⁰ of all seeds, which a test may change."""
-    return Embedding(_trained(steps).entity.clone(), _trained(steps).relation.clone(), ANALOGY)
+    return Embedding(_trained().entity.clone(), _trained().relation.clone(), ANALOGY)
 
 
 def some_models(theta: Embedding, models: slice | list[int]) -> Embedding:
@@ -78,18 +77,24 @@ def insert_tasks(
     name: str,
     trained: Embedding,
     words: np.ndarray = WORDS,
-    steps: int = 1,
     full_curves: Sequence[int] = (),
 ) -> list[InsertTask]:
-    config = InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, full_curves)
+    """Tasks of an initializer, all of whose seeds are fine-tuned."""
+    config = InsertConfig(
+        initializer=name,
+        options=INITIALIZERS[name],
+        root=0,
+        negatives=SAMPLED,
+        optimizer=OPTIMIZER,
+        margin=MARGIN,
+        finetuned=len(SEEDS),
+        full_curves=full_curves,
+        breaks_down=True,
+    )
     tasks = []
-    for number, points in enumerate(stacks(height, steps)):
+    for number, points in enumerate(stacks(height)):
         models = slice(number * height, (number + 1) * height)
-        joint = {
-            (session, scope): JOINT[models].copy()
-            for session in range(1, steps + 1)
-            for scope in CONVERGING
-        }
+        joint = {"none": {group: JOINT[models].copy() for group in GROUPS}}
         tasks.append((points, some_models(trained, models), words, joint, config))
     return tasks
 
@@ -107,16 +112,13 @@ def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
     }
 
 
-def inserted_bytes(inserted: list[SessionResult]) -> dict[str, bytes]:
-    """All results of insertion as bytes, sorted by seed, session, epoch and scope."""
-    runs = pd.concat([result.runs for result in inserted]).sort_values(
-        ["seed", "session", "epoch", "scope"]
-    )
-    entities = pd.concat([result.entities for result in inserted]).sort_values(
-        ["seed", "session", "entity"]
-    )
+def inserted_bytes(inserted: list[StackResult]) -> dict[str, bytes]:
+    """All results of insertion as bytes, sorted by seed, epoch and scope."""
     vectors = np.concatenate([result.vectors for result in inserted])
-    return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
+    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "epoch", "scope"])
+    queries = pd.concat([result.queries for result in inserted])
+    queries = queries.sort_values("seed", kind="stable")
+    return {"vectors": vectors.tobytes(), "runs": csv(runs), "queries": csv(queries)}
 
 
 def csv(table: pd.DataFrame) -> bytes:

@@ -60,11 +60,11 @@ def world() -> World:
     words = np.random.default_rng(1).normal(size=(ENTITIES, 6)).astype(np.float32)
     words[list(WORDLESS)] = 0
     known = replace(theta0, entity=theta0.entity * points.session(0).entities[..., None])
-    return World(graph, splits, known, insert_triples_of(points)[:, 1:], words)
+    return World(graph, splits, known, insert_triples_of(points), words)
 
 
 def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
-    return GridPoints("home", graph, 3, [5, 6], splits, NOVEL[:, None])
+    return GridPoints("home", graph, 3, [5, 6], splits, NOVEL)
 
 
 def seen(of: World) -> InitContext:

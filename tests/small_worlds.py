@@ -44,16 +44,14 @@ class World:
             [[split[t] for t in self.counts] for split in self.splits], dtype=torch.int8
         )
 
-    def mask(self, triples: list[set[Triple]]) -> Tensor:
-        return torch.tensor([[t in own for t in self.counts] for own in triples])
+    @property
+    def given(self) -> tuple[Session, Tensor, Tensor]:
+        """D¹, the ids of novel entities and the mask of insert triples."""
+        inserted = [[triple in own for triple in self.counts] for own in self.inserted]
+        return self.session, torch.tensor(self.novel), torch.tensor(inserted)
 
     def of(self, model: int, *splits: int) -> set[Triple]:
         return {triple for triple, split in self.splits[model].items() if split in splits}
-
-    def new(self, model: int, triples: set[Triple]) -> set[Triple]:
-        return {
-            (h, r, t) for h, r, t in triples if h in self.novel[model] or t in self.novel[model]
-        }
 
     def score(self, model: int) -> Score:
         entity, relation = (
@@ -94,7 +92,7 @@ def worlds(draw: st.DrawFn) -> World:
             for t in counts
         }
         usable = [
-            t for t, part in split.items() if part == TRAIN and (t[0] in drawn) != (t[2] in drawn)
+            t for t, part in split.items() if part != OUT and (t[0] in drawn) != (t[2] in drawn)
         ]
         splits.append(split)
         members.append(set(range(entities)) - out)

@@ -210,7 +210,7 @@ def test_true_relation_is_never_a_corrupted_one(count: int) -> None:
 
 
 def test_data_count_training_observations_alone(points: GridPoints) -> None:
-    data = batches.training_data(points.last_session, "test", points.keys())
+    data = batches.training_data(points.session(1), "test", points.keys())
     train = torch.from_numpy(points.splits) == TRAIN
     assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))
 

@@ -74,7 +74,7 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
     points = whole_graph("home", graph)
     learned, again = (train_final(points, config, 3) for _ in range(2))
     assert torch.equal(learned.entity, again.entity)
-    session, keys = points.last_session, torch.tensor([[0, 0]])
+    session, keys = points.session(1), torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
     state = start(
         uniform(

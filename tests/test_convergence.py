@@ -9,63 +9,56 @@ from isi.evaluation.query_sets import epochs_to_convergence
 Row = tuple[str, str, int, int, int, float]
 
 
-def converged(rows: list[Row], by: list[str]) -> pd.DataFrame:
-    """Epochs to convergence of runs (model, scope, size, seed, epoch, MRR*),
-    with 4 queries if MRR* is not null.
+def converged(rows: list[Row]) -> dict[tuple[str, int, int], tuple[int, bool]]:
+    """Epochs to convergence, and whether it has, by model, size and seed; rows: model, scope, size,
+    seed, epoch, MRR.
     """
-    runs = pd.DataFrame(rows, columns=["model", "scope", "size", "seed", "epoch", "mrr_star"])
-    runs = runs.assign(queries=runs["mrr_star"].notna() * 4)
+    runs = pd.DataFrame(rows, columns=["model", "scope", "size", "seed", "epoch", "mrr"])
     of_joint = runs["model"] == "joint"
-    return epochs_to_convergence(runs[~of_joint], runs[of_joint], 0.08, 150, by)
+    found = epochs_to_convergence(runs[~of_joint], runs[of_joint], 0.08, 150, ["model"])
+    keys = zip(found["model"], found["size"], found["seed"], strict=True)
+    return dict(zip(keys, zip(found["epochs"], found["converged"], strict=True), strict=True))
+
+
+def run_of(known: list[float], novel: list[float], size: int = 1, seed: int = 0) -> list[Row]:
+    """A run of ES beside a joint model of 0.5 in both groups; NaN: without queries."""
+    rows = list[Row]()
+    for group, values in (("known", known), ("novel", novel)):
+        rows.append(("joint", group, size, seed, 0, np.nan if np.isnan(values[0]) else 0.5))
+        rows += [("es", group, size, seed, epoch, value) for epoch, value in enumerate(values)]
+    return [*rows, ("joint", "held_out", size, seed, 0, 0.9), ("es", "held_out", size, seed, 0, 0)]
 
 
 @pytest.mark.parametrize(
-    ("mrr_star", "epochs", "within"),
-    [([0.1, 0.42, 0.3, 0.5], 1, True), ([0.6, 0.1], 0, True), ([0.1, 0.2], 150, False)],
+    ("known", "novel", "epochs", "within"),
+    [
+        ([0.1, 0.42, 0.3, 0.5], [0.1, 0.43, 0.5, 0.5], 1, True),
+        ([0.6, 0.1], [0.45, 0.1], 0, True),  # right after insertion
+        ([0.42, 0.3, 0.42], [0.3, 0.42, 0.42], 2, True),  # each before, but not at one epoch
+        ([0.42, 0.3], [0.3, 0.42], 150, False),
+        ([np.nan] * 3, [0.1, 0.2, 0.6], 2, True),  # a group without queries decides nothing
+    ],
 )
-def test_it_is_the_first_epoch_within_the_margin(
-    mrr_star: list[float], epochs: int, within: bool
+def test_it_is_the_first_epoch_at_which_both_groups_are_within_the_margin(
+    known: list[float], novel: list[float], epochs: int, within: bool
 ) -> None:
-    tried: list[Row] = [("es", "all", 1, 0, epoch, value) for epoch, value in enumerate(mrr_star)]
-    (row,) = converged([("joint", "all", 1, 0, 0, 0.49), *tried], ["model"]).to_dict("records")
-    assert (row["epochs"], row["converged"], row["queries"]) == (epochs, within, 4)
+    assert converged(run_of(known, novel)) == {("es", 1, 0): (epochs, within)}
 
 
-def test_it_is_measured_by_the_joint_model_of_the_same_scope_size_and_seed() -> None:
-    joint: list[Row] = [
-        ("joint", scope, size, seed, 0, value)
-        for scope, size, seed, value in (
-            ("all", 1, 0, 0.7),
-            ("all", 1, 1, 0.9),
-            ("all", 2, 0, 0.9),
-            ("novel_heldout", 1, 0, 0.9),
-        )
+def test_it_is_measured_by_the_joint_model_of_the_same_size_and_seed() -> None:
+    values = [0.1, 0.45], [0.5, 0.5]
+    rows = [*run_of(*values), *run_of(*values, size=2), *run_of(*values, seed=1)]
+    changed = [
+        ("joint", "known", 2, 0, 0, 0.6) if row[:4] == ("joint", "known", 2, 0) else row
+        for row in rows
     ]
-    points = [row[1:4] for row in joint]
-    tried: list[Row] = [
-        ("es", *point, epoch, value) for point in points for epoch, value in ((0, 0.6), (1, 0.65))
-    ]
-    epochs = converged([*joint, *tried], ["model"]).set_index(["scope", "size", "seed"])["epochs"]
-    assert epochs.to_dict() == {point: 1 if point == ("all", 1, 0) else 150 for point in points}
+    assert converged(changed) == {
+        ("es", 1, 0): (1, True),
+        ("es", 2, 0): (150, False),
+        ("es", 1, 1): (1, True),
+    }
 
 
-def test_runs_are_grouped_by_the_given_columns_in_the_scopes_of_convergence() -> None:
-    tried: list[Row] = [("es", "all", 1, 0, 2, 0.7), ("rs", "all", 1, 0, 5, 0.7)]
-    rows: list[Row] = [("joint", "all", 1, 0, 0, 0.7), *tried]
-    assert converged(rows, ["model"]).set_index("model")["epochs"].to_dict() == {"es": 2, "rs": 5}
-    rows = [
-        (model, scope, 1, 0, 0, 0.5)
-        for model in ("joint", "es")
-        for scope in ("all", "known", "novel")
-    ]
-    assert converged(rows, ["model"])["scope"].tolist() == ["all"]
-
-
-def test_cells_without_queries_take_no_part() -> None:
-    scope = "novel_heldout"
-    rows: list[Row] = [
-        (model, scope, 1, seed, 0, value)
-        for model in ("joint", "es")
-        for seed, value in ((0, np.nan), (1, 0.5))
-    ]
-    assert converged(rows, ["model"])["seed"].tolist() == [1]
+def test_a_run_without_queries_in_both_groups_takes_no_part() -> None:
+    rows = [*run_of([np.nan], [np.nan]), *run_of([0.5], [0.5], seed=1)]
+    assert converged(rows) == {("es", 1, 1): (0, True)}

@@ -44,7 +44,7 @@ def test_vectors_below_the_bound_have_finite_scores() -> None:
 
 def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> NotFinite:
     points = points_of(random_graph(13, 3, 80), 2, seeds)
-    data = training_data(points.last_session, "training", points.keys())
+    data = training_data(points.session(1), "training", points.keys())
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
         # model 1 stops at the first call

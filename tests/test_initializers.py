@@ -315,8 +315,8 @@ def digests() -> dict[str, str]:
     given = context_in_session(
         replace(theta0, entity=theta0.entity * points.session(0).entities[..., None]),
         points.session(0),
-        points.novel_in(1),
-        torch.as_tensor(points.insert_triples_in(1)),
+        points.novel_ids,
+        torch.as_tensor(points.insert_triples),
         torch.as_tensor(words),
         0,
         points.keys(),

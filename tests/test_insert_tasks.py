@@ -2,19 +2,17 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from isi.errors import InputError
-from isi.evaluation.query_sets import CONVERGING
-from isi.experiment.insert import joint_targets
+from isi.experiment.insert import joint_targets, targets_below
 from isi.experiment.store import RUNS
 from isi.params import load
 from isi.tables import paths
 from tests.small_graphs import points_of, random_graph
 
-POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
+POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6])
 PARAMS = load(Path(__file__).parent.parent / paths.PARAMS).model_copy(
     update={
         "seed": 9,
@@ -23,59 +21,44 @@ PARAMS = load(Path(__file__).parent.parent / paths.PARAMS).model_copy(
 )
 
 
-def joint_runs() -> pd.DataFrame:
-    """Unsorted runs of the joint model, also of grid points without a task;
-    MRR* encodes size, seed, ..., scope.
+def joint_rows() -> pd.DataFrame:
+    """Unsorted rows of the joint models, also of grid points without a task; values encode size,
+    seed, epoch and scope.
     """
     rows = [
-        (
-            size,
-            seed,
-            session,
-            epoch,
-            scope,
-            1000 * size + 100 * seed + 10 * session + epoch + place / 10,
-        )
+        (size, seed, epoch, change, scope, 1000 * size + 100 * seed + 10 * epoch + place)
         for size in (2, 3)
         for seed in (8, 6, 5, 4)
-        for session in (2, 1)
         for epoch in (1, 0)
-        for place, scope in enumerate((*CONVERGING, "novel"))
+        for place, (change, scope) in enumerate(PLACES)
     ]
-    return pd.DataFrame(rows, columns=["size", "seed", "session", "epoch", "scope", "mrr_star"])
+    columns = ["size", "seed", "epoch", "change", "scope", "value"]
+    return pd.DataFrame(rows, columns=columns).astype({"value": float})
 
 
-def test_convergence_is_measured_against_the_joint_models_at_once_in_the_same_cells() -> None:
-    targets = joint_targets(joint_runs(), POINTS)
-    assert targets.keys() == {(session, scope) for session in (1, 2) for scope in CONVERGING}
-    for (session, scope), values in targets.items():
-        place = CONVERGING.index(scope) / 10
-        assert values.dtype == np.float64
-        np.testing.assert_allclose(
-            values, [2400 + 10 * session + place, 2600 + 10 * session + place]
-        )
-        values[:] = 0  # changes this task's copy alone
-    assert joint_targets(joint_runs(), POINTS)[1, CONVERGING[0]].all()
+PLACES = [("none", "known"), ("none", "novel"), ("one_group", "weighted")]
 
 
-@pytest.mark.parametrize(("session", "scope"), [(1, CONVERGING[0]), (2, CONVERGING[-1])])
-def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) -> None:
-    runs = joint_runs()
-    cell = (
-        runs["size"].eq(2)
-        & runs["session"].eq(session)
-        & runs["scope"].eq(scope)
-        & runs["epoch"].eq(0)
-    )
-    with pytest.raises(InputError) as refused:
-        joint_targets(runs[~(cell & runs["seed"].eq(6))], POINTS)
-    expected = "expected a row of seed 6 at epoch 0"
-    where = f"size 2, session {session}, scope {scope}"
-    assert refused.value.args == (
-        str(RUNS.path(experiment=POINTS.experiment, model="joint")),
-        where,
-        expected,
-    )
+def test_convergence_is_measured_against_the_joint_models_of_the_same_cells() -> None:
+    targets = joint_targets(joint_rows(), POINTS)
+    found = {(name, scope): list(v) for name, own in targets.items() for scope, v in own.items()}
+    assert found == {key: [2400.0 + place, 2600.0 + place] for place, key in enumerate(PLACES)}
+    below = targets_below(targets, 0.5)
+    assert [target.query_set for target in below["none"]] == ["known", "novel"]
+    (of_all,) = below["one_group"]
+    assert (of_all.query_set, of_all.measure) == ("d1", "mrr")
+    assert of_all.value.tolist() == [2401.5, 2601.5]
+
+
+def test_a_cell_that_the_joint_models_lack_is_named() -> None:
+    rows = joint_rows()
+    cell = rows["size"].eq(2) & rows["seed"].eq(6) & rows["scope"].eq("novel") & rows["epoch"].eq(0)
+    file = str(RUNS.path(experiment=POINTS.experiment, model="joint"))
+    expected = "expected a row of each seed of size 2 at epoch 0"
+    for left, scope in ((rows[~cell], "novel"), (rows[:0], "known")):
+        with pytest.raises(InputError) as refused:
+            joint_targets(left, POINTS)
+        assert refused.value.args == (file, f"scope {scope}", expected)
 
 
 @pytest.mark.parametrize(
@@ -92,8 +75,5 @@ def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int
     assert config.margin == PARAMS.convergence.margin
     assert (config.negatives, config.optimizer) == (PARAMS.negatives, PARAMS.finetuning)
     assert PARAMS.insert_config(name, options={**options, "k": 1}).options == {**options, "k": 1}
-    assert config.training(max_epochs=0).optimizer == PARAMS.finetuning.model_copy(
-        update={"max_epochs": 0}
-    )
     with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
         PARAMS.insert_config(name, options={**options, "k": 0})

@@ -1,23 +1,21 @@
 """The query breakdown: each group by hand; all groups together give the measures of their scope."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
 from isi.analyses.affordances import rank_answers, ranks_of
-from isi.evaluation.ranking import MEASURES, evaluate
-from isi.experiment.breakdown import break_down, query_sets_with_filters, used_coordinates
+from isi.evaluation.query_sets import query_sets
+from isi.evaluation.ranking import evaluate, measure_rows
+from isi.experiment.breakdown import break_down
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.models.model import make_model
 from isi.models.stack import Embedding, select
 from isi.report.tables.estimates import combined
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
-POINT = ["model", "size", "seed", "scope", "filter"]
+POINT = ["seed", "scope"]
 
 
 def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, str]:
@@ -29,19 +27,14 @@ def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, str]:
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     points, theta, _ = task = random_task([0, 1, 2])
     rows = break_down(*task)
-    whole = combined(rows, POINT).set_index(POINT)
-    plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
-    compared = 0
-    for scopes in query_sets_with_filters(points):
-        for (scope, which), queries in scopes.items():
-            measures = evaluate(theta, {"own": queries})["own"].measures
-            for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
-                place = "es", 2, seed, scope, which
-                mrr_star = whole.loc[place][list(MEASURES[:3])].tolist()
-                assert mrr_star == pytest.approx(expected[:3], abs=1e-6)
-                assert plain.loc[place]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
-                compared += 1
-    assert compared == len(whole) == 3 * 3 * 2
+    scopes = query_sets(points.session(1), points.novel_ids, points.insert_mask)
+    measured = measure_rows(evaluate(theta, scopes)).set_index(["place", "scope"])
+    for measure in ("mrr_star", "mrr"):
+        parts = combined(rows.assign(mrr_star=rows[measure]), POINT).set_index(POINT)
+        assert len(parts) == 3 * 2
+        for half in ("", "_entity", "_relation"):
+            found, expected = parts[f"mrr_star{half}"], measured[f"{measure}{half}"]
+            assert found.to_numpy() == pytest.approx(expected[found.index].to_numpy(), abs=1e-6)
 
 
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(
@@ -59,80 +52,53 @@ def test_a_cells_groups_are_the_same_whatever_stands_beside_it(
         pd.testing.assert_frame_equal(one, two, check_exact=exact)
 
 
-#: f(h, r, t) = h · t. Entity 3 is novel, with one insert triple (3, 0, 0).
+#: f(h, r, t) = h · t, and half of it for relation 1. Entity 3 is novel, with one insert triple
+#: (3, 0, 0).
 GRAPH = graph_of(
-    {(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 1, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2
+    {(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 2, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2
 )
-SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
+SPLITS = np.array([[TRAIN, VALID, TRAIN, TRAIN, TRAIN, TEST]], dtype=np.int8)
 
 
 def test_groups_by_hand() -> None:
-    given = np.array([[1, 0, 0, 2]])  # (3, 0, 0)
-    points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]), given)
-    entity = torch.tensor(
-        [[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]]
-    )
+    points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[3]]), np.array([[0, 0, 2]]))
+    entity = torch.zeros(1, 5, 4)
+    entity[0, :, 0] = torch.arange(1.0, 6.0)
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
-    joint = Embedding(entity, relation, ANALOGY)
-    rows = break_down(points, joint, "joint")
+    rows = break_down(points, Embedding(entity, relation, ANALOGY), "joint")
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
-    queries = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
-    groups = queries.set_index(["relation", "hidden", "novel"])[["queries", "mrr", "observations"]]
-    assert {key: tuple(row) for key, row in zip(groups.index, groups.to_numpy(), strict=True)} == {
-        # (?, 0, 1): 3 is behind 4 alone, 0 and 2 being filtered
-        ("relation 0", "head", "answer"): (1, pytest.approx(1 / 2), 8),
-        # (3, 0, ?): 1 is behind 4, 3 and 2, 0 being filtered
-        ("relation 0", "tail", "given"): (1, pytest.approx(1 / 4), 8),
-        # (?, 1, 3): 4 is first; (4, 1, ?): 3 is behind 4
-        ("relation 1", "head", "given"): (1, pytest.approx(1), 7),
-        ("relation 1", "tail", "answer"): (1, pytest.approx(1 / 2), 7),
+    groups = rows[rows["scope"] == "novel"].set_index(["relation", "hidden", "novel"])
+    values = groups[["queries", "mrr", "mrr_star", "observations"]].round(6).to_numpy()
+    # (3, 0, 1) is observed twice, (4, 1, 3) is a test triple
+    assert dict(zip(groups.index, map(tuple, values.tolist()), strict=True)) == {
+        # (?, 0, 1): 4 is ahead; 0 and 2 are true
+        ("relation 0", "head", "answer"): (2, 0.5, 0.5, 9),
+        # (3, 0, ?): 4, 3 and 2 are ahead; 0 is seen more often, so that R_G is 2
+        ("relation 0", "tail", "given"): (2, 0.25, 0.333333, 9),
+        # (?, 1, 3): none is ahead; (4, 1, ?): 4 is
+        ("relation 1", "head", "given"): (1, 1, 1, 7),
+        ("relation 1", "tail", "answer"): (1, 0.5, 0.5, 7),
         # relation 0 scores higher
-        ("relation 0", "relation", "given"): (1, pytest.approx(1), 8),
-        ("relation 1", "relation", "given"): (1, pytest.approx(1 / 2), 7),
+        ("relation 0", "relation", "given"): (2, 1, 1, 9),
+        ("relation 1", "relation", "given"): (1, 0.5, 0.5, 7),
     }
 
 
 def test_both_ends_are_novel() -> None:
-    points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
-    joint = random_embedding(1, 5, 2, 4)
-    rows = break_down(points, joint, "joint")
-    own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(
-        ["relation", "hidden"]
-    )
-    assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == [
-        "both",
-        "both",
-    ]
-    assert own.loc[("relation 1", "relation"), "novel"] == "given"
-    assert own.loc[("relation 0", "head"), "novel"] == "answer"
-
-
-def test_coordinates_above_a_thousandth_are_in_use() -> None:
-    # four scalars, then x and y of two blocks, of two relations
-    relation = torch.tensor(
-        [[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0], [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]]
-    )
-    found = used_coordinates(ANALOGY, relation, [5], ["on", "in"])
-    assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna(
-        "any"
-    ).to_numpy().tolist() == [
-        ["on", 2, 4],
-        ["in", 1, 4],
-        ["any", 2, 4],
-    ]
-    # sqrt(2) · 0.0008 is above
-    assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]
-    assert set(found["seed"]) == {5}
-    distmult = used_coordinates(make_model("distmult", {}, ""), relation, [5], ["on", "in"])
-    assert set(distmult["part"]) == {"scalars"}
-    transe = make_model("transe", {"margin": 1.0, "squared": True}, "")
-    assert used_coordinates(transe, relation, [5], ["on", "in"]).empty
+    points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[3, 4]]))
+    rows = break_down(points, random_embedding(1, 5, 2, 4), "joint")
+    own = rows[rows["scope"] == "novel"].set_index(["relation", "hidden", "novel"])["queries"]
+    in_1 = own["relation 1"]
+    # (4, 1, 3), and (0, 1, 4), which is observed 5 times
+    assert in_1["head"].to_dict() == {"both": 1, "given": 5}
+    assert in_1["tail"].to_dict() == {"both": 1, "answer": 5}
+    assert in_1["relation"].to_dict() == {"given": 6}
 
 
 # Affordances
 
-#: Entities 0 to 3 are known; 5 is inserted, and 6 in a later session, if at all; 4 takes no part.
+#: Entities 0 to 3 are known; 5 is inserted; 4 and 6 take no part.
 SMALL_GRAPH = graph_of(
     {
         (0, 0, 1): 3,
@@ -147,10 +113,7 @@ SMALL_GRAPH = graph_of(
     2,
 )
 SMALL_SPLITS = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
-INSERTED = GridPoints("home", SMALL_GRAPH, 1, [3], SMALL_SPLITS, np.array([[[5]]]))
-IN_TWO_SESSIONS = replace(
-    INSERTED, splits=np.where(np.arange(7) == 6, TRAIN, SMALL_SPLITS), novel=np.array([[[5], [6]]])
-)
+INSERTED = GridPoints("home", SMALL_GRAPH, 1, [3], SMALL_SPLITS, np.array([[5]]))
 
 
 def test_candidates_outside_the_session_neither_rank_nor_answer() -> None:
@@ -170,19 +133,10 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
         e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates
     }
     expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
-    for points in (INSERTED, IN_TWO_SESSIONS):  # ranked after the first session in both
-        found = rank_answers(points, theta0, "es", vectors.numpy(), relation=1)
-        assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
-        assert set(found["seed"]) == {3}
-        assert set(found["entity"]) == {5}
-
-
-def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
-    rows = break_down(*random_task([0, 1, 2]))
-    true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
-    assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
-    assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
-    assert true["queries"].tolist() == learned["queries"].tolist()
+    found = rank_answers(INSERTED, theta0, "es", vectors.numpy(), relation=1)
+    assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
+    assert set(found["seed"]) == {3}
+    assert set(found["entity"]) == {5}
 
 
 def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:

@@ -128,7 +128,7 @@ def test_each_session_adds_its_novel_entities_and_their_triples_to_the_one_befor
     assert (set(np.flatnonzero(d1 & ~d0)), set(np.flatnonzero(d2 & ~d1))) == (first, second)
     assert (d0 <= d1).all()
     assert (d1 <= d2).all()
-    joint = points.last_session
+    joint = points.session(1)
     assert (d2 == joint.entities[0].numpy()).all()
     assert (of2 == joint.splits[0].numpy()).all()
     assert (of2 == points.splits[0]).all()

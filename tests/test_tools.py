@@ -258,7 +258,7 @@ def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_
     kept = pseudo.splits != OUT
     assert (pseudo.splits[kept] == points.splits[kept]).all()
     assert set(pseudo.splits[kept].tolist()) == {TRAIN, VALID}
-    assert not (pseudo.session(0).entities.gather(1, pseudo.novel_in(1))).any()
+    assert not (pseudo.session(0).entities.gather(1, pseudo.novel_ids)).any()
     assert (pseudo.novel != hidden(draw=1)[1].novel).any()
 
 
@@ -285,8 +285,8 @@ def test_half_of_the_training_triples_of_hidden_entities_are_insert_triples() ->
 
 def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     _, pseudo = hidden()
-    queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), pseudo.insert_mask(1))["novel"]
-    with_novel = about(queries, pseudo.novel_in(1))
+    queries = novel_query_set(pseudo.session(1), pseudo.novel_ids, pseudo.insert_mask)["novel"]
+    with_novel = about(queries, pseudo.novel_ids)
     theta = random_embedding(3, ENTITIES, RELATIONS, 8)
     measured = evaluate(theta, {"about": with_novel})["about"].measures[:, 1]
     rows = with_novel.rows

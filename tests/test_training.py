@@ -180,9 +180,9 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
 def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> pd.DataFrame:
     points = small_points(seeds)
     watch = ConvergenceWatch(
-        epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves
+        epoch_query_sets(points.session(1), points.novel_ids), targets, full_curves
     )
-    data = training_data(points.last_session, "test", points.keys())
+    data = training_data(points.session(1), "test", points.keys())
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
     return pd.concat(watch.looks)
 
@@ -239,9 +239,9 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
 
 def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
     points = small_points()
-    novel = points.novel_in(1)
-    data = training_data(points.last_session, "test", points.keys(), novel)
-    state = start(uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
+    novel = points.novel_ids
+    data = training_data(points.session(1), "test", points.keys(), novel)
+    state = start(uniform(points.session(1).entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
     settings = TUNING.model_copy(update={"new_rows_first": 2})
     is_new = membership(novel, 13)
     for epoch in (1, 2):
@@ -292,7 +292,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
     """With so large a decay, a touched row's gradient is γ / d times the row."""
     points = small_points([0])
     model = make_model(kind, {"margin": 2.0, "squared": True} if kind == "transe" else {}, kind)
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    data = training_data(points.session(0), "test", points.keys())
     data = replace(data, counts=first_alone(data.counts))
     embedding = random_embedding(1, 13, 3, 12, model=model)
     settings = Optimizer(batch_size=1, learning_rate=1e-2, weight_decay=12e6, max_epochs=1)
@@ -317,7 +317,7 @@ def test_updates_by_one_observation_decay_by_the_dimension_and_on_touched_rows_a
 def test_new_rows_move_alone_at_first_by_single_observations_too() -> None:
     points = small_points([0])
     novel = points.novel_in(1)
-    data = training_data(points.last_session, "test", points.keys(), "unseen", novel)
+    data = training_data(points.last_session, "test", points.keys(), novel)
     session, keys = points.last_session.entities, points.keys()
     embedding = uniform(session, 3, ANALOGY, 12, 0.5, 0, keys)
     settings = TUNING.model_copy(update={"new_rows_first": 1, "batch_size": 1})
@@ -343,7 +343,7 @@ def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:
 @pytest.mark.usefixtures("form")
 def test_no_observation_is_no_step() -> None:
     points = small_points()
-    data = training_data(points.last_session, "test", points.keys())
+    data = training_data(points.session(1), "test", points.keys())
     only = replace(data, counts=data.counts * 0)
     state, before = start(start_of(points)), start_of(points)
     run_epoch(state, only, EXPECTED, TUNING, 0, 1)

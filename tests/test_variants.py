@@ -172,7 +172,7 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))
     for name, result in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), result.runs.reset_index(drop=True))
-    novel = points.novel_in(1)
+    novel = points.novel_ids
     embeddings = {
         name: with_vectors(theta0, novel, torch.from_numpy(result.vectors))
         for name, result in inserted.items()

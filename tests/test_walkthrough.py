@@ -4,13 +4,13 @@ A robot knows mugs, bowls, a sofa, two rooms and that one drinks from a mug. It 
 stands in the kitchen.
 """
 
-import numpy as np
 import pandas as pd
 import pytest
 import torch
 
-from isi.evaluation.query_sets import novel_query_set
-from isi.evaluation.ranking import MEASURES, evaluate
+from isi.evaluation.query_sets import query_sets, with_weighted
+from isi.evaluation.ranking import evaluate, measure_rows
+from isi.experiment.grid import GridPoints, known_shares
 from isi.graph.graph import build_graph
 from isi.graph.sessions import TEST, TRAIN, session_at
 from isi.initializers.api import INITIALIZERS
@@ -30,21 +30,23 @@ BOWL, CUP, DRINK, KITCHEN, LIVING_ROOM, MUG, SOFA = range(7)
 TRIPLES = pd.DataFrame(
     [
         ("bowl", "atLocation", "kitchen", 2),
+        ("bowl", "hasAffordance", "drink", 1),  # true, but held out
         # the robot's observation of the cup: its insert triple
         ("cup", "atLocation", "kitchen", 1),
-        ("cup", "hasAffordance", "drink", 1),  # a true triple that the robot does not know
+        ("cup", "atLocation", "living room", 2),  # learned after insertion
+        ("cup", "hasAffordance", "drink", 1),  # true, but held out
         ("mug", "atLocation", "kitchen", 3),
         ("mug", "hasAffordance", "drink", 5),
         ("sofa", "atLocation", "living room", 1),
     ],
     columns=["head", "relation", "tail", "count"],
 )
-OBSERVED, HIDDEN = 1, 2
+OBSERVED = 2
 # relations are numbered by the alphabet: atLocation 0, hasAffordance 1
 GRAPH = build_graph(ENTITIES, TRIPLES)
-SPLITS = torch.tensor([[TRAIN, TRAIN, TEST, TRAIN, TRAIN, TRAIN]], dtype=torch.int8)
+SPLITS = torch.tensor([[TRAIN, TEST, TRAIN, TRAIN, TEST, TRAIN, TRAIN, TRAIN]], dtype=torch.int8)
 NOVEL = torch.tensor([[CUP]])
-D0, D1 = (session_at(GRAPH, SPLITS, NOVEL[:, None], number) for number in (0, 1))
+D0, D1 = (session_at(GRAPH, SPLITS, NOVEL, number) for number in (0, 1))
 
 #: Cup, mug and sofa have similar word vectors, bowl a less similar one; rooms and drink have none.
 WORDS = torch.tensor(
@@ -54,7 +56,7 @@ WORDS = torch.tensor(
 DISTMULT = make_model("distmult", {}, "models.distmult")
 THETA0 = Embedding(
     entity=torch.tensor(
-        [[[0.8, 0.2], [0.0, 0.0], [1.0, 0.0], [1.2, -0.2], [-0.2, 1.2], [1.1, 0.1], [0.1, 1.0]]]
+        [[[0.8, 0.2], [0.0, 0.0], [1.0, 0.0], [1.2, -0.2], [0.3, 1.2], [1.1, 0.1], [0.1, 1.0]]]
     ),
     relation=torch.tensor([[[1.0, 1.0], [2.0, 0.0]]]),
     model=DISTMULT,
@@ -64,8 +66,7 @@ SIZE_AND_SEED = torch.tensor([[1, 0]])
 
 def test_the_session_before_has_all_but_the_cup_and_its_triples() -> None:
     assert D0.entities.tolist() == [[True, False, True, True, True, True, True]]
-    assert D0.members(TRAIN).tolist() == [[True, False, False, True, True, True]]
-    assert D1.members(TEST).nonzero().tolist() == [[0, HIDDEN]]
+    assert D0.members(TRAIN, TEST)[0].nonzero().flatten().tolist() == [0, 1, 5, 6, 7]
 
 
 def test_theta0_is_trained_until_what_it_knows_scores_above_what_it_does_not() -> None:
@@ -110,30 +111,46 @@ def test_ers_takes_of_these_the_ones_that_stand_in_kitchens() -> None:
     assert insert("ers", k=2, candidates=3).flatten().tolist() == pytest.approx(mug_and_bowl)
 
 
-def test_mrr_star_of_the_inserted_cup() -> None:
-    """The one triple that touches the cup and was not observed is (cup, hasAffordance, drink):
-    three queries.
+def test_the_measure_right_after_the_cup_is_inserted() -> None:
+    """The cup is at (.95, .15), and hasAffordance multiplies first coordinates by 2. A query's term
+    is 1 / rank, where candidates that are true, too, are left out.
 
-    The cup is at (.95, .15), and hasAffordance multiplies first coordinates by 2.
+    Known: the test triple (bowl, hasAffordance, drink).
 
-    - Tail, (cup, hasAffordance, ?): kitchen 2.28, mug 2.09, drink 1.9, cup 1.8, ...: rank 3, and 1
-      would be right.
-    - Head, (?, hasAffordance, drink): kitchen 2.4, mug 2.2 (left out: known to be right), drink
-      2.0, cup 1.9: rank 3 again, and 1 would be right among those that are left.
-    - Relation, (cup, ?, drink): hasAffordance 1.9, atLocation .95: rank 1.
+    - Tail: kitchen 1.92, mug 1.76, drink 1.6, ...: rank 3. Head: kitchen 2.4, mug (true), drink 2,
+      cup (true), bowl 1.6: rank 3. Relation: 1.6 beside .8: rank 1.
+    - (1/3 + 1) / 2: half entity prediction, half relation prediction.
 
-    MRR* is 1 / (|true rank - predicted rank| + 1): 1/3 for entities, 1 for relations, and their
-    mean.
+    Novel: all that touches the cup and was not observed: (cup, atLocation, living room), twice,
+    and (cup, hasAffordance, drink).
+
+    - Living room as tail: kitchen (true), mug 1.06, drink .95, cup .925, bowl .79, living room
+      .465: rank 5. Cup as head: living room 1.53, sofa (true), bowl .48, cup .465: rank 3.
+      Relation: hasAffordance has .57: rank 2.
+    - Drink as tail: kitchen, mug, drink 1.9: rank 3. Cup as head: kitchen, mug (true), drink, cup
+      1.9: rank 3. Relation: 1.9 beside .95: rank 1.
+    - Entities: atLocation is observed 9 times, hasAffordance 7 times. Relations: 1/2 counts twice.
+
+    Weighted: known has one triple, and 3 unique triples touch the cup.
+
+    MRR* compares a rank with that by counts, and leaves out only what was learned of known entities
+    and candidates of equal count: living room as tail has rank 6, behind the kitchen.
     """
     vector = insert("ers", k=2, candidates=3)
     theta1 = Embedding(THETA0.entity.clone(), THETA0.relation, DISTMULT)
     theta1.entity[:, CUP] = vector[:, 0]
     observed = torch.zeros(1, len(TRIPLES), dtype=torch.bool)
     observed[0, OBSERVED] = True
-    result = evaluate(theta1, novel_query_set(D1, NOVEL, observed))["novel"]
-    measured = dict(zip(MEASURES, result.measures[0].tolist(), strict=True))
-    assert measured["mrr_star_entity"] == pytest.approx(1 / 3)
-    assert measured["mrr_star_relation"] == pytest.approx(1)
-    assert measured["mrr_star"] == pytest.approx(2 / 3)
-    assert result.queries.tolist() == [1]
-    assert np.isfinite(result.measures.numpy()).all()
+    results = evaluate(theta1, query_sets(D1, NOVEL, observed))
+    measured = measure_rows(results).assign(size=1, seed=0)
+    points = GridPoints("home", GRAPH, 1, [0], SPLITS.numpy(), NOVEL.numpy())
+    rows = with_weighted(measured, known_shares([points])).set_index("scope")
+    entities = (9 * (1 / 5 + 1 / 3) / 2 + 7 * 1 / 3) / 16
+    novel = (entities + (2 * 1 / 2 + 1) / 3) / 2
+    assert rows["mrr"]["known"] == pytest.approx((1 / 3 + 1) / 2)
+    assert rows["mrr_entity"]["novel"] == pytest.approx(entities)
+    assert rows["mrr"]["novel"] == pytest.approx(novel)
+    assert rows["mrr"]["weighted"] == pytest.approx(1 / 4 * (1 / 3 + 1) / 2 + 3 / 4 * novel)
+    by_counts = (9 * (1 / 6 + 1 / 3) / 2 + 7 * 1 / 3) / 16
+    assert rows["mrr_star_entity"]["novel"] == pytest.approx(by_counts)
+    assert rows["queries"][["known", "novel", "weighted"]].tolist() == [1, 2, 3]

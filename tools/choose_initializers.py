@@ -59,11 +59,11 @@ def measured(
     shape (settings, M, measures).
     """
     novel, session, context = (
-        points.novel_in(1),
+        points.novel_ids,
         points.session(1),
         init_context(points, theta0, words, root),
     )
-    of_novel = novel_query_set(session, novel, points.insert_mask(1))["novel"]
+    of_novel = novel_query_set(session, novel, points.insert_mask)["novel"]
     query_sets = {"novel": of_novel, "about": about(of_novel, novel)}, earlier(session, novel)
     measures = []
     for name, options in settings:

@@ -108,7 +108,7 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
                 expected = f"expected a row of each seed of size {points.size} at epoch 0"
                 file = RUNS.path(experiment=points.experiment, model=JOINT_MODEL)
                 raise InputError(file, f"scope {scope}", expected) from error
-            targets.setdefault(str(change), {})[scope] = of_scope.to_numpy()
+            targets.setdefault(str(change), {})[scope] = of_scope.to_numpy(copy=True)
     return targets
 
 
