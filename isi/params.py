@@ -3,7 +3,6 @@ sections.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -12,8 +11,8 @@ from pydantic import Field
 from isi import config
 from isi.analyses import variants
 from isi.analyses.affordances import Affordances
-from isi.analyses.finetuning import RateSweep, Sweep
-from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
+from isi.analyses.finetuning import Sweep
+from isi.analyses.joint_models import CrossValidation, Setting
 from isi.analyses.trajectory import NovelSet, Trajectories, traced
 from isi.analyses.variants import GraphExperiment, Variant, VariantConfig
 from isi.config import Name, Names, Section, Seed, Study, check_names, distinct
@@ -87,9 +86,7 @@ class Params(Section):
     finetune_only: Study
     sweep: Sweep
     cross_validation: CrossValidation
-    rate_sweep: RateSweep
     trajectory: Trajectories
-    compare_models: ModelComparison
     affordances: Affordances
     compute: Compute
     recorder: Recorder
@@ -235,14 +232,13 @@ def check_params(params: Params) -> None:
         name: make_model(name, options, f"models.{name}") for name, options in params.models.items()
     }
     used, tried = params.embedding, params.cross_validation
-    compared = params.compare_models.models if params.compare_models.experiments else ()
-    for key, names, dimensions in (
-        ("embedding.dimension", (used.model, *compared), [used.dimension]),
-        ("cross_validation.dimension", (used.model,), tried.dimension if tried.experiments else []),
+    for key, dimensions in (
+        ("embedding.dimension", [used.dimension]),
+        ("cross_validation.dimension", tried.dimension if tried.experiments else []),
     ):
         with at("", key):
-            for model, dimension in product(names, dimensions):
-                models[model].width(dimension)
+            for dimension in dimensions:
+                models[used.model].width(dimension)
     if len(params.settings) > MOST_SETTINGS:
         expected = f"expected at most {MOST_SETTINGS} settings, got {len(params.settings)}"
         raise InputError("", "cross_validation", expected)
@@ -253,17 +249,12 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     known, studies = params.initializers, params.studies
     yield "plots.initializers", params.plots.initializers, known
     yield "embedding.model", [params.embedding.model], params.models
-    yield "compare_models.models", params.compare_models.models, params.models
     yield from (
         (f"{name}.experiments", study.experiments, params.experiments)
         for name, study in studies.items()
     )
-    for study, place, listed, names in (
-        ("sweep", "initializers", params.sweep.initializers, known),
-        ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
-    ):
-        if studies[study].experiments:
-            yield f"{study}.{place}", listed, names
+    if params.sweep.experiments:
+        yield "sweep.initializers", params.sweep.initializers, known
     for name, experiment in params.experiments.items():
         key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
         yield f"{key}.graph.source", [experiment.graph.source], params.sources

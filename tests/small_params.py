@@ -42,10 +42,8 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     }
     studies: dict[str, dict[str, Any]] = {
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]},
-        "rate_sweep": {"size": 2},
         "trajectory": {"size": 2},
         "cross_validation": {},
-        "compare_models": {"seeds": 2},
         "affordances": {"entities": ["fan"]},
         "finetune_only": {},
         "final_model": {},

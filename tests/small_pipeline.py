@@ -31,8 +31,6 @@ SMALL: dict[str, Any] = {
     "sweep.k": [1, 8],
     "sweep.size": 2,
     "sweep.seeds": 2,
-    "rate_sweep.initializers": ["xavier", "es"],
-    "rate_sweep.size": 2,
     "trajectory.size": 2,
     "trajectory.epochs": 2,
     "cross_validation.folds": 3,
@@ -40,8 +38,6 @@ SMALL: dict[str, Any] = {
     "cross_validation.ratio": [],
     "cross_validation.learning_rate": [0.2],
     "cross_validation.weight_decay": [],
-    "compare_models.seeds": 2,
-    "compare_models.models": {"transe": {"learning_rate": 0.1, "weight_decay": 0.0001}},
     "explorer.size": 2,
     "explorer.seed": 0,
     # The published graph goes through DVC in tests of killed runs.

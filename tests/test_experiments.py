@@ -16,7 +16,6 @@ from isi.analyses.joint_models import (
     CrossValidation,
     Setting,
     best_validations,
-    compare,
 )
 from isi.analyses.trajectory import place_of_traced
 from isi.analyses.variants import train_models
@@ -294,20 +293,6 @@ def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     )
     assert place_of_traced(of_second, trained, grid.WORDS, kinds, "object") == 1
     assert second > first
-
-
-def test_models_are_measured_over_all_test_triples_with_what_training_took() -> None:
-    (points,) = grid.stacks(4)
-    trained = train_stack(points.all_known, grid.LEARNING)
-    table = compare(points.all_known, grid.LEARNING).set_index("seed")
-    runs = evaluate_stack(points, [trained.theta])
-    pd.testing.assert_frame_equal(
-        table[MEASURES], runs[runs["scope"] == "all"].set_index("seed")[MEASURES]
-    )
-    for seed in grid.SEEDS:
-        log = trained.log[trained.log["seed"] == seed]
-        assert table["epochs"][seed] == log["epoch"].max()
-        assert table["valid_mrr_star"][seed] == log["mrr_star"].max()
 
 
 FEW = CrossValidation(

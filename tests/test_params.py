@@ -73,7 +73,7 @@ def test_what_params_may_not_say_is_refused_by_its_key(
         {"sessions.insert_fraction": 1.0, "compute.workers": "all", "words.sha256": "0" * 64},
         {"embedding.dimension": 4, "cross_validation.dimension": []},
         # no blocks
-        {"embedding.model": "distmult", "embedding.dimension": 7, "compare_models.experiments": []},
+        {"embedding.model": "distmult", "embedding.dimension": 7},
         {"cross_validation.experiments": [], "cross_validation.dimension": [30]},  # left out
         {"sweep.experiments": [], "sweep.size": 11},  # left out
         {

@@ -27,20 +27,18 @@ from tools import workspace
 
 __all__ = ["dvc"]
 ISI = ("es", "rs", "ers")
-SWEPT, RATED = ("es", "ers"), ("xavier", "es")
+SWEPT = ("es", "ers")
 ANALYSES = (
     "sweep_indicators",
-    "sweep_rates",
     "cross_validate",
     "trace_trajectory",
     "rank_affordances",
     "finetune_only",
-    "compare_models",
     "train_final",
 )
 #: Of both experiments: source, graph, words, sessions, theta0, joint and insertion; then analyses,
 #: sweeps, what the page demonstrates, the tables, the report.
-STAGES = 2 * (6 + len(INITIALIZERS)) + 6 + len(SWEPT) + len(RATED) + 3
+STAGES = 2 * (6 + len(INITIALIZERS)) + 5 + len(SWEPT) + 3
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -123,19 +121,6 @@ def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: P
     )
     equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
     assert equal.to_dict() == {1: False, 8: True}
-
-
-def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
-    for name in RATED:
-        rates = pd.read_parquet(folder / f"data/analyses/rate_sweep/ai2thor/{name}.parquet")
-        assert set(rates["factor"]) == {0.5, 2.0}
-        main = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("size == 2")
-        for factor in (0.5, 2.0):
-            rows = rates[rates["factor"] == factor]
-            both = rows.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main"))
-            same = (both["mrr_star"] == both["mrr_star of main"]) | both["mrr_star"].isna()
-            assert same[both["epoch"] == 0].all()
-            assert set(rows["seed"]) == {0, 1, 2}
 
 
 def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
@@ -343,7 +328,6 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
             3,
             {
                 *(f"insert@{name}-es" for name in EXPERIMENTS),
-                "sweep_rates@ai2thor-es",
                 *of_es,
             },
         ),
@@ -353,9 +337,7 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
         "sweep.k": ([2], {f"sweep_indicators@ai2thor-{name}" for name in SWEPT}),
         "sweep.initializers.ers.candidates": (20, {"sweep_indicators@ai2thor-ers"}),
         "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
-        "rate_sweep.factors": ([3.0], {f"sweep_rates@ai2thor-{name}" for name in RATED}),
         "trajectory.epochs": (3, {"trace_trajectory@ai2thor"}),
-        "compare_models.models.transe.learning_rate": (0.3, {"compare_models@ai2thor-transe"}),
         "experiments.ai2thor.full_curves.sizes": ([1], {"finetune_only@ai2thor", *insertion}),
     }
     code: dict[str, set[str]] = {
@@ -366,7 +348,6 @@ def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(
                 for initializer in INITIALIZERS
             ),
             *(f"sweep_indicators@ai2thor-{name}" for name in SWEPT),
-            *(f"sweep_rates@ai2thor-{name}" for name in RATED),
             *of_es,
         },
         "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},

@@ -34,9 +34,7 @@ STUDIES = [
     for name in (
         "sweep",
         "cross_validation",
-        "rate_sweep",
         "trajectory",
-        "compare_models",
         "affordances",
         "explorer",
         "finetune_only",

@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--batches", type=int, nargs="+", help="batch sizes (that of params)")
     given = parser.parse_args()
     params = load()
-    experiment = params.compare_models.experiment or next(iter(params.experiments))
+    experiment = next(iter(params.experiments))
     joint = Store(experiment).grid(SEEDS, seeds=SEEDS)[0].all_known
     of_training = OF_TRAINING | ({"batch_size": given.batches} if given.batches else {})
     rows, tasks = [], []

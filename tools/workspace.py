@@ -46,7 +46,6 @@ QUICK: dict[str, Any] = {
     "sweep.k": [1, 4, 8, 18, 30],
     "sweep.seeds": 3,
     "trajectory.epochs": 40,
-    "compare_models.seeds": 2,
     "explorer.size": 5,
     "explorer.seed": 3,
     "cross_validation.folds": 3,

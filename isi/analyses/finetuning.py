@@ -1,28 +1,23 @@
-"""Fine-tuning with other indicator set sizes, at other learning rates, and without insertion."""
+"""Fine-tuning with other indicator set sizes, and without insertion."""
 
 from typing import Annotated
 
 import pandas as pd
 from pydantic import Field
 
-from isi.config import Count, EachOnce, Name, Option, Positive, Study, ensure
+from isi.config import Count, EachOnce, Name, Option, Study, ensure
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
 from isi.experiment.train import run_rows
 from isi.models.stack import Embedding
-from isi.tables.rules import FROM_1, REAL, at_least
+from isi.tables.rules import FROM_1
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
 
-FACTOR = at_least(0, REAL.type)
-#: Rows of runs. ``k``: indicator set size. ``factor``: learning rate divided by that of the section
-#: ``finetuning``.
+#: Rows of runs. ``k``: indicator set size.
 INDICATOR_SWEEP = runs_table(
     "data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": FROM_1}
-)
-RATE_SWEEP = runs_table(
-    "data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": FACTOR}
 )
 FINETUNE_ONLY = runs_table("data/analyses/finetune_only/{experiment}.parquet")
 SCOPE = "known_closed"  #: Neither its queries nor its candidates include novel entities.
@@ -43,21 +38,6 @@ class Sweep(Study):
     ]
     size: Count
     seeds: Count
-
-
-class RateSweep(Study):
-    """``rate_sweep`` in params: factors on the fine-tuning learning rate, initializers,
-    and |ξ| of the runs.
-    """
-
-    initializers: list[Name]
-    factors: Annotated[
-        list[Positive],
-        Field(min_length=1),
-        EachOnce,
-        ensure(lambda values: 1 not in values, "factors other than 1"),
-    ]
-    size: Count
 
 
 def finetune_only(

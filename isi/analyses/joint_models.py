@@ -1,23 +1,20 @@
-"""Joint models with other settings or scoring functions."""
+"""Joint models with other settings."""
 
 from dataclasses import replace
 from typing import Annotated
 
 import pandas as pd
-import torch
 from pydantic import Field
 
-from isi.config import Count, Name, NotNegative, Positive, Section, Study
+from isi.config import Count, NotNegative, Positive, Section, Study
 from isi.errors import InputError
-from isi.evaluation.query_sets import epoch_query_sets
-from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
+from isi.evaluation.ranking import MEASURES
 from isi.experiment.grid import GridPoints
-from isi.experiment.store import MEASURE_COLUMNS
-from isi.experiment.train import TrainConfig, TrainResult, run_rows, train_stack
+from isi.experiment.train import TrainConfig, TrainResult
 from isi.graph.graph import Graph
 from isi.graph.sessions import VALID, folds
 from isi.tables import paths
-from isi.tables.rules import FROM_0, FROM_1, REAL, SHARE, at_least, null_without
+from isi.tables.rules import FROM_0, FROM_1, REAL, SHARE, at_least
 from isi.tables.table import Table
 
 RATE = at_least(0, REAL.type)
@@ -35,19 +32,6 @@ CROSS_VALIDATION = Table(
     },
     key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
     ordered=True,
-)
-#: Test measures of the joint model with one scoring function, by seed.
-MODEL_COMPARISON = Table(
-    "data/analyses/models/{experiment}/{model}.parquet",
-    {
-        "seed": FROM_0,
-        "epochs": FROM_1,
-        **MEASURE_COLUMNS,
-        "valid_mrr_star": SHARE,
-        "queries": FROM_0,
-    },
-    key=["seed"],
-    checks=[null_without("queries", *MEASURES)],
 )
 
 
@@ -83,22 +67,6 @@ class CrossValidation(Study):
         )
 
 
-class ModelTraining(Section):
-    """Training options of the joint model with one embedding model."""
-
-    learning_rate: Positive
-    weight_decay: NotNegative
-
-
-class ModelComparison(Study):
-    """``compare_models`` in params: the number of seeds,
-    and training options by embedding model.
-    """
-
-    seeds: Count
-    models: dict[Name, ModelTraining]
-
-
 def fold_points(
     experiment: str, graph: Graph, root: int, number: int, stack: int
 ) -> list[GridPoints]:
@@ -131,20 +99,3 @@ def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
     """
     best = trained.log[trained.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
     return best.assign(**setting.model_dump())
-
-
-def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
-    """Train joint models; rows of ``MODEL_COMPARISON``:
-    test measures, epochs trained, best validation MRR*.
-    """
-    trained = train_stack(points, config)
-    no_novel = torch.empty(len(points.seeds), 0, dtype=torch.int64)
-    results = evaluate(
-        trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]}
-    )
-    by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
-    epochs = by_seed["epoch"].max().rename("epochs")
-    valid = best["mrr_star"].last().rename("valid_mrr_star")
-    return (
-        run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
-    )
